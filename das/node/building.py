@@ -18,7 +18,7 @@ from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.route import Route, section_stops
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
-from das.node.command import AdviceGiven, ClockKind, LineServed, NodeOptions, TrainServed
+from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, TrainServed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

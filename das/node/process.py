@@ -21,8 +21,8 @@ from das.command_line.options import NODE_ENDPOINT
 from das.command_line.printing import say
 from das.command_line.running import StopFlag, interrupt_on_termination
 from das.node.building import plan_cab
-from das.node.command import AdviceGiven, ClockKind, NodeOptions
 from das.node.node import BusClock, Clock, Node, WallClock
+from das.node.options import AdviceGiven, ClockKind, NodeOptions
 
 LOOK_S = 0.1
 """The loop looks up at least this often."""

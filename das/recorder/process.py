@@ -18,7 +18,7 @@ from das.command_line.printing import say
 from das.command_line.running import StopFlag
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from das.recorder.command import FileMade, RecorderOptions
+from das.recorder.options import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
 """Messages that may wait while the disk is slow; beyond that the oldest are lost, and counted."""

@@ -98,7 +98,7 @@ def trip_accounts(data: Path) -> list[TripAccount]:
                 level = vehicle.default_level
                 inputs = DriveInputs(route=route, vehicle=vehicle, level=level, source=train)
                 account = Drive(source=recording, given=inputs).any_account
-                likely = likely_range(account)
+                likely = likely_range(account.legs)
                 assert likely is not None  # a trip is estimated, and has one leg
                 entry_j = above_slow_entry_j(account)
                 found.append(TripAccount(trip=trip, train=train, account=account, likely=likely, entry_j=entry_j))

@@ -258,7 +258,9 @@ class Drive(DrivenWay):
         """
         from sim.drive.attribution.compared import likely_range
 
-        found = None if self.account is None else likely_range(self.account)
+        if self.account is None or self.account.measured:
+            return None
+        found = likely_range(self.account.legs)
         if found is None or self.said is None or self.said.likely is None:
             return found
         return replace(found, low_j=self.said.likely.low_j, high_j=self.said.likely.high_j)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from das.domain.errors import DasError
 from das.solver.front import Front
@@ -16,9 +16,6 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import EnergyBand, SectionEnergy
 from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies, leg_energies
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, one_by_one, over_unknowns
-
-if TYPE_CHECKING:
-    from sim.drive.attribution.account import Account
 
 MOST_LEGS: Final = 3
 """The likely range of a drive of more legs is not asked for: every unknown solves each leg twice anew."""
@@ -98,17 +95,17 @@ class LikelyRange:
     unknowns: tuple[Unknown, ...]
 
 
-def likely_range(account: Account) -> LikelyRange | None:
-    """The likely range of what an estimated drive took above the optimum; None where it was measured, or is long.
+def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
+    """The likely range of what a drive took above the optimum, by energies that are estimated; None where it is long.
 
     Train, wind and brakes are the same for the drive and its optimum in every case.
     """
-    if account.measured or len(account.legs) > MOST_LEGS:
+    if len(legs) > MOST_LEGS:
         return None
-    above_j = _above_in_cases(account.legs)
+    above_j = _above_in_cases(legs)
     unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
-    likely = likely_band(account.difference_j, unknowns)
-    known = any(leg.leg.motion.friction_j is not None for leg in account.legs)
+    likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum_j for one in legs), unknowns)
+    known = any(leg.leg.motion.friction_j is not None for leg in legs)
     friction_j = None if known else above_j(DrivenCase(all_friction=True))
     return LikelyRange(
         low_j=likely.low_j,

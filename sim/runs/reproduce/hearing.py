@@ -21,7 +21,7 @@ from das.cab.outputs import NodeState, Output
 from das.command_line.application import single_command
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
-from das.node.command import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
+from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
 from sim.recording.check import restarts_of
 from sim.recording.inputs import AttachedFiles
 from sim.recording.metadata import NODE_ARGUMENTS

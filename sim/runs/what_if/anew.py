@@ -17,7 +17,7 @@ from das.domain.files.load import catalogue
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
-from das.node.command import NodeOptions
+from das.node.options import NodeOptions
 from sim.drive.calls import KeptCall, calls_of
 from sim.drive.limits import told_lists
 from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, OwnClass, Presentation, named_driver
