@@ -1,0 +1,147 @@
+"""The options of das-node, in groups."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from das.command_line.options import (
+    NODE_ENDPOINT,
+    BusPlace,
+    FromOption,
+    LevelOption,
+    LoadOption,
+    LossMapOption,
+    PointMassOption,
+    ReverseOption,
+    RouteOption,
+    TablesOption,
+    ToOption,
+    VehicleOption,
+    WithParentOption,
+    listen_option,
+)
+from das.domain.braking import REACTION_S
+
+FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
+"""Advice is given no more often and no more rarely than this."""
+
+
+class ClockKind(StrEnum):
+    """Which clock the node goes by."""
+
+    WALL = "wall"
+    BUS = "bus"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineServed:
+    """The line the node is for."""
+
+    route: RouteOption
+    reverse: ReverseOption = False
+    from_stop: FromOption = None
+    to_stop: ToOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainServed:
+    """The train the node rides in, and others that a journey may name."""
+
+    vehicle: VehicleOption
+    load: LoadOption = None
+    level: LevelOption = None
+    loss_map: LossMapOption = None
+    point_mass: PointMassOption = False
+    other_vehicle: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--other-vehicle",
+            metavar="VEHICLE",
+            help="Another train that a journey may name, beside the bundled ones (may be repeated).",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodePlace(BusPlace):
+    """Where the node speaks and hears."""
+
+    listen: Annotated[str | None, listen_option(NODE_ENDPOINT)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoachGiven:
+    """How the driver is led, and how he brakes."""
+
+    coach: Annotated[
+        bool,
+        typer.Option("--coach/--no-coach", help="Lead the driver along a reference that stands (the field coach)."),
+    ] = True
+    planning_brake: Annotated[
+        float | None,
+        typer.Option(
+            "--planning-brake",
+            metavar="M/S2",
+            min=0.1,
+            max=1.5,
+            help="Deceleration for limits and stops to plan with, as drivers here brake "
+            "[default: that of the train in service].",
+            show_default=False,
+        ),
+    ] = None
+    reaction: Annotated[
+        float,
+        typer.Option(
+            "--reaction", metavar="S", min=0.0, max=10.0, help="How late drivers begin to brake, to plan with."
+        ),
+    ] = REACTION_S
+    below_limit: Annotated[
+        float,
+        typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits to plan with."),
+    ] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceGiven:
+    """How the node advises."""
+
+    rate: Annotated[
+        float,
+        typer.Option(
+            "--rate",
+            metavar="HZ",
+            help=f"Advices per second with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}.",
+        ),
+    ] = 1.0
+    clock: Annotated[
+        ClockKind,
+        typer.Option("--clock", help="wall: advise at --rate; bus: advise at every Control message of a simulation."),
+    ] = ClockKind.WALL
+    calibrate: Annotated[
+        bool,
+        typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts, and plan with them."),
+    ] = False
+    no_restrictions: Annotated[
+        bool,
+        typer.Option(
+            "--no-restrictions",
+            help="This site has no temporary restrictions: advise without having heard a list of them.",
+        ),
+    ] = False
+    led: CoachGiven
+    tables: TablesOption = None
+    with_parent: WithParentOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeOptions:
+    """All of it."""
+
+    line: LineServed
+    driven: TrainServed
+    place: NodePlace
+    advice: AdviceGiven
