@@ -82,7 +82,7 @@ def chosen(only: str | None) -> list[str]:
 
 def default_threads() -> int:
     """As many as the solver uses by default, where there are cores for them."""
-    from precompute.bench.measuring import available_cores
+    from precompute.workers import available_cores
 
     return min(available_cores(), 2)
 

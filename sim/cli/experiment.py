@@ -15,6 +15,8 @@ import typer
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption
 from das.command_line.printing import busy
 from das.domain.errors import DasError
+from das.domain.files.writing import make_folder
+from precompute.workers import Workers
 from sim.cli.options import WorkersOption
 
 if TYPE_CHECKING:
@@ -75,10 +77,10 @@ def run(
     The folder holds trials.csv with one row a trial, and for each trial its events and a series. The design is checked
     and frozen there first, unless it was before.
     """
-    _check_options(workers, scheduler, recordings=recordings, measures_only=measures_only)
+    hands = Workers.asked(workers, scheduler)
+    _check_options(scheduler, recordings=recordings, measures_only=measures_only)
     _check_folder(out)
     with busy("reading the design …"):
-        from precompute.workers import Workers
         from sim.experiment.design import load_design
         from sim.experiment.running import Keep, jobs_of, run_study
         from sim.jobs.batch import require_pyarrow
@@ -89,7 +91,7 @@ def run(
     _checked(asked, out)
     keep: Keep = Keep.RECORDINGS if recordings else Keep.MEASURES if measures_only else Keep.SERIES
     jobs = jobs_of(asked, keep, out)
-    found = run_study(asked, jobs, out, Workers(count=workers or os.cpu_count() or 1, scheduler=scheduler))
+    found = run_study(asked, jobs, out, hands)
     if as_json:
         print(json.dumps(found.as_dict()))
     else:
@@ -107,10 +109,8 @@ def _check_folder(folder: Path | None) -> None:
         raise DasError(f"{folder}: is a file, expected a folder")
 
 
-def _check_options(workers: int | None, scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:
+def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:
     """Refuse options that contradict each other."""
-    if workers is not None and scheduler is not None:
-        raise DasError("give either --workers or --scheduler: a cluster has its own workers")
     if recordings and measures_only:
         raise DasError("give either --recordings or --measures-only")
     if recordings and scheduler is not None:
@@ -140,10 +140,7 @@ def _checked(design: Design, folder: Path) -> None:
 def _made(folder: Path) -> Iterator[None]:
     """Make a folder before minutes are spent on what goes into it; it is taken away again if nothing came into it."""
     new = not folder.exists()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+    make_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise DasError(f"{folder}: cannot be written (Permission denied)")
     try:

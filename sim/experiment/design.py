@@ -20,7 +20,7 @@ from typing import Any, Final
 from das.domain.errors import MISSING, DasError
 from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, number, read_json, read_text, read_toml
-from das.domain.files.writing import write_whole
+from das.domain.files.writing import make_folder, write_whole
 from sim.drivers.population import DEFAULT, load_population
 from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel, Setting, setting_files
 from sim.experiment.measures import MEASURES
@@ -346,10 +346,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
     Where the folder holds a frozen design, it must be this one: DasError for another.
     """
     found = resolved(design)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+    make_folder(folder)
     kept = folder / DESIGN_JSON
     if kept.exists():
         check_frozen(design, folder, found["hash"])
