@@ -17,7 +17,7 @@ from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy
 from das.command_line.progress import progress_bar
 from das.domain.errors import DasError
-from precompute.baselines.strategy import Strategy
+from precompute.baselines import Strategy
 from precompute.cli.options import (
     BoundOption,
     Pose,

@@ -28,13 +28,13 @@ EXPERIMENTS: Final = (
     ),
     Entry(
         name="analyse",
-        where="sim.cli.experiment_analysis:analyse",
+        where="sim.cli.experiment:analyse",
         summary="Analyse a study that was run: paired differences with intervals, a mixed model, checks.",
         examples=("das-sim experiment analyse study -o report.html", "das-sim experiment analyse study --effect 0.78"),
     ),
     Entry(
         name="power",
-        where="sim.cli.experiment_analysis:power",
+        where="sim.cli.experiment:power",
         summary="Say how often an experiment would find a difference, and how many participants it needs.",
         examples=(
             "das-sim experiment power pilot --effect 1 --participants 24,48,76",

@@ -16,10 +16,9 @@ from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from sim.cli.recordings import check, export, recover, reproduce, view
 from sim.cli.trips import bundled_recording, trip
-from sim.options import NodeSaid
+from sim.options import NodeSaid, ReplayOptions
 from sim.recording import opening
 from sim.runs.replay.job import prepare
-from sim.runs.replay.options import ReplayOptions
 from tests.support.reference_recordings import FOLDER
 
 FLIPS = 100
