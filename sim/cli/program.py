@@ -66,7 +66,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="drive",
-        where="sim.cli.drivers:drive",
+        where="sim.cli.run:drive",
         summary="Drive a run from a process of its own, over the bus.",
         examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
@@ -164,7 +164,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="drivers",
-        where="sim.cli.drivers:drivers",
+        where="sim.cli.run:drivers",
         summary="List who can drive, and the parameters of a human driver.",
         examples=("das-sim drivers --json",),
     ),
