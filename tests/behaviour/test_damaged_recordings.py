@@ -57,7 +57,7 @@ def damaged(source: Path, out: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OF_A_TRIP)
 def test_damage_is_told_by(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    opening.forget_warnings()
+    opening._warned.clear()
     exits = pytest.raises(typer.Exit) if name == "check" else nullcontext()
     with exits:
         OF_A_TRIP[name](damaged(bundled_recording(), tmp_path / "damaged.mcap"), tmp_path)
@@ -71,7 +71,7 @@ def test_damage_is_told_by(name: str, tmp_path: Path, capfd: pytest.CaptureFixtu
 @pytest.mark.slow
 def test_damage_is_told_by_reproduce(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Without what it heard in the damaged chunk, the cab says something else: that is told as well."""
-    opening.forget_warnings()
+    opening._warned.clear()
     with pytest.raises(typer.Exit):
         reproduce(damaged(FOLDER / "clear-day.mcap", tmp_path / "damaged.mcap"), NodeSaid())
     said = "".join(capfd.readouterr())
