@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import os
 import platform
 import re
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -41,12 +42,24 @@ class WorkerDiffersError(DasError):
     """A worker runs other versions than we do; its results would not be those of this machine."""
 
 
+def available_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @dataclass(frozen=True, kw_only=True)
 class Workers:
     """The workers that make jobs: processes on this machine, or those of the Dask cluster of a scheduler."""
 
     count: int
     scheduler: str | None = None
+
+    @classmethod
+    def asked(cls, count: int | None, scheduler: str | None = None) -> Workers:
+        """The workers that a user asks for, without either as many as there are cores; DasError for both."""
+        if count is not None and scheduler is not None:
+            raise DasError("give either --workers or --scheduler: a cluster has its own workers")
+        return cls(count=count or available_cores(), scheduler=scheduler)
 
     @property
     def facts(self) -> dict[str, Any]:

@@ -1,14 +1,32 @@
-"""Options of das-sim that packages below its commands keep as data; `sim.cli.options` has the others."""
+"""Options of das-sim that packages below its commands keep as data; `sim.cli.options` has the others.
+
+What a user says about a recorded trip and its replay is kept in groups.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from das.command_line.options import TablesOption
+from das.command_line.options import (
+    DEFAULT_TRAIN,
+    BusFolderOption,
+    DirectionOption,
+    FromOption,
+    InsecureBusOption,
+    LevelOption,
+    LossMapOption,
+    PointMassOption,
+    RecordedRouteOption,
+    RecordedVehicleOption,
+    StrictOption,
+    TablesOption,
+    ToOption,
+    TrainOption,
+)
 from das.domain.errors import DasError
 
 LineOption = Annotated[
@@ -78,3 +96,51 @@ def speed_factor(text: str) -> float | None:
     if not SLOWEST <= value <= FASTEST:
         raise DasError(f"--speed {text}: expected max, real or a number of times real time, 0.01 to 1000000")
     return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class TripOptions:
+    """What is said about a trip besides its file; None means: as the recording says, or the default.
+
+    `reverse` None: nobody says in which direction the trip ran. Stops None: the route's first and last. `line` are
+    kilometre posts. `strict` refuses a trip of which points would be dropped, or that runs the other way.
+    """
+
+    route: RecordedRouteOption = None
+    vehicle: RecordedVehicleOption = None
+    reverse: DirectionOption = None
+    line: LineOption = None
+    from_stop: FromOption = None
+    to_stop: ToOption = None
+    strict: StrictOption = False
+    level: LevelOption = None
+    loss_map: LossMapOption = None
+    point_mass: PointMassOption = False
+    of_train: OfTrainOption = None
+
+    @property
+    def direction_said(self) -> bool:
+        """Whether the user said the direction."""
+        return self.reverse is not None or None not in (self.from_stop, self.to_stop)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """How a trip is replayed; None means: as the recording says, or the default.
+
+    `arrival_s` is the timetable's running time, `delay_s` by how much the trip departed late.
+    """
+
+    trip: TripOptions = field(default_factory=TripOptions)
+    arrival_s: Annotated[
+        float | None,
+        typer.Option("--arrival", metavar="S", help="Timetable's running time in s [default: that of the trip]."),
+    ] = None
+    delay_s: Annotated[
+        float | None,
+        typer.Option("--delay", metavar="S", help="How late in s the trip departed [default: as recorded, or 0]."),
+    ] = None
+    speed: SpeedOption = "max"
+    train: TrainOption = DEFAULT_TRAIN
+    bus: BusFolderOption = None
+    insecure_bus: InsecureBusOption = False

@@ -27,14 +27,13 @@ from docs.studies.output import DOCS, write_table
 from sim.drive.attribution.account import Account
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.compared import LikelyRange, likely_range
-from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.drive import Drive
+from sim.options import ReplayOptions, TripOptions
+from sim.recording.inputs import DriveInputs
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 from sim.review.light import INK, LINES, legend, light_figure, named
 from sim.runs.replay.job import prepare
-from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import replay
-from sim.trips.options import TripOptions
 
 PAGE: Final = DOCS / "explanation" / "real-trips.md"
 PICTURES: Final = DOCS / "images"

@@ -1,1 +1,14 @@
-"""Baseline strategies: what trains drive without the optimum."""
+"""Baseline strategies: what trains drive without the optimum; and their names, which command lines need."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Strategy(StrEnum):
+    """How a section is driven: the optimum, or a baseline to compare it with."""
+
+    OPTIMAL = "optimal"
+    FASTEST = "fastest"
+    RMS = "rms"
+    FOUR_MODE = "four-mode"

@@ -21,8 +21,8 @@ from das.solver.kernels.fastest import fastest_roll_out
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, trajectory_on
 from das.solver.warm_up import tiny_route, tiny_vehicle
+from precompute.baselines import Strategy
 from precompute.baselines.search import BaselineRun, Driving, FourModeSearch, driven_with_motors
-from precompute.baselines.strategy import Strategy
 
 Floats = NDArray[np.float64]
 

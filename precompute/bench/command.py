@@ -6,6 +6,7 @@ import json
 import sys
 import textwrap
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from das.solver.section import Section
+    from precompute.bench.figures import Reference
     from precompute.bench.measuring import Figure
 
 NAMES = (
@@ -82,7 +84,7 @@ def chosen(only: str | None) -> list[str]:
 
 def default_threads() -> int:
     """As many as the solver uses by default, where there are cores for them."""
-    from precompute.bench.measuring import available_cores
+    from precompute.workers import available_cores
 
     return min(available_cores(), 2)
 
@@ -96,6 +98,26 @@ def longest_section(track: str, train: str) -> Section:
     return build_section(route, vehicle, start_m=start.position_m, end_m=end.position_m)
 
 
+def figures_by_name() -> dict[str, Callable[[Reference], list[Figure]]]:
+    """What measures each of the figures, by its name; importing it takes a while."""
+    from precompute.bench import figures, table_figures
+
+    return {
+        "front": figures.front_of_reference,
+        "steps": figures.short_steps,
+        "transitions": figures.transition_rate,
+        "sweep": figures.sweep_rate,
+        "trajectory": figures.trajectory,
+        "re-solve": figures.resolve,
+        "look-up": table_figures.look_up,
+        "verify": table_figures.open_and_verify,
+        "build": table_figures.build,
+        "exact": figures.exact,
+        "growth": figures.growth,
+        "memory": figures.memory,
+    }
+
+
 def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -> dict[str, Any]:
     """Measure figures; what `--json` prints."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -104,11 +126,10 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
         from precompute.bench.figures import FULL, QUICK, Reference, Workload
-        from precompute.bench.measuring import machine
-        from precompute.bench.registry import FIGURES
-        from precompute.bench.roofline import Roofline
+        from precompute.bench.measuring import Roofline, machine
 
         warm_up()
+        by_name = figures_by_name()
     with busy("measuring the machine …"):
         reference = Reference(
             section=section,
@@ -125,7 +146,7 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
         task = progress.add_task("", total=len(wanted))
         for name in wanted:
             progress.update(task, description=name)
-            figures += FIGURES[name](reference)
+            figures += by_name[name](reference)
             progress.advance(task)
     return {
         "machine": machine(),

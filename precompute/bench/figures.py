@@ -19,10 +19,8 @@ from das.solver.kernels.transitions import transitions
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import BLOCK_NODES, PACKED_ABOVE_BYTES, STATE_BYTES, DecisionGrid, Transitions, solve_front
 from das.solver.tolerances import LADDER_SIZE
-from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of, timed
-from precompute.bench.plain import bisected, numpy_sweep, plain_front
-from precompute.bench.plain_transitions import plain_transitions
-from precompute.bench.roofline import Roofline
+from precompute.bench.measuring import Figure, Roofline, Subject, Times, in_turns, peak_bytes_of, timed
+from precompute.bench.plain import bisected, numpy_sweep, plain_front, plain_transitions
 from precompute.exact.front import solve_exact
 from precompute.exact.passes import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL
 from precompute.tables.synthetic import made_up_line

@@ -21,12 +21,12 @@ from das.solver.section import Section
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute.bench.figures import DIVISIONS_PER_LANDING_TRIED, MEGA, POLISHED_LANDINGS, VEHICLE, Reference
-from precompute.bench.measuring import Figure, Subject, Times, available_cores, in_turns, seconds_of
+from precompute.bench.measuring import Figure, Subject, Times, in_turns, seconds_of
 from precompute.tables.build import solve_jobs
 from precompute.tables.look_up import LookUp
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings, make_table, write_table
-from precompute.workers import Workers
+from precompute.workers import Workers, available_cores
 
 POLICIES_TRIED = 6
 """First steps that a look-up tries, about: two neighbours of the ladder and what narrows between them."""

@@ -80,7 +80,7 @@ COMMANDS = (
     ),
     Entry(
         name="loss-map",
-        where="precompute.cli.loss_map:loss_map",
+        where="precompute.cli.catalogue:loss_map",
         summary="Describe a loss map: coverage, fits of L1 and L2 with their errors, best efficiency, largest losses.",
         examples=("das-precompute loss-map re460-ic --plot map.png",),
     ),

@@ -19,8 +19,8 @@ from das.domain.units import KM, KMH, KN, KW, PERMILLE, kmh, kwh
 from das.solver.journey.plan import HopPlan, JourneyPlan, PlannedTime
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
+from precompute.baselines import Strategy
 from precompute.baselines.strategies import Baseline
-from precompute.baselines.strategy import Strategy
 
 
 class Answer(Protocol):

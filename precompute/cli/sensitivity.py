@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 import time
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
+from rich import box
+from rich.table import Table
 
 from das.command_line.loading import loading_solver
-from das.command_line.outputs import offscreen_pyplot
-from das.command_line.printing import busy, shown, tell
+from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.printing import busy, paragraph, print_table, shown, tell
+from das.domain.files.writing import write_whole
+from das.domain.units import kwh
 from precompute.cli.options import Pose, TableFiles, TripTime
 
 if TYPE_CHECKING:
     from das.solver.section import Section
     from das.solver.solution import Solution
-    from precompute.sensitivity.analysis import Variation
+    from precompute.sensitivity.analysis import Followed, Variation, VariationOutcome
 
 DEFAULT = "mass=±5%,±10%, resistance=±10%,±20%, wind=-20..20, receptivity=0.5,0, adhesion=0.6,0.3"
 """What is varied unless the user says something else."""
@@ -50,7 +57,6 @@ def sensitivity(
         offscreen_pyplot()  # refuse before the work begins
     with loading_solver():
         from precompute.sensitivity.analysis import assess, by_effect
-        from precompute.sensitivity.report import draw_tornado, outcome_row, print_rows, write_csv
     variations, left_out = _variations(pose, vary)
     section, plan, planned = _plan(pose, trip)
     outcomes = [assess(plan, one, pose.section) for one in shown(variations, lambda one: one.label)]
@@ -99,3 +105,200 @@ def _plan(pose: Pose, trip: TripTime) -> tuple[Section, Solution, dict[str, Any]
         assert wanted_s is not None
         plan = front.trajectory(wanted_s)
     return section, plan, solution_json(plan, min_time_s, front_s + time.perf_counter() - began)
+
+
+COLUMNS: dict[str, tuple[str, float, str]] = {
+    "time\n+s": ("late_s", 1.0, "+z.1f"),
+    "energy\n+%": ("extra_ratio", 100.0, "+z.2f"),
+    "s per\nstep": ("late_s_per_step", 1.0, "+z.3f"),
+    "% per\nstep": ("extra_ratio_per_step", 100.0, "+z.3f"),
+    "off\nplan\n%": ("off_plan_ratio", 100.0, ".0f"),
+    "on time\n+s": ("on_time_late_s", 1.0, "+z.1f"),
+    "on time\n+%": ("on_time_extra_ratio", 100.0, "+z.2f"),
+    "saved\n%": ("saved_ratio", 100.0, "z.2f"),
+}
+"""Heading of a column, its key in a row, factor and format."""
+LEGEND = {
+    "time, energy": "of a driver who follows the plan, against the plan",
+    "per step": "the same for 1 % of mass, resistance, receptivity or adhesion, or for 1 km/h of wind",
+    "off plan": "share of the way on which the train could not keep to the plan",
+    "on time": "a new plan for the planned time: how late it is, and its energy, against the plan",
+    "saved": "by a new plan for the time that following the old one took",
+}
+
+
+def outcome_row(outcome: VariationOutcome) -> dict[str, Any]:
+    """One variation as `--json` and `--csv` give it; what there is not is null."""
+    variation, followed = outcome.variation, outcome.followed
+    return {
+        "parameter": str(variation.parameter),
+        "label": variation.label,
+        "value": variation.value,
+        "step": variation.step,
+        "step_unit": variation.unit,
+        "followed": followed is not None,
+        "trouble": outcome.trouble,
+        **_run("", followed),
+        "late_s": outcome.late_s,
+        "extra_ratio": outcome.extra_ratio,
+        "late_s_per_step": outcome.per_step(outcome.late_s),
+        "extra_ratio_per_step": outcome.per_step(outcome.extra_ratio),
+        "off_plan_ratio": followed.off_plan_ratio if followed else None,
+        **_run("on_time_", outcome.on_time),
+        "on_time_late_s": outcome.on_time_late_s,
+        "on_time_extra_ratio": outcome.on_time_extra_ratio,
+        **_run("same_time_", outcome.same_time),
+        "saved_ratio": outcome.saved_ratio,
+    }
+
+
+def _run(prefix: str, run: Followed | Solution | None) -> dict[str, float | None]:
+    return {
+        f"{prefix}time_s": run.time_s if run else None,
+        f"{prefix}energy_input_kwh": kwh(run.ledger.input) if run else None,
+    }
+
+
+def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write the rows of `outcome_row` as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, text.getvalue().encode())
+
+
+def print_rows(section: Section, planned: dict[str, Any], rows: list[dict[str, Any]]) -> None:
+    """Print the rows of `outcome_row` as a table with its legend, then the plan that they are told against."""
+    table = Table(title=f"{section.name}, the plan in a changed world", title_justify="left", box=box.SIMPLE_HEAD)
+    table.add_column("changed", no_wrap=True)
+    for name in COLUMNS:
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(row["label"], *(_figure(row, *what) for what in COLUMNS.values()))
+    print_table(table, LEGEND)
+    buffer_percent = 100 * (planned["time_s"] / planned["min_time_s"] - 1)
+    paragraph(
+        f"plan: {planned['time_s']:.1f} s (buffer {buffer_percent:.2f} %, {planned['fit']}), "
+        f"{planned['energy_input_kwh']:.2f} kWh; % of energy are of these"
+    )
+    for row in rows:
+        if row["trouble"] is not None:
+            tell(f"{row['label']}: {row['trouble']}")
+
+
+def _figure(row: dict[str, Any], name: str, scale: float, form: str) -> str:
+    value = row[name]
+    return f"{scale * value:{form}}" if value is not None else "–"
+
+
+MORE, LESS = "#d55e00", "#0072b2"
+"""Colours of more and of less than planned (Okabe and Ito's, told apart by the colour-blind)."""
+MARK = "0.1"
+"""Colour of the mark of a new plan."""
+BAR_HEIGHT = 0.36
+"""Two bars to a row of height 1."""
+ROOM = 0.16
+"""Share of the bars' span that the axis goes on beyond them, for the figures at their ends."""
+
+SHOWN = 0.05
+"""A number below this is printed as 0.0."""
+
+
+class _Bar(NamedTuple):
+    """A bar at height y, of a parameter below or above the plan's; None: nothing to draw."""
+
+    y: float
+    below: bool
+    value: float | None
+    mark: float | None
+
+
+def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[VariationOutcome]]) -> None:
+    """Write bars of time and energy against the plan as a picture, a row to each pair of variations."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 1.8 + 0.5 * len(pairs)), layout="constrained")
+    energy, time = figure.subplots(1, 2, sharey=True)
+    _draw_bars(energy, pairs, "extra_ratio", "on_time_extra_ratio", 100.0)
+    _draw_bars(time, pairs, "late_s", "on_time_late_s", 1.0)
+    energy.set_xlabel("energy against the plan, %")
+    time.set_xlabel("time against the plan, s")
+    energy.set_yticks(range(len(pairs)), [_pair_label(pair) for pair in pairs])
+    energy.set_ylim(len(pairs) - 0.4, -0.6)
+    figure.suptitle(
+        f"{section.route.name}, {section.vehicle.name}, level {section.level}: driven by a plan of "
+        f"{plan.time_s:.1f} s, {kwh(plan.ledger.input):.2f} kWh"
+    )
+    figure.legend(handles=_handles(), loc="outside lower center", ncols=3, frameon=False)
+    save_figure(path, figure)
+
+
+def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, replanned: str, scale: float) -> None:
+    """A bar to each outcome, from the plan to an attribute of it, and a mark where planning anew would be."""
+    bars = [
+        _Bar(y, outcome.variation.step < 0, *(_scaled(outcome, name, scale) for name in (effect, replanned)))
+        for row, pair in enumerate(pairs)
+        for outcome, y in zip(pair, _heights(row, len(pair)), strict=True)
+    ]
+    ends = [0.0, *(x for bar in bars for x in (bar.value, bar.mark) if x is not None)]
+    room = ROOM * (max(ends) - min(ends) or 1.0)
+    axes.set_xlim(min(ends) - room, max(ends) + room)
+    for bar in bars:
+        _draw_bar(axes, bar, room)
+    axes.axvline(0, color="0.3", linewidth=0.8)
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", color="0.9")
+    axes.set_axisbelow(True)
+
+
+def _scaled(outcome: VariationOutcome, name: str, scale: float) -> float | None:
+    value = getattr(outcome, name)
+    return None if value is None else scale * value
+
+
+def _heights(row: int, size: int) -> list[float]:
+    """Where the bars of a pair lie in their row."""
+    return [row] if size == 1 else [row - BAR_HEIGHT / 2, row + BAR_HEIGHT / 2]
+
+
+def _draw_bar(axes: Any, bar: _Bar, room: float) -> None:
+    if bar.mark is not None:
+        axes.plot(bar.mark, bar.y, marker="|", markersize=11, markeredgewidth=2, color=MARK)
+    colour = LESS if bar.below else MORE
+    end, side = bar.value or 0.0, -1 if bar.value is not None and bar.value < -SHOWN else 1
+    axes.barh(bar.y, end, BAR_HEIGHT, color=colour)
+    if bar.mark is not None and 0 < side * (bar.mark - end) < room:
+        end = bar.mark  # the figure would lie on the mark
+    text = "not driven" if bar.value is None else f"{bar.value:+z.1f}".replace("-", "−")
+    axes.annotate(
+        text,
+        (end, bar.y),
+        (7 * side, 0),
+        textcoords="offset points",
+        ha="right" if side < 0 else "left",
+        va="center",
+        fontsize=8.5,
+        color="black" if bar.value is not None else colour,
+    )
+
+
+def _pair_label(pair: list[VariationOutcome]) -> str:
+    first, last = pair[0].variation, pair[-1].variation
+    if first.value == -last.value and len(pair) > 1:
+        return f"{last.parameter} ±{last.value:g} {last.unit}"
+    return " / ".join(outcome.variation.label for outcome in pair).replace("-", "−")
+
+
+def _handles() -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    mark = Line2D([], [], color=MARK, marker="|", markersize=11, markeredgewidth=2, linestyle="none")
+    mark.set_label("planned anew for the planned time")
+    return [
+        Patch(color=LESS, label="parameter below the plan's"),
+        Patch(color=MORE, label="parameter above the plan's"),
+        mark,
+    ]

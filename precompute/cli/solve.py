@@ -16,7 +16,7 @@ from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy, progress_bar
 from das.domain.errors import DasError
-from precompute.baselines.strategy import Strategy
+from precompute.baselines import Strategy
 from precompute.cli.options import (
     BoundOption,
     Pose,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +20,7 @@ from das.command_line.printing import busy, error_console, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 from precompute.cli.options import RefineOption, refine_seconds
+from precompute.workers import Workers
 
 if TYPE_CHECKING:
     from das.table.reading import Table
@@ -62,18 +62,14 @@ def build(
     second. The policies, which are all that a node uses, are not. SECONDS are those of a section; tables may then
     differ from one build to the next.
     """
-    if workers is not None and scheduler is not None:
-        raise DasError("give either --workers or --scheduler: a cluster has its own workers")
+    hands = Workers.asked(workers, scheduler)
     with busy("reading the plan …"):
         from precompute.tables.build import build as build_plan
         from precompute.tables.plan import read_plan
-        from precompute.workers import Workers
 
         wanted = read_plan(plan, refine_s=refine_seconds(refine))
     with _bar("sections", len(wanted.jobs)) as advance:
-        report = build_plan(
-            wanted, folder, Workers(count=workers or _cores(), scheduler=scheduler), lambda _outcome: advance()
-        )
+        report = build_plan(wanted, folder, hands, lambda _outcome: advance())
     if as_json:
         print(json.dumps(report, ensure_ascii=False))
     else:
@@ -151,11 +147,6 @@ def _checked(path: Path) -> Table | str:
     except TableError as error:
         return str(error)
     return table
-
-
-def _cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

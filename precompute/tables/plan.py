@@ -162,8 +162,8 @@ def _reversed(route: Route, stops: tuple[Stop, ...]) -> _Line:
 
 def _synthetic(fields: Fields) -> list[_Line]:
     fields.check_keys(["sections", "seed"])
-    sections = _whole(fields, "sections", 1, MOST_SECTIONS)
-    seed = _whole(fields, "seed", 0, 2**32 - 1)
+    sections = fields.whole("sections", (1, MOST_SECTIONS))
+    seed = fields.whole("seed", (0, 2**32 - 1))
     return [_Line(route, route.stops) for route in synthetic_routes(sections, seed)]
 
 
@@ -194,8 +194,8 @@ def _settings(fields: Fields) -> TableSettings:
     return TableSettings(
         buffers_percent=_buffers(fields) if fields.has("buffers_percent") else default.buffers_percent,
         with_max=fields.flag("max", default.with_max),
-        multipliers=_whole(fields, "multipliers", FEWEST_MULTIPLIERS, MOST_MULTIPLIERS, MULTIPLIERS),
-        proven=_whole(fields, "proven", 0, MOST_BUFFERS, PROVEN),
+        multipliers=fields.whole("multipliers", (FEWEST_MULTIPLIERS, MOST_MULTIPLIERS), MULTIPLIERS),
+        proven=fields.whole("proven", (0, MOST_BUFFERS), PROVEN),
     )
 
 
@@ -221,13 +221,6 @@ def _buffers(fields: Fields) -> tuple[float, ...]:
     if len(buffers) > MOST_BUFFERS:
         raise fields.error("buffers_percent", f"{len(buffers)} numbers", f"at most {MOST_BUFFERS}")
     return tuple(buffers)
-
-
-def _whole(fields: Fields, key: str, least: int, most: int, default: int | None = None) -> int:
-    value: Any = fields.data.get(key, MISSING if default is None else default)
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise fields.error(key, value, f"a whole number from {least} to {most}")
-    return value
 
 
 def _texts(fields: Fields, key: str) -> list[str]:

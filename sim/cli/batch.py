@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -16,6 +15,8 @@ from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy, print_table, tell
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
+from das.domain.files.writing import make_folder
+from precompute.workers import Workers
 from sim.cli.options import (
     AdviceListOption,
     DriversOption,
@@ -78,8 +79,8 @@ def batch(
             folder=out,
         )
         jobs = list(asked.jobs())
-        _make_folder(out)
-    found = _run_all(jobs, out, workers or os.cpu_count() or 1)
+        make_folder(out)
+    found = _run_all(jobs, out, Workers.asked(workers))
     as_text = json.dumps({**found, "savings": [one.as_dict() for one in found["savings"]]})
     print(as_text) if as_json else print_summary(found)
     _check_all_done(found, jobs, out)
@@ -92,9 +93,8 @@ def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Pat
         raise typer.Exit(1)
 
 
-def _run_all(jobs: Sequence[BatchJob], out: Path, workers: int) -> dict[str, Any]:
+def _run_all(jobs: Sequence[BatchJob], out: Path, workers: Workers) -> dict[str, Any]:
     """Run what is not finished yet and write the table, even if it is interrupted. Returns what came out."""
-    from precompute.workers import Workers
     from sim.jobs.batch import make_run, write_table
     from sim.jobs.report import savings, summary
     from sim.jobs.runner import JobWords, Runner
@@ -106,7 +106,7 @@ def _run_all(jobs: Sequence[BatchJob], out: Path, workers: int) -> dict[str, Any
         write_table(out / TABLE, finished)
 
     words = JobWords("batch", "runs", "make")
-    made = Runner(make=make_run, folder=out, workers=Workers(count=workers), words=words).run(jobs, write)
+    made = Runner(make=make_run, folder=out, workers=workers, words=words).run(jobs, write)
     return {
         "file": str(out / TABLE),
         "runs": len(jobs),
@@ -146,13 +146,6 @@ def _participants(
         raise DasError(f"--participants {numbers}: expected with the driver human, who alone has parameters")
     found = load_population(population or DEFAULT)
     return [Participant(population=found, number=number) for number in parse_seeds(numbers, "--participants")]
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{out}: cannot be made ({error.strerror})") from error
 
 
 DaysOption = Annotated[
@@ -215,7 +208,6 @@ def sensitivity(
 
 def _runs_made(jobs: Sequence[SensitivityJob], workers: int) -> list[SensitivityRun]:
     """All runs of a study, with progress; DasError for one that cannot be made."""
-    from precompute.workers import Workers
     from sim.jobs.runner import JobWords, made_with_progress
     from sim.jobs.sensitivity import drive
 

@@ -1,23 +1,28 @@
-"""The commands `das-sim experiment check` and `das-sim experiment run`."""
+"""The commands of `das-sim experiment`: a design is checked, its trials are driven, and their data are analysed."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from das.command_line.options import JsonOption, OutFolder, OutFolderOption
-from das.command_line.printing import busy
+from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption, SeedOption
+from das.command_line.printing import busy, paragraph, print_table
 from das.domain.errors import DasError
-from sim.cli.options import WorkersOption
+from das.domain.files.writing import make_folder
+from precompute.workers import Workers
+from sim.cli.options import PageOption, PdfOption, WorkersOption, check_packages, check_page, tell_written, write_page
+from sim.experiment.plan import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
 
 if TYPE_CHECKING:
+    from sim.experiment.analysis.power import PowerAnswer
     from sim.experiment.design import Design
     from sim.experiment.running import Keep
 
@@ -75,10 +80,10 @@ def run(
     The folder holds trials.csv with one row a trial, and for each trial its events and a series. The design is checked
     and frozen there first, unless it was before.
     """
-    _check_options(workers, scheduler, recordings=recordings, measures_only=measures_only)
+    hands = Workers.asked(workers, scheduler)
+    _check_options(scheduler, recordings=recordings, measures_only=measures_only)
     _check_folder(out)
     with busy("reading the design …"):
-        from precompute.workers import Workers
         from sim.experiment.design import load_design
         from sim.experiment.running import Keep, jobs_of, run_study
         from sim.jobs.batch import require_pyarrow
@@ -89,7 +94,7 @@ def run(
     _checked(asked, out)
     keep: Keep = Keep.RECORDINGS if recordings else Keep.MEASURES if measures_only else Keep.SERIES
     jobs = jobs_of(asked, keep, out)
-    found = run_study(asked, jobs, out, Workers(count=workers or os.cpu_count() or 1, scheduler=scheduler))
+    found = run_study(asked, jobs, out, hands)
     if as_json:
         print(json.dumps(found.as_dict()))
     else:
@@ -107,10 +112,8 @@ def _check_folder(folder: Path | None) -> None:
         raise DasError(f"{folder}: is a file, expected a folder")
 
 
-def _check_options(workers: int | None, scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:
+def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:
     """Refuse options that contradict each other."""
-    if workers is not None and scheduler is not None:
-        raise DasError("give either --workers or --scheduler: a cluster has its own workers")
     if recordings and measures_only:
         raise DasError("give either --recordings or --measures-only")
     if recordings and scheduler is not None:
@@ -140,10 +143,7 @@ def _checked(design: Design, folder: Path) -> None:
 def _made(folder: Path) -> Iterator[None]:
     """Make a folder before minutes are spent on what goes into it; it is taken away again if nothing came into it."""
     new = not folder.exists()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+    make_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         raise DasError(f"{folder}: cannot be written (Permission denied)")
     try:
@@ -164,3 +164,194 @@ def studies(as_json: JsonOption = False) -> None:
         print(json.dumps(listed))
         return
     print_studies(found)
+
+
+DEFAULT_PARTICIPANTS: Final = "12,24,36,48,76,100,150"
+
+StudyArgument = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Folder of a study that das-sim experiment run made.")
+]
+EffectsOption = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--effect",
+        metavar="X",
+        help="Also say how many participants would show a difference of X, in the unit of the report (points for a "
+        "ratio); may be given several times.",
+        show_default=False,
+    ),
+]
+PilotArgument = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="DIR|DESIGN",
+        help="Folder of a pilot study, whose drivers are drawn again; or a design (design file, frozen design.json or "
+        "bundled study), for its level and number of comparisons (then --sd is needed).",
+        show_default=False,
+    ),
+]
+EffectOption = Annotated[
+    float,
+    typer.Option(
+        "--effect", metavar="X", help="True difference to be found, in the unit of the report (points for a ratio)."
+    ),
+]
+ComparisonOption = Annotated[
+    str | None,
+    typer.Option("--comparison", metavar="NAME", help="Planned comparison [default: the first].", show_default=False),
+]
+NumbersOption = Annotated[
+    str, typer.Option("--participants", metavar="LIST", help="Numbers of participants, with commas between.")
+]
+WantedOption = Annotated[
+    float, typer.Option("--power", metavar="X", help="Share of studies that are to find the difference.")
+]
+SdOption = Annotated[
+    float | None,
+    typer.Option(
+        "--sd",
+        metavar="X",
+        help="Standard deviation between participants (bell curve) of their difference, or with --groups of their "
+        "means; instead of a pilot's drivers.",
+        show_default=False,
+    ),
+]
+SdOfPairsOption = Annotated[
+    float,
+    typer.Option("--sd-pairs", metavar="X", help="With --sd: standard deviation between pairs of one participant."),
+]
+PairsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--pairs",
+        metavar="N",
+        min=1,
+        help="Pairs of trials that each participant drives [default: as in the pilot, or 1].",
+        show_default=False,
+    ),
+]
+GroupsOption = Annotated[
+    bool,
+    typer.Option(
+        "--groups",
+        help="With --sd: each participant drives one of the two conditions, and numbers are those of each group.",
+    ),
+]
+AlphaOption = Annotated[
+    float | None,
+    typer.Option(
+        "--alpha", metavar="X", help="Level of the test [default: the design's, or 0.05].", show_default=False
+    ),
+]
+
+
+MOST_ROWS = 50
+
+
+def analyse(
+    folder: StudyArgument,
+    out: PageOption = None,
+    pdf: PdfOption = None,
+    effect: EffectsOption = None,
+    overwrite: OverwriteOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Analyse a study that was run: paired differences with intervals, a mixed model, checks."""
+    _check(folder, (out, pdf), effect or (), overwrite=overwrite)
+    from sim.experiment.analysis.comparing import analyse_study
+    from sim.experiment.analysis.page import as_dict, page
+    from sim.experiment.analysis.reading import read_study
+    from sim.experiment.analysis.words import hangs_on, in_short
+
+    study = read_study(folder)
+    with busy("analysing the trials …"):
+        found = analyse_study(study, tuple(effect or ()))
+    write_page(lambda: page(found), out, pdf)
+    if as_json:
+        print(json.dumps(as_dict(found)))
+        return
+    for line in hangs_on(found):
+        paragraph(line)
+    for name, line in in_short(found):
+        paragraph(f"{name}: {line}" if name else line)
+    tell_written(out, pdf)
+
+
+def _check(folder: Path, files: tuple[Path | None, Path | None], effects: Sequence[float], *, overwrite: bool) -> None:
+    """DasError where an output cannot be made or an option is wrong; asked before the work begins."""
+    check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
+    read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
+    check_page(*files, read, overwrite=overwrite)
+    for one in effects:
+        _check_effect(one)
+
+
+def _check_effect(effect: float) -> None:
+    if not (math.isfinite(effect) and effect > 0):
+        raise DasError(f"--effect {effect:g}: expected a number above 0")
+
+
+def power(
+    effect: EffectOption,
+    source: PilotArgument = None,
+    comparison: ComparisonOption = None,
+    participants: NumbersOption = DEFAULT_PARTICIPANTS,
+    wanted: WantedOption = 0.8,
+    sd: SdOption = None,
+    sd_of_pairs: SdOfPairsOption = 0.0,
+    pairs: PairsOption = None,
+    groups: GroupsOption = False,
+    alpha: AlphaOption = None,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Say how often an experiment would find a difference, and how many participants it needs."""
+    check_packages("experiment", "scipy")
+    _check_effect(effect)
+    from sim.experiment.analysis.power import Asked, answer
+
+    asked = Asked(
+        source=source, effect=effect, comparison=comparison, participants=_counts(participants), wanted=wanted, sd=sd,
+        sd_of_pairs=sd_of_pairs, pairs=pairs, alpha=alpha, seed=seed,
+        groups=groups,
+    )  # fmt: skip
+    with busy("simulating experiments …"):
+        found = answer(asked)
+    if as_json:
+        print(json.dumps(found.as_dict()))
+        return
+    _print_power(found)
+
+
+def _print_power(found: PowerAnswer) -> None:
+    from rich.table import Table
+
+    paragraph(found.about)
+    table = Table()
+    for name in (
+        "in each group" if found.groups else "participants",
+        "power",
+        "95 %",
+        *(["corrected"] if found.strict else []),
+    ):
+        table.add_column(name, justify="right")
+    for index, one in enumerate(found.points):
+        low, high = one.interval
+        cells = [str(one.participants), f"{one.power:.0%}", f"{low:.0%} to {high:.0%}"]
+        table.add_row(*cells, *([f"{found.strict[index].power:.0%}"] if found.strict else []))
+    legend = {
+        "power": "share of simulated experiments that find the difference",
+        "95 %": "how well that share is known",
+    }
+    if found.strict:
+        legend["corrected"] = "power where only this one of the planned comparisons is true, and p is corrected"
+    print_table(table, legend)
+    for line in found.sentences:
+        paragraph(line)
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) > MOST_ROWS or not all(part.isascii() and part.isdigit() and len(part) < 8 for part in parts):
+        raise DasError(f"--participants {text}: expected at most {MOST_ROWS} whole numbers with commas between")
+    return tuple(sorted({int(part) for part in parts}))

@@ -28,13 +28,13 @@ EXPERIMENTS: Final = (
     ),
     Entry(
         name="analyse",
-        where="sim.cli.experiment_analysis:analyse",
+        where="sim.cli.experiment:analyse",
         summary="Analyse a study that was run: paired differences with intervals, a mixed model, checks.",
         examples=("das-sim experiment analyse study -o report.html", "das-sim experiment analyse study --effect 0.78"),
     ),
     Entry(
         name="power",
-        where="sim.cli.experiment_analysis:power",
+        where="sim.cli.experiment:power",
         summary="Say how often an experiment would find a difference, and how many participants it needs.",
         examples=(
             "das-sim experiment power pilot --effect 1 --participants 24,48,76",
@@ -66,7 +66,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="drive",
-        where="sim.cli.drivers:drive",
+        where="sim.cli.run:drive",
         summary="Drive a run from a process of its own, over the bus.",
         examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
@@ -164,7 +164,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="drivers",
-        where="sim.cli.drivers:drivers",
+        where="sim.cli.run:drivers",
         summary="List who can drive, and the parameters of a human driver.",
         examples=("das-sim drivers --json",),
     ),

@@ -257,8 +257,7 @@ def compare(
     check_picture(plot)
     check_outputs(out, plot, inputs=files, overwrite=overwrite)
     from das.domain.files.writing import write_whole
-    from sim.drive.comparison.aligned import AlignedDrives
-    from sim.drive.comparison.on_track import drives_on_track
+    from sim.drive.comparison.aligned import AlignedDrives, drives_on_track
     from sim.drive.comparison.rows import as_csv, as_dict
 
     with busy("reading the recordings …"):

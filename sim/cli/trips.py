@@ -36,10 +36,9 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
 from sim.cli.options import TripArgument, new_recording, removed_if_unused, tell_written
+from sim.options import ReplayOptions, TripOptions
 from sim.progress import progress_bar
 from sim.recording.metadata import typed_command
-from sim.runs.replay.options import ReplayOptions
-from sim.trips.options import TripOptions
 
 if TYPE_CHECKING:
     from sim.bundled.hurried import HurriedState

@@ -19,7 +19,6 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum
 from sim.drive.attribution.causes import ShownAdvice
-from sim.drive.attribution.inputs import DriveInputs, inputs_of
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
 from sim.drive.events.chronicle import events_of
 from sim.drive.events.event import DriveEvent
@@ -28,6 +27,7 @@ from sim.drive.limits import TemporaryLimit, Violations, limit_in_force, tempora
 from sim.drive.stability import Restlessness, recorded_restlessness
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse, Floats
+from sim.recording.inputs import DriveInputs, inputs_of
 from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # they import the solver, which events, notes and stops do not need

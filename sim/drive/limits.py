@@ -19,9 +19,9 @@ from das.bus.recording import Recording
 from das.bus.restrictions import meant
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
-from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.happenings import Signal
 from sim.recording.course import DrivenCourse, Floats, Times
+from sim.recording.inputs import DriveInputs
 
 OVER_MPS: Final = 1.0 * KMH
 """A speed this much (m/s) above a limit is too fast: less is within the error of a speedometer."""

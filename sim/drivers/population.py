@@ -11,7 +11,6 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.resources import files
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any, Final, NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError
+from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, number, read_toml
 from sim.drivers.kinds import DriverKind, DriverName
 from sim.drivers.parameters import HumanParameters
@@ -154,19 +154,12 @@ def participant_of(driver: DriverName, number: int | None, population: str | Non
 
 def bundled_populations() -> dict[str, Path]:
     """The file of each population that comes with the program, by name."""
-    folder = Path(str(files("sim.drivers") / "populations"))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return bundled_files("sim.drivers", "populations")
 
 
 def load_population(name_or_path: str) -> Population:
     """Read a bundled population or a TOML file; raises DasError or InputError for anything unusable."""
-    bundled = bundled_populations()
-    if name_or_path in bundled:
-        return read_population(bundled[name_or_path])
-    path = Path(name_or_path)
-    if path.suffix.lower() != ".toml":
-        raise DasError(f"{name_or_path}: not a bundled population ({', '.join(bundled)}) and not a .toml file")
-    return read_population(path)
+    return read_population(locate(name_or_path, "population", bundled_populations()))
 
 
 def read_population(path: Path) -> Population:
@@ -192,10 +185,7 @@ def read_population(path: Path) -> Population:
 
 def _spread(parameters: Fields, name: str) -> Spread:
     table = parameters.table(name)
-    text = table.text("distribution")
-    if text not in list(Shape):
-        raise table.error("distribution", text, f"one of {', '.join(Shape)}")
-    shape = Shape(text)
+    shape = table.choice("distribution", Shape)
     middle_key, sd_key = KEYS[shape]
     table.check_keys(["distribution", "source", "low", "high", middle_key, *([sd_key] if sd_key else [])])
     metadata = HumanParameters.__dataclass_fields__[name].metadata
@@ -208,7 +198,7 @@ def _spread(parameters: Fields, name: str) -> Spread:
         raise table.error(middle_key, middle, "a ratio between 0 and 1, for a parameter of 0 to 1")
     whole = isinstance(HumanParameters.__dataclass_fields__[name].default, int)
     if whole and (shape is not Shape.FIXED or middle % 1):
-        raise table.error("distribution", text, "fixed, with a whole number")
+        raise table.error("distribution", str(shape), "fixed, with a whole number")
     return Spread(
         name=name,
         shape=shape,

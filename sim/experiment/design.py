@@ -13,14 +13,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import partial
-from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from das.domain.errors import MISSING, DasError
+from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, number, read_json, read_text, read_toml
-from das.domain.files.writing import write_whole
+from das.domain.files.writing import make_folder, write_whole
 from sim.drivers.population import DEFAULT, load_population
 from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel, Setting, setting_files
 from sim.experiment.measures import MEASURES
@@ -40,7 +40,6 @@ MOST_PARTICIPANTS: Final = 10_000
 MOST_TRIALS_EACH: Final = 1000
 LONGEST_BREAK_S: Final = 86_400.0
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
-Kind = TypeVar("Kind", bound=StrEnum)
 
 
 class ConditionOrder(StrEnum):
@@ -165,21 +164,12 @@ class Design:
 
 def bundled_studies() -> dict[str, Path]:
     """The design of each study that comes with the program, by name."""
-    folder = Path(str(files("sim.experiment") / "studies"))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return bundled_files("sim.experiment", "studies")
 
 
 def load_design(name_or_path: str) -> Design:
     """Read a bundled study or a TOML file; raises DasError or InputError for anything unusable."""
-    bundled = bundled_studies()
-    if name_or_path in bundled:
-        return read_design(bundled[name_or_path])
-    path = Path(name_or_path)
-    if path.suffix.lower() != ".toml":
-        raise DasError(f"{name_or_path}: not a bundled study ({', '.join(bundled)}) and not a .toml file")
-    if not path.is_file():
-        raise DasError(f"{name_or_path}: no such file")
-    return read_design(path)
+    return read_design(locate(name_or_path, "study", bundled_studies()))
 
 
 def read_design(path: Path) -> Design:
@@ -198,24 +188,13 @@ def read_design(path: Path) -> Design:
         title=main.name("title"),
         description=main.text("description", ""),
         source=path,
-        seed=_whole(main, "seed", (0, 2**31), 1),
-        fixed=_fixed(_optional(fields, "fixed"), factors),
+        seed=main.whole("seed", (0, 2**31), 1),
+        fixed=_fixed(fields.optional_table("fixed"), factors),
         factors=factors,
         people=_people(fields.table("participants")),
-        procedure=_procedure(_optional(fields, "procedure"), factors),
+        procedure=_procedure(fields.optional_table("procedure"), factors),
         plan=_plan(fields, factors),
     )
-
-
-def _optional(fields: Fields, key: str) -> Fields:
-    return fields.table(key) if fields.has(key) else Fields.of(fields.source, {}, f"{key}.")
-
-
-def _whole(table: Fields, key: str, ends: tuple[int, int], default: int | None = None) -> int:
-    value = table.data.get(key, MISSING if default is None else default)
-    if isinstance(value, bool) or not isinstance(value, int) or not ends[0] <= value <= ends[1]:
-        raise table.error(key, value, f"a whole number from {ends[0]} to {ends[1]}")
-    return value
 
 
 def _real(table: Fields, key: str, ends: tuple[float, float], default: float) -> float:
@@ -223,13 +202,6 @@ def _real(table: Fields, key: str, ends: tuple[float, float], default: float) ->
     if not ends[0] <= value <= ends[1]:
         raise table.error(key, value, f"a number from {ends[0]:g} to {ends[1]:g}")
     return value
-
-
-def _one_of(kind: type[Kind], table: Fields, key: str, default: Kind) -> Kind:
-    value = table.data.get(key, str(default))
-    if value not in list(kind):
-        raise table.error(key, value, f"one of {', '.join(kind)}")
-    return kind(value)
 
 
 def _factors(fields: Fields) -> tuple[Factor, ...]:
@@ -267,8 +239,8 @@ def _people(table: Fields) -> People:
     population = str((table.source.parent / text).resolve()) if text.endswith(".toml") else text
     load_population(population)
     return People(
-        count=_whole(table, "count", (1, MOST_PARTICIPANTS)),
-        first=_whole(table, "first", (0, 10**9), People.first),
+        count=table.whole("count", (1, MOST_PARTICIPANTS)),
+        first=table.whole("first", (0, 10**9), People.first),
         population=population,
         trips_before=_real(table, "trips_before", (0.0, 1e5), People.trips_before),
         learning=table.flag("learning", People.learning),
@@ -282,13 +254,13 @@ def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
     if not 0 <= break_s <= LONGEST_BREAK_S:
         raise table.error("break", break_s, f"0 to {LONGEST_BREAK_S:g} s")
     found = Procedure(
-        order=_one_of(ConditionOrder, table, "order", Procedure.order),
-        repetitions=_whole(table, "repetitions", (1, MOST_TRIALS_EACH), Procedure.repetitions),
-        practice_trials=_whole(table, "practice_trials", (0, MOST_TRIALS_EACH), Procedure.practice_trials),
-        break_after=_whole(table, "break_after", (0, MOST_TRIALS_EACH), Procedure.break_after),
+        order=table.choice("order", ConditionOrder, Procedure.order),
+        repetitions=table.whole("repetitions", (1, MOST_TRIALS_EACH), Procedure.repetitions),
+        practice_trials=table.whole("practice_trials", (0, MOST_TRIALS_EACH), Procedure.practice_trials),
+        break_after=table.whole("break_after", (0, MOST_TRIALS_EACH), Procedure.break_after),
         break_s=break_s,
-        days=_one_of(Days, table, "days", Procedure.days),
-        chances=_one_of(Chances, table, "chances", Procedure.chances),
+        days=table.choice("days", Days, Procedure.days),
+        chances=table.choice("chances", Chances, Procedure.chances),
     )
     each = found.repetitions
     for factor in factors:
@@ -299,7 +271,7 @@ def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
 
 
 def _plan(fields: Fields, factors: tuple[Factor, ...]) -> AnalysisPlan:
-    table = _optional(fields, "analysis")
+    table = fields.optional_table("analysis")
     table.check_keys(["measures", "alpha", "correction"])
     names = table.rows("measures", "a list of measures") if table.has("measures") else list(MEASURES)
     for name in names:
@@ -374,10 +346,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
     Where the folder holds a frozen design, it must be this one: DasError for another.
     """
     found = resolved(design)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+    make_folder(folder)
     kept = folder / DESIGN_JSON
     if kept.exists():
         check_frozen(design, folder, found["hash"])

@@ -264,7 +264,7 @@ def _comparison(
     a, b = (levels[factor](table, key) for key in ("a", "b"))
     if a == b:
         raise table.error("b", table.data["b"], "another level than a")
-    where = table.table("where") if table.has("where") else Fields.of(table.source, {})
+    where = table.optional_table("where")
     where.check_keys([name for name in levels if name != factor])
     fixed = {name: levels[name](where, name) for name in where.data}
     only = "".join(f", {name} {level}" for name, level in fixed.items())

@@ -25,7 +25,7 @@ from mcap.reader import make_reader
 from das.cab.warm_up import warm_up
 from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
-from das.domain.files.writing import folder_held, write_whole
+from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.losses import Level
 from precompute.pool import Made
 from precompute.workers import Workers
@@ -206,7 +206,7 @@ class Runner(Generic[Job]):
             if job.recording is not None:
                 if self.workers.scheduler is not None:
                     raise DasError("recordings: expected without --scheduler, because they are written on this machine")
-                _make_folder(job.recording.file.parent)
+                make_folder(job.recording.file.parent)
         first = f"{len(left)} of {of} {self.words.jobs} to {self.words.to_do}"
         make = partial(attempted, self.make)
         with closing(made_with_progress(make, left, self.workers, self.words, first, done=of - len(left))) as coming:
@@ -269,15 +269,8 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files by their paths within a folder, each whole or not at all; DasError where that fails."""
     for name, content in files.items():
         path = folder / name
-        _make_folder(path.parent)
+        make_folder(path.parent)
         write_whole(path, content)
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
 
 
 class ServiceMemory:

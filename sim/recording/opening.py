@@ -44,11 +44,6 @@ def open_contents(path: Path) -> Contents:
     return contents
 
 
-def forget_warnings() -> None:
-    """Say again what was said before in this process."""
-    _warned.clear()
-
-
 @contextmanager
 def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
     """A recording to write to; at the end of the block it is at `out`, and if that fails nothing is.

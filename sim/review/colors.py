@@ -82,7 +82,6 @@ DARK, LIGHT, VIEWER = (
 )
 """The colours by what is behind them. The ground of the viewer is dark or light as the desktop is: its colours are
 middle tones that are readable on either."""
-VIEWER_GROUNDS: Final = ("#1c1f21", "#f2f2f2")
 THEMES: Final = {theme.name: theme for theme in (DARK, LIGHT)}
 
 MODES: Final = {

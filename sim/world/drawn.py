@@ -163,12 +163,10 @@ def _adhesive_mass(table: Fields) -> float | None:
 def _level(table: Fields) -> Level | None:
     if not table.has("level"):
         return None
-    name = table.text("level")
-    if name not in list(Level):
-        raise table.error("level", name, "one of " + ", ".join(Level))
-    if table.has("loss_map") and name != Level.L3:
-        raise table.error("level", name, f"{Level.L3}, the level of a loss map")
-    return Level(name)
+    level = table.choice("level", Level)
+    if table.has("loss_map") and level is not Level.L3:
+        raise table.error("level", str(level), f"{Level.L3}, the level of a loss map")
+    return level
 
 
 HUMAN_STREAM = 4

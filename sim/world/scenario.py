@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import fields as fields_of
 from datetime import UTC, datetime, timedelta
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,8 @@ import numpy as np
 
 from das.domain.braking import SiteBraking
 from das.domain.conditions import STRONGEST_WIND_MPS
-from das.domain.errors import DasError
 from das.domain.files.braking_toml import site_braking
+from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, range_expected, read_toml
 from sim.world.disturbances import (
     KINDS,
@@ -41,26 +41,10 @@ KEYS = (
     "calls",
 )
 """The keys of the table `[scenario]`."""
-_STRETCH = {"from": "length", "to": "length"}
-_QUANTITIES: dict[str, dict[str, str]] = {
-    "departure-delay": {"delay": "time"},
-    "dwell-overrun": {"delay": "time"},
-    "delay-on-the-way": {**_STRETCH, "speed": "speed"},
-    "restriction": {**_STRETCH, "speed": "speed", "announced": "length"},
-    "signal-stop": {"at": "length", "seen": "length", "clears_after": "time"},
-    "train-ahead": {"at": "length", "seen": "length", "clears": "time", "told": "length"},
-    "slippery-rail": {**_STRETCH, "adhesion": "ratio"},
-    "head-wind": {**_STRETCH, "wind": "speed"},
-    "sensor-fault": {"from": "time", "for": "time", "size": "length"},
-    "bus-outage": {"from": "time", "for": "time"},
-    "node-restart": {"at": "time"},
-}
-"""The quantities of each kind of disturbance (name → dimension)."""
-_OPTIONAL: dict[str, dict[str, str]] = {"restriction": {"valid_from": "time", "valid_until": "time"}}
-"""The quantities that a kind of disturbance may have besides."""
 _RISING = (("from", "to"), ("valid_from", "valid_until"), ("seen", "told"))
 """Pairs of quantities of one disturbance of which the second must be the greater one."""
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
+_DIMENSIONS = {suffix: dimension for dimension, suffix in _SI_SUFFIX.items()}
 _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
 """Faults of localisation that have a size."""
 LONGEST_LINE_M = 1e7
@@ -142,21 +126,12 @@ class Scenario:
 
 def bundled_scenarios() -> dict[str, Path]:
     """The file of each scenario that comes with the program, by name."""
-    folder = Path(str(files("sim.world") / "scenarios"))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return bundled_files("sim.world", "scenarios")
 
 
 def load_scenario(name_or_path: str) -> Scenario:
     """Read a bundled scenario or a TOML file; raises DasError or InputError for anything unusable."""
-    bundled = bundled_scenarios()
-    if name_or_path in bundled:
-        return read_scenario(bundled[name_or_path])
-    path = Path(name_or_path)
-    if path.suffix.lower() != ".toml":
-        raise DasError(f"{name_or_path}: not a bundled scenario ({', '.join(bundled)}) and not a .toml file")
-    if not path.is_file():
-        raise DasError(f"{name_or_path}: no such file")
-    return read_scenario(path)
+    return read_scenario(locate(name_or_path, "scenario", bundled_scenarios()))
 
 
 def read_scenario(path: Path) -> Scenario:
@@ -166,7 +141,7 @@ def read_scenario(path: Path) -> Scenario:
     fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "coach", "disturbances"])
     main = fields.table("scenario")
     main.check_keys(KEYS)
-    timetable = _optional(fields, "timetable")
+    timetable = fields.optional_table("timetable")
     timetable.check_keys(["departure", *timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})])
     return Scenario(
         id=_id(main),
@@ -182,10 +157,10 @@ def read_scenario(path: Path) -> Scenario:
         departure_ns=_moment(timetable),
         buffer_ratio=timetable.within("buffer", "ratio", 0.07, (0.0, 10.0)),
         dwell_s=timetable.within("dwell", "time", 60.0, (0.0, LONGEST_DWELL_S)),
-        truth=read_truth(_optional(fields, "truth")),
-        human=read_human(_optional(fields, "human")),
-        sensors=_sensors(_optional(fields, "sensors")),
-        braking=site_braking(_optional(fields, "coach")),
+        truth=read_truth(fields.optional_table("truth")),
+        human=read_human(fields.optional_table("human")),
+        sensors=_sensors(fields.optional_table("sensors")),
+        braking=site_braking(fields.optional_table("coach")),
         disturbances=_disturbances(fields),
         calls=_calls(main),
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
@@ -207,10 +182,6 @@ def _id(main: Fields) -> str:
     if not _ID.fullmatch(name):
         raise main.error("id", name, "1 to 64 letters, digits, '.', '_' or '-', not beginning with '.' or '-'")
     return name
-
-
-def _optional(fields: Fields, key: str) -> Fields:
-    return fields.table(key) if fields.has(key) else Fields.of(fields.source, {}, f"{key}.")
 
 
 def _moment(timetable: Fields) -> int:
@@ -250,17 +221,17 @@ def _planned(table: Fields) -> PlannedDisturbance:
     kind = table.text("kind")
     if kind not in KINDS:
         raise table.error("kind", kind, "one of " + ", ".join(KINDS))
-    quantities, at_a_stop = _QUANTITIES[kind], issubclass(KINDS[kind], DepartureDelay)
+    quantities, optional = (_figures(kind, optional=one) for one in (False, True))
+    at_a_stop = issubclass(KINDS[kind], DepartureDelay)
     others = ["stop"] if at_a_stop else ["fault"] if kind == "sensor-fault" else []
     fixed: dict[str, Any] = {}
     if at_a_stop:
         fixed["stop"] = table.text("stop")
     if kind == "sensor-fault":
-        fixed["fault"] = fault = _fault(table)
+        fixed["fault"] = fault = table.choice("fault", SensorFault)
         if fault not in _SIZED:
             fixed["size_m"] = 0.0
             quantities = {name: dimension for name, dimension in quantities.items() if name != "size"}
-    optional = _OPTIONAL.get(kind, {})
     table.check_keys(["kind", *others, *table.quantity_keys({**quantities, **optional})])
     given = {name: unit for name, unit in optional.items() if key_of(table, name, unit) in table.data}
     quantities = {**quantities, **given}
@@ -276,11 +247,11 @@ def _planned(table: Fields) -> PlannedDisturbance:
     return PlannedDisturbance(kind=kind, figures=figures, fixed=fixed)
 
 
-def _fault(table: Fields) -> SensorFault:
-    fault = table.text("fault")
-    if fault not in list(SensorFault):
-        raise table.error("fault", fault, "one of " + ", ".join(SensorFault))
-    return SensorFault(fault)
+def _figures(kind: str, *, optional: bool) -> dict[str, str]:
+    """The figures that a kind of disturbance must have, or may have besides: name → dimension."""
+    made: Any = KINDS[kind]
+    names = (one.name.rpartition("_") for one in fields_of(made) if (one.default is None) is optional)
+    return {name: _DIMENSIONS[suffix] for name, _, suffix in names if suffix in _DIMENSIONS}
 
 
 def _checked(table: Fields, name: str, dimension: str, figure: Drawn) -> Drawn:

@@ -16,10 +16,9 @@ from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from sim.cli.recordings import check, export, recover, reproduce, view
 from sim.cli.trips import bundled_recording, trip
-from sim.options import NodeSaid
+from sim.options import NodeSaid, ReplayOptions
 from sim.recording import opening
 from sim.runs.replay.job import prepare
-from sim.runs.replay.options import ReplayOptions
 from tests.support.reference_recordings import FOLDER
 
 FLIPS = 100
@@ -58,7 +57,7 @@ def damaged(source: Path, out: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OF_A_TRIP)
 def test_damage_is_told_by(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    opening.forget_warnings()
+    opening._warned.clear()
     exits = pytest.raises(typer.Exit) if name == "check" else nullcontext()
     with exits:
         OF_A_TRIP[name](damaged(bundled_recording(), tmp_path / "damaged.mcap"), tmp_path)
@@ -72,7 +71,7 @@ def test_damage_is_told_by(name: str, tmp_path: Path, capfd: pytest.CaptureFixtu
 @pytest.mark.slow
 def test_damage_is_told_by_reproduce(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Without what it heard in the damaged chunk, the cab says something else: that is told as well."""
-    opening.forget_warnings()
+    opening._warned.clear()
     with pytest.raises(typer.Exit):
         reproduce(damaged(FOLDER / "clear-day.mcap", tmp_path / "damaged.mcap"), NodeSaid())
     said = "".join(capfd.readouterr())

@@ -25,8 +25,8 @@ from das.domain.clocks import Clocks
 from das.domain.units import NS
 from sim.cli.trips import bundled_recording
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.options import ReplayOptions
 from sim.runs.replay.job import prepare
-from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import replay
 from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
 from sim.world.day import make_day

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
@@ -12,10 +13,14 @@ from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 
 
+def bundled_files(package: str, folder: str) -> dict[str, Path]:
+    """The TOML files that come with the program in a folder of a package, by name."""
+    return {path.stem: path for path in sorted(Path(str(files(package) / folder)).glob("*.toml"))}
+
+
 def catalogue(kind: str) -> dict[str, Path]:
     """Bundled files of a kind ("vehicles", "routes" or "journeys") by name."""
-    folder = Path(str(files("das.domain") / "catalogue" / kind))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return bundled_files("das.domain", f"catalogue/{kind}")
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
@@ -70,17 +75,23 @@ def locate_route(name_or_path: str | Path) -> Path:
 
 
 def _locate(name_or_path: str | Path, kind: str) -> Path:
-    bundled = catalogue(kind)
     if not isinstance(name_or_path, str | Path):
         raise InputError(
             f"load_{kind[:-1]}", "name_or_path", name_or_path, f"the name of a bundled {kind[:-1]}, or a path"
         )
+    return locate(name_or_path, kind[:-1], catalogue(kind), (".toml", ".json"))
+
+
+def locate(
+    name_or_path: str | Path, kind: str, bundled: Mapping[str, Path], suffixes: tuple[str, ...] = (".toml",)
+) -> Path:
+    """The file of a bundled name or a path; DasError, which names the kind of thing, where there is none."""
     if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)
-    if path.suffix.lower() not in (".toml", ".json"):
-        names = ", ".join(bundled)
-        raise DasError(f"{name_or_path}: not a bundled {kind[:-1]} ({names}) and not a .toml or .json file")
+    if path.suffix.lower() not in suffixes:
+        names, expected = ", ".join(bundled), " or ".join(suffixes)
+        raise DasError(f"{name_or_path}: not a bundled {kind} ({names}) and not a {expected} file")
     if path.is_dir():
         raise DasError(f"{name_or_path}: is a folder, expected a file")
     if not path.exists():

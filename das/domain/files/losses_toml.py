@@ -25,10 +25,7 @@ def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel
     if fields.has(Level.L3):
         table = fields.table(Level.L3)
         losses[Level.L3] = _loss_map(table, vehicle)
-    default = fields.text("default", next(iter(losses), Level.L0_REG))
-    if default not in list(Level):
-        raise fields.error("default", default, "one of " + ", ".join(Level))
-    return losses, Level(default)
+    return losses, fields.choice("default", Level, next(iter(losses), Level.L0_REG))
 
 
 def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:

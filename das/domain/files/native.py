@@ -244,12 +244,10 @@ def _brake_policy(fields: Fields, electric: EffortEnvelope, friction_n: float) -
         return BrakePolicy.ELECTRIC
     brakes = fields.table("brakes")
     brakes.check_keys(["source", "policy"])
-    value = brakes.text("policy")
-    if value not in list(BrakePolicy):
-        raise brakes.error("policy", value, "one of " + ", ".join(BrakePolicy))
-    if value == BrakePolicy.ELECTRIC and not has_electric:
-        raise brakes.error("policy", value, "an [electric_brake] in the file")
-    return BrakePolicy(value)
+    policy = brakes.choice("policy", BrakePolicy)
+    if policy is BrakePolicy.ELECTRIC and not has_electric:
+        raise brakes.error("policy", str(policy), "an [electric_brake] in the file")
+    return policy
 
 
 def _stops(fields: Fields) -> tuple[Stop, ...]:

@@ -8,8 +8,9 @@ import stat
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from das.domain.errors import MISSING, DasError, InputError, is_seen
 from das.domain.units import FACTORS, MEGABYTE, to_si
@@ -32,6 +33,7 @@ LARGEST_TIME_S = 1e10
 """Largest time on a journey's clock, whose zero may be that of 1970."""
 LARGEST_LENGTH_M = 1e9
 """Largest position or length (m); what a line can plausibly have is judged after reading, and less."""
+Kind = TypeVar("Kind", bound=StrEnum)
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
@@ -100,6 +102,10 @@ class Fields:
             raise self.error(key, MISSING, "a table")
         return Fields.of(self.source, self.data[key], f"{self.prefix}{key}.")
 
+    def optional_table(self, key: str) -> Fields:
+        """The table under a key, without a key of its own where there is none; InputError for anything else."""
+        return self.table(key) if self.has(key) else Fields(self.source, f"{self.prefix}{key}.", {})
+
     def text(self, key: str, default: str | None = None) -> str:
         """The text under a key; InputError where it is missing without a default, or no text."""
         value = self.data.get(key, default)
@@ -120,6 +126,20 @@ class Fields:
         if not isinstance(value, bool):
             raise self.error(key, value, "true or false")
         return value
+
+    def whole(self, key: str, ends: tuple[int, int], default: int | None = None) -> int:
+        """The whole number under a key, from the first to the second of the ends; InputError for anything else."""
+        value = self.data.get(key, MISSING if default is None else default)
+        if isinstance(value, bool) or not isinstance(value, int) or not ends[0] <= value <= ends[1]:
+            raise self.error(key, value, f"a whole number from {ends[0]} to {ends[1]}")
+        return value
+
+    def choice(self, key: str, kind: type[Kind], default: Kind | None = None) -> Kind:
+        """The member of an enumeration that is named under a key; InputError for anything else."""
+        value = self.text(key, default)
+        if value not in list(kind):
+            raise self.error(key, value, f"one of {', '.join(kind)}")
+        return kind(value)
 
     def check_schema_version(self, supported: int) -> None:
         """Raise InputError unless the file says that it is of this version of its format."""

@@ -49,6 +49,14 @@ def refuse_link(path: Path) -> None:
         raise DasError(f"{path}: is a symbolic link, expected the file itself or a new name")
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, where they are not there; DasError where one cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
+
+
 def new_file(path: Path, content: bytes = b"") -> Path:
     """Make a file with `content` and return its path: `path`, or the first of `-2`, `-3`, … beside it that is free.
 

@@ -23,9 +23,9 @@ from sim.drive.attribution.causes import EnergyCause, ShownAdvice
 from sim.drive.attribution.committed import Committed, Knowledge, committed, epochs_of, spacing
 from sim.drive.attribution.compared import ComparedLeg
 from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
-from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.happenings import Signal, signals
 from sim.recording.course import Floats
+from sim.recording.inputs import DriveInputs
 
 PLACE_M = 100.0
 """Length of a place (m)."""

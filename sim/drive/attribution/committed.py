@@ -27,10 +27,10 @@ from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.attribution.causes import EnergyCause, Judge, Moment, ShownAdvice, coasts_to_brake, effort_ratio
 from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
-from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.happenings import Signal
 from sim.drive.limits import told_lists
 from sim.recording.course import Floats
+from sim.recording.inputs import DriveInputs
 
 LATE_S = 0.1
 """A best run that arrives later than this (s) is none for the time wanted."""

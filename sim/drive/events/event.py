@@ -12,7 +12,6 @@ import numpy as np
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import NS
-from sim.drive.events.notes import Note
 from sim.recording.course import DrivenCourse
 
 
@@ -98,8 +97,6 @@ class Filter:
         )
 
 
-AUTHOR: Final = "das-sim"
-"""The author of a bookmark that nobody made."""
 MUCH_OVER_KMH: Final = 3.0
 """A train this much (km/h) above the limit was too fast by more than the error of a speedometer and of the sampling."""
 LONG_OVER_S: Final = 5.0
@@ -192,18 +189,3 @@ def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[Drive
 def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
     """All bookmarks in order of time: those that make themselves, and the notes of people."""
     return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
-
-
-def as_notes(events: Sequence[DriveEvent]) -> tuple[Note, ...]:
-    """The bookmarks that make themselves, as notes: viewers show them as they show those of people."""
-    return tuple(
-        Note(
-            time_ns=one.time_ns,
-            end_ns=one.last_ns,
-            text=one.text,
-            tags=("automatic", one.mark),
-            author=AUTHOR,
-        )
-        for one in events
-        if one.mark
-    )

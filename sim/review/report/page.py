@@ -19,8 +19,7 @@ from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from sim.drive.attribution.rows import as_dict as energy_dict
 from sim.drive.attribution.rows import worst_places
-from sim.drive.comparison.aligned import AlignedDrives, place
-from sim.drive.comparison.on_track import on_track
+from sim.drive.comparison.aligned import AlignedDrives, on_track, place
 from sim.drive.comparison.rows import as_dict as comparison_dict
 from sim.drive.comparison.rows import sentences
 from sim.drive.drive import Drive

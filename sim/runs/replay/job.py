@@ -22,15 +22,12 @@ from sim.drive.above_optimum import AboveOptimum, EnergyBand, why_not_comparable
 from sim.drive.attribution.committed import section_of_leg
 from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
 from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, legs_of
-from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.calls import calls_on_the_way, kept_calls
-from sim.options import speed_factor
+from sim.options import ReplayOptions, TripOptions, speed_factor
 from sim.recording.course import DrivenCourse
-from sim.recording.inputs import input_files, sha256
-from sim.runs.replay.options import ReplayOptions
+from sim.recording.inputs import DriveInputs, input_files, sha256
 from sim.runs.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run
-from sim.trips.options import TripOptions
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.processes import Crew

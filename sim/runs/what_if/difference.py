@@ -14,8 +14,7 @@ from das.bus import topics
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
 from das.domain.units import kmh, kwh
-from sim.drive.comparison.aligned import SAME_ADVICE_MPS, Advised, AlignedDrives, place, told_apart
-from sim.drive.comparison.on_track import on_track
+from sim.drive.comparison.aligned import SAME_ADVICE_MPS, Advised, AlignedDrives, on_track, place, told_apart
 from sim.drive.comparison.rows import as_dict
 from sim.drive.drive import Drive
 from sim.recording.clock import minutes

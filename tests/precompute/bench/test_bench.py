@@ -17,12 +17,10 @@ from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, trajectory_on
 from das.solver.solve import solve_front
-from precompute.bench.command import NAMES, chosen, longest_section, measure
+from precompute.bench.command import NAMES, chosen, figures_by_name, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
-from precompute.bench.measuring import Figure, Subject, Times, in_turns, peak_bytes_of
+from precompute.bench.measuring import Figure, Roofline, Subject, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep, plain_front
-from precompute.bench.registry import FIGURES
-from precompute.bench.roofline import Roofline
 from precompute.tables.synthetic import made_up_line
 from tests.support.closeness import assert_close
 from tests.support.making import in_a_process, make_route, make_train
@@ -160,7 +158,7 @@ def test_the_plain_front_is_the_front() -> None:
 @pytest.mark.processes
 @pytest.mark.slow
 def test_every_figure_has_a_baseline_and_a_roofline() -> None:
-    assert set(FIGURES) == set(NAMES)
+    assert list(figures_by_name()) == list(NAMES)
     result = measure(list(NAMES), longest_section("flat-6km", "re460-ic"), 2, quick=True)
     figures = json.loads(json.dumps(result))["figures"]
     names = [figure["name"] for figure in figures if figure["name"] != "look-up-p99"]

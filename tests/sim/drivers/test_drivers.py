@@ -27,7 +27,7 @@ from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from sim.cli.drivers import DRIVERS
+from sim.cli.run import DRIVERS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, Presentation, lever_ratio
 from sim.drivers.human import HumanDriver
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge

@@ -201,7 +201,7 @@ def test_runs_of_a_participant_are_paired(tmp_path: Path) -> None:
     [
         (("run", "flat.toml", "--participant", "1", "--driver", "perfect"), "expected with --driver human"),
         (("run", "flat.toml", "--population", "default"), "--population default: expected with --participant"),
-        (("run", "flat.toml", "--participant", "1", "--population", "gone.toml"), "gone.toml: cannot be read"),
+        (("run", "flat.toml", "--participant", "1", "--population", "gone.toml"), "gone.toml: no such file"),
         (("run", "flat.toml", "--participant", "1", "--population", "gone"), "not a bundled population (default)"),
         (("batch", "flat.toml", "-o", "o", "--population", "default"), "expected with --participants"),
         (("batch", "flat.toml", "-o", "o", "--participants", "x"), "--participants x: cannot read 'x'"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import presenter_of
-from sim.review.colors import DARK, LIGHT, MODES, VIEWER, VIEWER_GROUNDS, Meaning, Theme, rgba
+from sim.review.colors import DARK, LIGHT, MODES, VIEWER, Meaning, Theme, rgba
 from sim.review.series import STYLES
 
 Floats = NDArray[np.float64]
@@ -76,7 +76,7 @@ def test_every_colour_stands_out_from_its_background(theme: Theme) -> None:
     assert contrast(theme.ink, theme.background) > 7.0
 
 
-@pytest.mark.parametrize("ground", VIEWER_GROUNDS)
+@pytest.mark.parametrize("ground", [VIEWER.background, "#f2f2f2"])
 def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(ground: str) -> None:
     faint = {color: contrast(color, ground) for color in (VIEWER.ink, *VIEWER.of.values())}
     assert {color: ratio for color, ratio in faint.items() if ratio < 2.5} == {}

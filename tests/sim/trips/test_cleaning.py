@@ -16,9 +16,9 @@ from das.bus import das_pb2
 from das.bus.recorder import RecordingFile
 from das.bus.topics import POSITION
 from das.domain.errors import DasError
+from sim.options import TripOptions
 from sim.trips import cleaning
 from sim.trips.findings import FindingKind
-from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
 from sim.trips.settings import POSITIONS
 from sim.trips.trip import load_trip

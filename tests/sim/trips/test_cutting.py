@@ -11,8 +11,8 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.route import Floats, Stop
+from sim.options import TripOptions
 from sim.trips.findings import FindingKind
-from sim.trips.options import TripOptions
 from sim.trips.points import slowed_to
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, load_trip

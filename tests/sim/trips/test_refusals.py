@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
+from sim.options import TripOptions
 from sim.trips.findings import FindingKind
-from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
 from sim.trips.report import write_cleaned
 from sim.trips.trip import Trip, load_trip

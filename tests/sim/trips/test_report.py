@@ -23,9 +23,9 @@ from das.solver.solve import solve_front
 from sim.cli import trips as trip_command
 from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
 from sim.drive.attribution.driven_legs import DrivenLeg
+from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
 from sim.runs.replay.job import driven_legs, prepare, trip_energies
-from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayOutcome
 from sim.trips.estimate import (
     EnergyRange,
@@ -33,7 +33,6 @@ from sim.trips.estimate import (
     estimate_run,
     strongest_held_n,
 )
-from sim.trips.options import TripOptions
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
 from sim.trips.settings import ESTIMATE, SMOOTHING

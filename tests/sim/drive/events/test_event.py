@@ -12,7 +12,7 @@ from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import as_rows
-from sim.drive.events.event import AUTHOR, DriveEvent, EventKind, Filter, as_notes, bookmarks, with_marks
+from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks, with_marks
 from tests.support.recordings import Publish, at_ns, write_recording
 
 S = 1_000_000_000
@@ -59,7 +59,7 @@ def test_of_advice_that_is_refused_the_first_of_each_leg_is_marked() -> None:
     assert [bool(one.mark) for one in found] == 2 * [False, False, True, False, False]
 
 
-def test_bookmarks_of_a_recording_are_chosen_and_become_notes(tmp_path: Path) -> None:
+def test_bookmarks_of_a_recording_are_chosen(tmp_path: Path) -> None:
     """Advice is withdrawn from 200 s on for 20 s, and once an arrival is expected two minutes late."""
 
     def late(publish: Publish) -> None:
@@ -70,9 +70,6 @@ def test_bookmarks_of_a_recording_are_chosen_and_become_notes(tmp_path: Path) ->
     found_in = Drive(source=read_recording(path))
     chosen = Filter(bookmarks=True).choose(found_in.events)
     assert {"advice withdrawn", "a minute off the timetable"} <= {one.mark for one in chosen}
-    notes = as_notes(found_in.events)
-    assert [note.time_ns for note in notes] == [one.time_ns for one in chosen]
-    withdrawn = next(note for note in notes if "advice withdrawn" in note.tags)
-    assert withdrawn.author == AUTHOR
-    assert (withdrawn.end_ns - withdrawn.time_ns) / S == pytest.approx(20.0, abs=1.0)
+    withdrawn = next(one for one in chosen if one.mark == "advice withdrawn")
+    assert (withdrawn.last_ns - withdrawn.time_ns) / S == pytest.approx(20.0, abs=1.0)
     assert [row["bookmark"] for row in as_rows(chosen, found_in.clock)] == [one.mark for one in chosen]

@@ -21,12 +21,12 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction
 from das.domain.units import NS
-from sim.drive.attribution.inputs import inputs_of
 from sim.drive.calls import calls_of, stands
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse
+from sim.recording.inputs import inputs_of
 from tests.support.making import das_sim
 from tests.support.recordings import at_ns, write_recording
 

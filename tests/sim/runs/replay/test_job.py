@@ -17,13 +17,12 @@ from das.domain.units import KMH
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
-from sim.drive.attribution.inputs import DriveInputs
 from sim.drive.drive import Drive
+from sim.options import ReplayOptions, TripOptions
+from sim.recording.inputs import DriveInputs
 from sim.runs.replay.job import TripEnergies, driven_legs, prepare, trip_energies
-from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayJob, _Feed, _journey, plan_timing
 from sim.trips.estimate import estimate_run
-from sim.trips.options import TripOptions
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, load_trip
 from sim.world.processes import Crew

@@ -24,13 +24,11 @@ from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from sim.cli.trips import bundled_recording
 from sim.drive.attribution.causes import ShownAdvice
-from sim.drive.attribution.inputs import inputs_of
-from sim.drive.comparison.aligned import AlignedDrives
-from sim.drive.comparison.on_track import drives_on_track
+from sim.drive.comparison.aligned import AlignedDrives, drives_on_track
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import NodeSaid
 from sim.recording.check import check_file
-from sim.recording.inputs import sha256
+from sim.recording.inputs import inputs_of, sha256
 from sim.recording.metadata import WhatIfKind
 from sim.runs.reproduce.reproduce import reproduce
 from sim.runs.what_if.anew import _window, attached_scenario, day_again, drive_again, scenario_of_drive
