@@ -298,34 +298,15 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert "1 of 2 tables are whole" in checked.stdout
 
 
-def test_a_bad_plan_on_the_command_line_is_one_line(tmp_path: Path) -> None:
-    plan_file(tmp_path, HEAD + ROUTE)
-    done = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.strip() == "error: plan.toml: trains is missing: expected at least one [[trains]]"
-    assert not (tmp_path / "tables").exists()
-
-
 MANY = HEAD + "[synthetic]\nsections = 16\nseed = 3\n" + TRAIN + QUICK
 
 
 def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
     """A build of 16 sections in a process group of its own, on its way: so many tables are there."""
     plan_file(folder, MANY)
+    words = ["-m", "precompute.cli", "build", "plan.toml", "-o", "tables", "--workers", "2", "--refine", "off"]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "precompute.cli",
-            "build",
-            "plan.toml",
-            "-o",
-            "tables",
-            "--workers",
-            "2",
-            "--refine",
-            "off",
-        ],
+        [sys.executable, *words],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         stderr=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""das-precompute: what it prints and writes, checked independently, and how it refuses."""
+"""das-precompute solve and front: what they print and write, checked independently."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import csv
 import json
 import os
 import re
-import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.support.making import REPOSITORY, das_precompute, in_a_process
+from tests.support.making import das_precompute, in_a_process
 
+pytestmark = pytest.mark.processes
 SOLVE = ("solve", "flat-6km", "re460-ic")
 MASS_KG, FORCE_N, POWER_W, LIMIT_MPS, LENGTH_M = 440e3, 300e3, 6.1e6, 160 / 3.6, 6000.0
+Solved = tuple[dict[str, Any], Path]
 LEDGER = {"resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort"}
 
 
@@ -25,7 +27,7 @@ def resistance_n(v: np.ndarray | float) -> np.ndarray | float:
 
 
 @pytest.fixture(scope="module")
-def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object], Path]:
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
     """The flat section at 7 % buffer: what `--json` printed, and the folder with run.csv and run.png."""
     folder = tmp_path_factory.mktemp("solved")
     files = ("--out", "run.csv", "--plot", "run.png")
@@ -35,21 +37,19 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object],
 
 
 @pytest.fixture(scope="module")
-def rows(solved: tuple[dict[str, object], Path]) -> dict[str, np.ndarray]:
+def rows(solved: Solved) -> dict[str, np.ndarray]:
     with (solved[1] / "run.csv").open() as file:
         header, *lines = csv.reader(file)
     table = np.array(lines, dtype=float)
     return {name: table[:, i] for i, name in enumerate(header)}
 
 
-@pytest.mark.processes
 @pytest.mark.slow
-def test_solve_prints_one_json_object(solved: tuple[dict[str, object], Path]) -> None:
+def test_solve_prints_one_json_object_and_draws_a_picture(solved: Solved) -> None:
     result = solved[0]
     numbers = ("min_time_s", "time_s", "energy_input_kwh", "energy_irreversible_kwh", "gap_ratio", "solve_s")
     assert all(isinstance(result[name], float) for name in numbers)
     ledger = result["ledger_kwh"]
-    assert isinstance(ledger, dict)
     assert set(ledger) == LEDGER
     assert result["time_s"] == pytest.approx(1.07 * result["min_time_s"], abs=0.05)
     assert (result["fit"], result["feasible"]) == ("on-time", True)
@@ -61,10 +61,12 @@ def test_solve_prints_one_json_object(solved: tuple[dict[str, object], Path]) ->
     assert 0.0 <= result["gap_ratio"] < 0.05
     assert (result["gap_reason"], abs(result["table_gap_ratio"]) < 0.01) == ("", True)
     assert 0 < result["solve_s"] < 30
+    picture = (solved[1] / "run.png").read_bytes()
+    assert picture.startswith(b"\x89PNG\r\n\x1a\n")
+    assert len(picture) > 10_000
 
 
-@pytest.mark.processes
-def test_the_least_time_is_that_of_full_effort_cruising_and_full_brake(solved: tuple[dict[str, object], Path]) -> None:
+def test_the_least_time_is_that_of_full_effort_cruising_and_full_brake(solved: Solved) -> None:
     """∫m·dv/(F ∓ R) up to the limit and down, by quadrature; the rest at the limit."""
     v = np.linspace(0, LIMIT_MPS, 200_001)
     effort = np.minimum(FORCE_N, POWER_W / np.maximum(v, 1e-9))
@@ -75,8 +77,7 @@ def test_the_least_time_is_that_of_full_effort_cruising_and_full_brake(solved: t
     assert solved[0]["min_time_s"] == pytest.approx(time_s + (LENGTH_M - way_m) / LIMIT_MPS, abs=0.2)
 
 
-@pytest.mark.processes
-def test_the_csv_has_a_row_a_node(rows: dict[str, np.ndarray], solved: tuple[dict[str, object], Path]) -> None:
+def test_the_csv_has_a_row_a_node(rows: dict[str, np.ndarray], solved: Solved) -> None:
     assert list(rows) == ["s_m", "t_s", "v_mps", "force_el_n", "force_friction_n", "grade_ratio", "limit_mps"]
     s, t, v = rows["s_m"], rows["t_s"], rows["v_mps"]
     assert (s[0], t[0], v[0], s[-1], v[-1]) == (0, 0, 0, LENGTH_M, 0)
@@ -89,7 +90,6 @@ def test_the_csv_has_a_row_a_node(rows: dict[str, np.ndarray], solved: tuple[dic
     assert not rows["grade_ratio"].any()
 
 
-@pytest.mark.processes
 def test_the_forces_of_the_csv_reproduce_its_speeds_and_time(rows: dict[str, np.ndarray]) -> None:
     """m·a = F − R(v), integrated over the way with Runge–Kutta of order 4 in w = v², from one end to the other."""
 
@@ -111,37 +111,32 @@ def test_the_forces_of_the_csv_reproduce_its_speeds_and_time(rows: dict[str, np.
     assert time_s == pytest.approx(rows["t_s"][-1], abs=0.3)
 
 
-@pytest.mark.processes
-def test_the_energies_follow_from_the_csv(rows: dict[str, np.ndarray], solved: tuple[dict[str, object], Path]) -> None:
+def test_the_energies_follow_from_the_csv(rows: dict[str, np.ndarray], solved: Solved) -> None:
     step, v = np.diff(rows["s_m"]), rows["v_mps"]
     between = v[:-1, None] + np.diff(v)[:, None] * np.linspace(0, 1, 21)
     interval = np.diff(rows["t_s"])
     running = (np.trapezoid(resistance_n(between) * between, dx=1 / 20, axis=1) * interval).sum() / 3.6e6
     ledger = solved[0]["ledger_kwh"]
-    assert isinstance(ledger, dict)
     assert ledger["resistance"] == pytest.approx(running, rel=2e-3)
     assert ledger["input"] - ledger["component_loss"] == pytest.approx(rows["force_el_n"][:-1] @ step / 3.6e6, rel=1e-6)
 
 
-@pytest.mark.processes
-def test_the_plot_is_a_png(solved: tuple[dict[str, object], Path]) -> None:
-    content = (solved[1] / "run.png").read_bytes()
-    assert content.startswith(b"\x89PNG\r\n\x1a\n")
-    assert len(content) > 10_000
-
-
-def test_solve_for_people_says_what_it_wrote(tmp_path: Path) -> None:
+def test_solve_for_people_says_what_it_wrote_and_how_a_baseline_drives(tmp_path: Path) -> None:
     done = das_precompute(tmp_path, *SOLVE, "--time", "100", "--out", "run.csv")
     assert (done.returncode, done.stderr) == (0, "")
     assert "late" in done.stdout
     assert "written: run.csv" in done.stdout
     assert os.listdir(tmp_path) == ["run.csv"]
+    done = das_precompute(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "four-mode" in done.stdout
+    assert re.search(r"^holds 1[34]\d\.\d km/h$", done.stdout, re.MULTILINE)
+    assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", done.stdout, re.MULTILINE)
 
 
-@pytest.mark.processes
-def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
-    words = ("front", "flat-6km", "re460-ic", "--buffers", "0,2,7,20", "--json")
-    done = in_a_process("precompute.cli", *words, cwd=tmp_path)
+def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
+    words = ("front", *SOLVE[1:], "--buffers", "0,2,7,20", "--json")
+    done = das_precompute(tmp_path, *words)
     assert (done.returncode, done.stderr) == (0, "")
     result = json.loads(done.stdout)
     points = result["points"]
@@ -158,8 +153,7 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: tuple[dict[str, obje
     assert json.loads(done.stdout)["points"][0]["energy_input_kwh"] > points[2]["energy_input_kwh"]
 
 
-@pytest.mark.processes
-def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
+def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: Solved) -> None:
     """Off and a budget of nothing give the run of the table; the refined one is not later and needs less."""
     found = []
     for refine in ("off", "0"):
@@ -170,8 +164,7 @@ def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: tuple[
     assert found[0]["time_s"] >= solved[0]["time_s"]
 
 
-@pytest.mark.processes
-def test_baseline_strategies(tmp_path: Path, solved: tuple[dict[str, object], Path]) -> None:
+def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
     """Same keys, time and files as the optimal run, and each needs more energy than the better one."""
     energies = []
     for strategy in ("four-mode", "rms", "fastest"):
@@ -197,14 +190,6 @@ def test_baseline_strategies(tmp_path: Path, solved: tuple[dict[str, object], Pa
     assert solved[0]["energy_input_kwh"] < energies[0] < energies[1] < energies[2]
 
 
-def test_a_baseline_for_people(tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "four-mode" in done.stdout
-    assert re.search(r"^holds 1[34]\d\.\d km/h$", done.stdout, re.MULTILINE)
-    assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", done.stdout, re.MULTILINE)
-
-
 @pytest.mark.slow
 def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
     done = das_precompute(
@@ -223,133 +208,3 @@ def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
     assert len(rows) == result["front_points"] > 1000
     assert float(rows[0]["time_s"]) == pytest.approx(result["min_time_s"], abs=1e-6)
     assert float(rows[0]["energy_input_j"]) / 3.6e6 == pytest.approx(result["points"][0]["energy_input_kwh"])
-
-
-REFUSED = {
-    "time and buffer": ([*SOLVE, "--time", "220", "--buffer", "7"], "give either --time (s) or --buffer (%)"),
-    "neither": ([*SOLVE], "give either --time (s) or --buffer (%)"),
-    "rms without time": ([*SOLVE, "--strategy", "rms"], "give either --time (s) or --buffer (%)"),
-    "four-mode time 0": (
-        [*SOLVE, "--strategy", "four-mode", "--time", "0"],
-        "time 0.0 s: expected a finite time > 0 s",
-    ),
-    "fastest time nan": ([*SOLVE, "--strategy", "fastest", "--time", "nan"], "time nan s: expected a finite time > 0"),
-    "fastest and both": (
-        [*SOLVE, "--strategy", "fastest", "--time", "220", "--buffer", "7"],
-        "give either --time (s) or --buffer (%)",
-    ),
-    "unknown strategy": ([*SOLVE, "--buffer", "7", "--strategy", "slow"], "is not one of 'optimal', 'fastest', 'rms'"),
-    "missing file": (["solve", "flat-6km", "nix.json", "--buffer", "7"], "nix.json: no such file"),
-    "unknown route": (
-        ["solve", "nix", "re460-ic", "--buffer", "7"],
-        "nix: not a bundled route (flat-6km, zurich-luzern)",
-    ),
-    "unknown stop": ([*SOLVE, "--buffer", "7", "--from", "Zug"], "no stop 'Zug'; it has 1: A, 2: B"),
-    "stop number ²": ([*SOLVE, "--buffer", "7", "--from", "²"], "no stop '²'; it has 1: A, 2: B"),
-    "order of stops": (
-        [*SOLVE, "--buffer", "7", "--from", "B", "--to", "A"],
-        "'A' does not come after 'B' in this dir",
-    ),
-    "time 0": ([*SOLVE, "--time", "0"], "time 0.0 s: expected a finite time > 0 s"),
-    "time nan": ([*SOLVE, "--time", "nan"], "time nan s: expected a finite time > 0 s"),
-    "time negative": ([*SOLVE, "--time", "-5"], "time -5.0 s: expected a finite time > 0 s"),
-    "buffer nan": ([*SOLVE, "--buffer", "nan"], "buffer nan %: expected a number from 0"),
-    "buffer negative": ([*SOLVE, "--buffer", "-1"], "buffer -1.0 %: expected a number from 0"),
-    "buffers text": (["front", "flat-6km", "re460-ic", "--buffers", "0,x"], "--buffers 0,x: expected numbers with"),
-    "power 0": ([*SOLVE, "--buffer", "7", "--max-power-kw", "0"], "--max-power-kw 0.0: expected a number > 0"),
-    "map too small": (
-        [*SOLVE, "--buffer", "7", "--loss-map", "small.csv"],
-        "small.csv: the state 300.0 kN at 0.0 km/h (0 kW at the wheel) is outside the loss map",
-    ),
-    "exact beyond its buffer": (
-        ["front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "3", "--buffers", "1,5"],
-        "--buffers 5: expected at most --max-buffer, 3 %",
-    ),
-    "exact buffer nan": (
-        ["front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "nan"],
-        "buffer nan %: expected a number from 0",
-    ),
-    "buffer without exact": (
-        ["front", "flat-6km", "re460-ic", "--max-buffer", "3"],
-        "--out, --bucket and --max-buffer belong to --exact",
-    ),
-    "exact off the grid": (
-        ["front", "flat-6km", "re460-ic", "--exact", "--boundary-speed-mps", "1"],
-        "a speed of 3.6 km/h at an end of the section, expected a multiple of 0.25 km/h",
-    ),
-    "exact csv in no folder": (
-        ["front", "flat-6km", "re460-ic", "--exact", "--out", "no/front.csv"],
-        "no/front.csv: no such folder no",
-    ),
-    "missing map": ([*SOLVE, "--buffer", "7", "--loss-map", "no.csv"], "no.csv: cannot be read (No such file"),
-    "bound that is no time": (
-        [*SOLVE, "--buffer", "7", "--bound", "-1"],
-        "--bound -1: expected quick, tight, or a number of seconds from 0",
-    ),
-    "refinement that is no time": (
-        [*SOLVE, "--buffer", "7", "--refine", "much"],
-        "--refine much: expected off, on, or a number of seconds from 0",
-    ),
-    "steps too short": (
-        ["front", "flat-6km", "re460-ic", "--step", "2"],
-        "--step 2: expected a step from 5 to 150 m",
-    ),
-    "l3 without map": (
-        ["solve", "flat-6km", "train.json", "--buffer", "7", "--level", "l3"],
-        "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map",
-    ),
-    "csv in no folder": ([*SOLVE, "--buffer", "7", "--out", "no/run.csv"], "no/run.csv: no such folder no"),
-    "csv is a folder": ([*SOLVE, "--buffer", "7", "--out", "folder"], "folder: is a folder, expected a file to write"),
-    "plot in a file": ([*SOLVE, "--buffer", "7", "--plot", "small.csv/a.png"], "small.csv/a.png: no such folder"),
-    "unknown unit": (["solve", "flat-6km", "lb.toml", "--buffer", "7"], "lb.toml: vehicle.mass_lb = 970000.0: expecte"),
-}
-
-
-@pytest.fixture(scope="module")
-def refusals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, subprocess.CompletedProcess[str]]:
-    """Every command of REFUSED run in a folder with a small loss map, a TTOBench train and a vehicle in pounds."""
-    folder = tmp_path_factory.mktemp("refused")
-    (folder / "folder").mkdir()
-    small = [f"{v},{f},1000\n" for v in range(0, 201, 20) for f in range(-100_000, 100_001, 10_000)]
-    (folder / "small.csv").write_text("speed_kmh,force_n,loss_w\n" + "".join(small))
-    bundled = (REPOSITORY / "das" / "domain" / "catalogue" / "vehicles" / "re460-ic.toml").read_text(encoding="utf-8")
-    (folder / "lb.toml").write_text(bundled.replace("mass_t = 440.0", "mass_lb = 970000.0"), encoding="utf-8")
-    values = {
-        "mass": (100, "t"),
-        "max traction power": (2000, "kW"),
-        "max traction force": (100, "kN"),
-        "max reg braking power": (2000, "kW"),
-        "max reg braking force": (100, "kN"),
-        "max speed": (160, "km/h"),
-        "rolling resistance r0": (2, "kN"),
-        "rolling resistance r1": (0, "kN/(km/h)"),
-        "rolling resistance r2": (0.0005, "kN/(km/h)^2"),
-        "efficiency traction": (90, "%"),
-        "efficiency reg brake": (80, "%"),
-    }
-    train = {key: {"unit": unit, "value": value} for key, (value, unit) in values.items()}
-    (folder / "train.json").write_text(json.dumps(train))
-    before = sorted(os.listdir(folder))
-    done = {name: das_precompute(folder, *args) for name, (args, _) in REFUSED.items()}
-    assert sorted(os.listdir(folder)) == before, "a refused command left something behind"
-    return done
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_a_command_that_cannot_be_done_is_refused_in_one_line(
-    refusals: dict[str, subprocess.CompletedProcess[str]], name: str
-) -> None:
-    done, expected = refusals[name], REFUSED[name][1]
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
-    assert "Traceback" not in done.stderr
-    assert expected in done.stderr
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
-
-
-def test_an_option_that_is_no_number_is_a_usage_error(tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, *SOLVE, "--time", "soon")
-    assert done.returncode == 2
-    assert "--time" in done.stderr
-    assert "Traceback" not in done.stderr
