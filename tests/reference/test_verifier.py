@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
 from precompute.cli.report import solution_json
 from tests.support.benchmark import track_path
-from tests.support.making import csv_rows, das_precompute
+from tests.support.making import csv_rows
 from tests.support.raw_data import (
     Effort,
     Floats,
@@ -30,7 +29,6 @@ from tests.support.raw_data import (
     constant_efficiencies,
     curve_resistance,
     read_loss_map,
-    read_rows,
 )
 from tests.support.verifier import Drive, Finding, verify
 
@@ -278,22 +276,6 @@ def test_the_plan_has_something_to_find_errors_in(good: Planned, true: tuple[Lin
     fastest = np.maximum(rows[:-1, 2], rows[1:, 2])
     assert (rows[:-1, 3] > 0.999 * train.traction.limit_n(fastest)).sum() > 20
     assert (rows[:-1, 4] < -1e4).sum() > 3
-
-
-def test_the_commands_files_on_a_route_and_vehicle_of_ours(tmp_path: Path) -> None:
-    """CSV, JSON and loss map as the commands write them; TOML as the verifier reads it."""
-    for args in (
-        ("loss-map", "re460-ic", "--out", "map.csv"),
-        ("solve", "zurich-luzern", "re460-ic", "--from", "Zug", "--to", "Luzern", "--buffer", "7", "--out", "run.csv"),
-    ):
-        done = das_precompute(tmp_path, *args, *(["--json"] if args[0] == "solve" else []))
-        assert done.returncode == 0, done.stderr
-    line, train = Line.read(locate_route("zurich-luzern")), Train.read(locate_vehicle("re460-ic"))
-    rows, loss = read_rows(tmp_path / "run.csv"), read_loss_map(tmp_path / "map.csv")
-    claim = json.loads(done.stdout)
-    assert verify(rows, line, train, loss, ends_m=(29e3, 57e3), claim=claim) == []
-    findings = verify(rows, line, replace(train, mass_kg=0.999 * train.mass_kg), loss, ends_m=(29e3, 57e3), claim=claim)
-    assert_found(findings, "forces do not balance")
 
 
 def test_a_train_that_dissipates_all(tmp_path: Path, true: tuple[Line, Train]) -> None:

@@ -6,24 +6,23 @@ import csv
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from das.domain.files.load import locate_route, locate_vehicle
 from tests.support.making import das_precompute, in_a_process
+from tests.support.raw_data import Line, Train, read_loss_map, read_rows
+from tests.support.verifier import verify
 
 pytestmark = pytest.mark.processes
 SOLVE = ("solve", "flat-6km", "re460-ic")
 MASS_KG, FORCE_N, POWER_W, LIMIT_MPS, LENGTH_M = 440e3, 300e3, 6.1e6, 160 / 3.6, 6000.0
 Solved = tuple[dict[str, Any], Path]
 LEDGER = {"resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort"}
-
-
-def resistance_n(v: np.ndarray | float) -> np.ndarray | float:
-    """Eq. 15 of the paper."""
-    return 8200 + 38.8 * v + 8.6 * v * v
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +33,6 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
     done = in_a_process("precompute.cli", *SOLVE, "--buffer", "7", "--json", *files, cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout), folder
-
-
-@pytest.fixture(scope="module")
-def rows(solved: Solved) -> dict[str, np.ndarray]:
-    with (solved[1] / "run.csv").open() as file:
-        header, *lines = csv.reader(file)
-    table = np.array(lines, dtype=float)
-    return {name: table[:, i] for i, name in enumerate(header)}
 
 
 @pytest.mark.slow
@@ -70,55 +61,32 @@ def test_the_least_time_is_that_of_full_effort_cruising_and_full_brake(solved: S
     """∫m·dv/(F ∓ R) up to the limit and down, by quadrature; the rest at the limit."""
     v = np.linspace(0, LIMIT_MPS, 200_001)
     effort = np.minimum(FORCE_N, POWER_W / np.maximum(v, 1e-9))
+    resistance_n = 8200 + 38.8 * v + 8.6 * v * v  # eq. 15 of the paper
     time_s, way_m = 0.0, 0.0
-    for force in (effort - resistance_n(v), effort + resistance_n(v)):
+    for force in (effort - resistance_n, effort + resistance_n):
         time_s += np.trapezoid(MASS_KG / force, v)
         way_m += np.trapezoid(MASS_KG * v / force, v)
     assert solved[0]["min_time_s"] == pytest.approx(time_s + (LENGTH_M - way_m) / LIMIT_MPS, abs=0.2)
 
 
-def test_the_csv_has_a_row_a_node(rows: dict[str, np.ndarray], solved: Solved) -> None:
-    assert list(rows) == ["s_m", "t_s", "v_mps", "force_el_n", "force_friction_n", "grade_ratio", "limit_mps"]
-    s, t, v = rows["s_m"], rows["t_s"], rows["v_mps"]
-    assert (s[0], t[0], v[0], s[-1], v[-1]) == (0, 0, 0, LENGTH_M, 0)
-    assert t[-1] == pytest.approx(solved[0]["time_s"], abs=1e-6)
-    assert (np.diff(s) > 0).all()
-    assert (np.diff(t) > 0).all()
-    assert (v <= rows["limit_mps"] + 1e-6).all()
-    assert (np.abs(rows["force_el_n"][:-1]) <= np.minimum(FORCE_N, POWER_W / np.maximum(v[1:], 1)) * 1.02).all()
-    assert not rows["force_friction_n"].any()
-    assert not rows["grade_ratio"].any()
-
-
-def test_the_forces_of_the_csv_reproduce_its_speeds_and_time(rows: dict[str, np.ndarray]) -> None:
-    """m·a = F − R(v), integrated over the way with Runge–Kutta of order 4 in w = v², from one end to the other."""
-
-    def slope(w: float, force: float) -> float:
-        return 2 * (force - float(resistance_n(max(w, 0.0) ** 0.5))) / MASS_KG
-
-    w, time_s, energy = [0.0], 0.0, 0.0
-    for force, step in zip(rows["force_el_n"][:-1], np.diff(rows["s_m"]), strict=True):
-        before, h = w[-1], step / 4
-        for _ in range(4):
-            a = slope(w[-1], force)
-            b = slope(w[-1] + h / 2 * a, force)
-            c = slope(w[-1] + h / 2 * b, force)
-            d = slope(w[-1] + h * c, force)
-            w.append(w[-1] + h / 6 * (a + 2 * b + 2 * c + d))
-        time_s += 2 * step / (max(before, 0) ** 0.5 + max(w[-1], 1e-6) ** 0.5)
-        energy += force * step
-    assert np.array(w[::4]) == pytest.approx(rows["v_mps"] ** 2, abs=0.3)
-    assert time_s == pytest.approx(rows["t_s"][-1], abs=0.3)
-
-
-def test_the_energies_follow_from_the_csv(rows: dict[str, np.ndarray], solved: Solved) -> None:
-    step, v = np.diff(rows["s_m"]), rows["v_mps"]
-    between = v[:-1, None] + np.diff(v)[:, None] * np.linspace(0, 1, 21)
-    interval = np.diff(rows["t_s"])
-    running = (np.trapezoid(resistance_n(between) * between, dx=1 / 20, axis=1) * interval).sum() / 3.6e6
-    ledger = solved[0]["ledger_kwh"]
-    assert ledger["resistance"] == pytest.approx(running, rel=2e-3)
-    assert ledger["input"] - ledger["component_loss"] == pytest.approx(rows["force_el_n"][:-1] @ step / 3.6e6, rel=1e-6)
+def test_the_csv_and_what_is_printed_are_one_run_that_the_verifier_finds_nothing_wrong_with(
+    tmp_path: Path, solved: Solved
+) -> None:
+    """Forces, motion, limits and every energy by a program of its own, which reads the files itself."""
+    hilly = ("solve", "zurich-luzern", "re460-ic", "--from", "Zug", "--to", "Luzern", "--buffer", "7", "--json")
+    for words in (("loss-map", "re460-ic", "--out", "map.csv"), (*hilly, "--out", "run.csv")):
+        done = das_precompute(tmp_path, *words)
+        assert (done.returncode, done.stderr) == (0, "")
+    train, loss = Train.read(locate_vehicle("re460-ic")), read_loss_map(tmp_path / "map.csv")
+    runs = (("flat-6km", (0.0, LENGTH_M), *solved), ("zurich-luzern", (29e3, 57e3), json.loads(done.stdout), tmp_path))
+    for route, ends_m, claim, folder in runs:
+        header = (folder / "run.csv").read_text().splitlines()[0]
+        assert header == "s_m,t_s,v_mps,force_el_n,force_friction_n,grade_ratio,limit_mps"
+        rows, line = read_rows(folder / "run.csv"), Line.read(locate_route(route))
+        assert verify(rows, line, train, loss, ends_m=ends_m, claim=claim) == []
+        lighter = replace(train, mass_kg=0.999 * train.mass_kg)
+        found = verify(rows, line, lighter, loss, ends_m=ends_m, claim=claim)
+        assert "forces do not balance" in [one.what for one in found]
 
 
 def test_solve_for_people_says_what_it_wrote_and_how_a_baseline_drives(tmp_path: Path) -> None:
