@@ -1,4 +1,4 @@
-"""Fixtures that tests all over the tree need."""
+"""Fixtures that tests all over the tree need. They import the program only where they are used."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from tests.support.benchmark import shared_data
-from tests.support.flat_days import FLAT
-
 settings.register_profile("untimed", deadline=None)  # a busy machine is not a failure
 settings.load_profile("untimed")
 
@@ -18,12 +15,16 @@ settings.load_profile("untimed")
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of third-party data beside the checkout: needed in CI, skipped with a reason elsewhere."""
+    from tests.support.benchmark import shared_data
+
     return shared_data(module=False)
 
 
 @pytest.fixture(scope="module")
 def flat(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """A function that writes a scenario file of the flat line, with text added at its end or another beginning."""
+    from tests.support.flat_days import FLAT
+
     folder = tmp_path_factory.mktemp("scenarios")
     count = iter(range(1000))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.crossing import crossed
+from tests.support.crossing import crossed, numbered
 from tests.support.mutants import MUTANTS, changed
 
 ROOT = Path(__file__).parents[1]
@@ -57,11 +57,7 @@ def _name(node: ast.expr) -> str:
 
 
 def functions(tree: ast.Module) -> Iterator[tuple[str, Function, bool]]:
-    """Every function with its qualified name, and whether it is public.
-
-    A function is public where neither its name nor a class around it begins with an underscore, and no function is
-    around it.
-    """
+    """Every function with its qualified name, and whether it is public: not private, and in nothing private."""
 
     def walk(node: ast.AST, prefix: str, public: bool) -> Iterator[tuple[str, Function, bool]]:
         for child in ast.iter_child_nodes(node):
@@ -144,49 +140,33 @@ def report(found: list[str]) -> str:
 
 
 def test_modules_are_short() -> None:
-    texts = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in modules()}
-    lengths = {path: len(text.splitlines()) for path, text in texts.items()}
+    lengths = {path.relative_to(ROOT): len(path.read_text(encoding="utf-8").splitlines()) for path in modules()}
     found = [f"{path}: {lines} lines" for path, lines in lengths.items() if lines > LONGEST_MODULE]
     assert not found, report(found)
 
 
-def test_functions_are_short(trees: dict[str, ast.Module]) -> None:
-    found = [
-        f"{path}:{node.lineno} {name}: {length} lines"
-        for path, tree in trees.items()
-        for name, node, _ in functions(tree)
-        if not is_kernel(node) and (length := (node.end_lineno or 0) - node.lineno + 1) > LONGEST_FUNCTION
-    ]
+def test_functions_are_short_and_public_ones_take_few_parameters(trees: dict[str, ast.Module]) -> None:
+    registered, found = registered_commands(trees), []
+    for path, tree in trees.items():
+        for name, node, public in functions(tree):
+            length, names = (node.end_lineno or 0) - node.lineno + 1, parameters(node)
+            if is_kernel(node):
+                continue
+            if length > LONGEST_FUNCTION:
+                found.append(f"{path}:{node.lineno} {name}: {length} lines")
+            if public and not is_command(node, registered) and len(names) > MOST_PARAMETERS:
+                found.append(f"{path}:{node.lineno} {name}: {len(names)} parameters")
     assert not found, report(found)
 
 
-def test_public_functions_take_few_parameters(trees: dict[str, ast.Module]) -> None:
-    registered = registered_commands(trees)
-    found = [
-        f"{path}:{node.lineno} {name}: {len(names)} parameters"
-        for path, tree in trees.items()
-        for name, node, public in functions(tree)
-        if public and not is_kernel(node) and not is_command(node, registered)
-        if len(names := parameters(node)) > MOST_PARAMETERS
-    ]
-    assert not found, report(found)
-
-
-def test_classes_have_few_methods(trees: dict[str, ast.Module]) -> None:
+def test_classes_have_few_methods_and_attributes(trees: dict[str, ast.Module]) -> None:
     found = []
     for path, node in classes(trees):
-        methods = [one.name for one in node.body if isinstance(one, Function)]
-        if len(methods) > MOST_METHODS:
-            found.append(f"{path}:{node.lineno} {node.name}: {len(methods)} methods")
-    assert not found, report(found)
-
-
-def test_classes_have_few_attributes(trees: dict[str, ast.Module]) -> None:
-    found = []
-    for path, node in classes(trees):
-        count = len(class_attributes(node))
-        if count > MOST_ATTRIBUTES and f"{path}:{node.name}" not in MIRRORS:
-            found.append(f"{path}:{node.lineno} {node.name}: {count} attributes")
+        methods, attributes = sum(isinstance(one, Function) for one in node.body), len(class_attributes(node))
+        if methods > MOST_METHODS:
+            found.append(f"{path}:{node.lineno} {node.name}: {methods} methods")
+        if attributes > MOST_ATTRIBUTES and f"{path}:{node.name}" not in MIRRORS:
+            found.append(f"{path}:{node.lineno} {node.name}: {attributes} attributes")
     assert not found, report(found)
 
 
@@ -228,3 +208,11 @@ def test_what_is_crossed_is_whole_and_has_every_pair_of_values_in_the_default_ru
     of_two = [one.values for one in crossed(range(16), range(4)) if not one.marks]
     assert len(of_two) == 16
     assert {one[1] for one in of_two} == set(range(4))
+
+
+def test_numbered_cases_are_all_there_a_third_of_them_in_the_default_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, rest = numbered("DAS_NO_SUCH", 10, first=3)
+    assert (first.values, first.marks, rest.values) == ((range(3, 7),), (), (range(7, 13),))
+    assert [mark.name for mark in rest.marks] == ["more"]
+    monkeypatch.setenv("DAS_NO_SUCH", "5")
+    assert [one.values for one in numbered("DAS_NO_SUCH", 10)] == [(range(5),)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -48,20 +48,16 @@ def coached(service: Service) -> WatchedRun:
 
 
 def test_every_driver_of_the_grid_can_be() -> None:
-    for delay_s in DELAYS_S:
-        for glance_s in GLANCES_S:
-            human = LoopDriver(delay_s, glance_s).human
-            assert (human.reaction_median_s, human.glance_mean_s) == (delay_s, glance_s)
-            assert (human.force_error_ratio, human.lapses_per_h) == (EFFORT_ERROR, 0.0)
+    for delay_s, glance_s in product(DELAYS_S, GLANCES_S):
+        human = LoopDriver(delay_s, glance_s).human
+        assert (human.reaction_median_s, human.glance_mean_s) == (delay_s, glance_s)
+        assert (human.force_error_ratio, human.lapses_per_h) == (EFFORT_ERROR, 0.0)
 
 
-def test_a_run_keeps_what_was_said_in_every_state(coached: WatchedRun) -> None:
+def test_a_run_keeps_what_was_said_and_the_driver_is_measured_against_the_reference(coached: WatchedRun) -> None:
     for state, (advice, _) in zip(coached.run.states, coached.watched, strict=False):
         if state.speed_mps > 5.0:
             assert advice.s_m == pytest.approx(state.s_m, abs=30.0)
-
-
-def test_the_driver_is_measured_against_the_reference(coached: WatchedRun) -> None:
     found = measured([coached])
     pairs = zip(coached.run.states, coached.watched, strict=False)
     errors = np.array([s.speed_mps - w.reference_mps for s, w in pairs if s.speed_mps > 0.5])
@@ -73,12 +69,12 @@ def test_the_driver_is_measured_against_the_reference(coached: WatchedRun) -> No
     assert sum(found.causes.values()) == found.replans == len(coached.replans)
 
 
+@pytest.mark.more
 def test_the_tables_have_a_row_a_driver(service: Service) -> None:
     services = [service]
-    for lines in (
-        list(driver_table(services, [1], DRIVERS[-2:])),
-        list(keeping_table(services, [1], {"a": KEEPING, "b": WITHOUT_DEAD_ZONE})),
-    ):
+    settings = {"a": KEEPING, "b": WITHOUT_DEAD_ZONE}
+    for table in (driver_table(services, [1], DRIVERS[-2:]), keeping_table(services, [1], settings)):
+        lines = list(table)
         assert len(lines) == 4
         assert len({line.count("|") for line in lines}) == 1
 
@@ -94,6 +90,7 @@ def test_the_pictures_show_what_the_driver_saw(service: Service, presentation: P
     assert 0 < changes <= one.run.restlessness.changes + 2
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_a_picture_is_small(tmp_path: Path) -> None:
     path = tmp_path / "day.png"
@@ -108,7 +105,7 @@ def test_import_sim_shows_the_coach() -> None:
     assert 0.0 < found["advice_changes_per_min"] < 6.0
 
 
-def test_a_table_is_put_between_its_marks(tmp_path: Path) -> None:
+def test_a_table_is_put_between_its_marks_and_the_page_of_the_coach_has_a_place_for_each(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("a\n<!-- one: begin -->\nold\n<!-- one: end -->\nb\n<!-- two: begin -->\n<!-- two: end -->\n")
     write_table(page, "one", ["| 1 |", "| \\2 |"])
@@ -117,9 +114,6 @@ def test_a_table_is_put_between_its_marks(tmp_path: Path) -> None:
     )
     with pytest.raises(DasError, match="no marks <!-- three: begin -->"):
         write_table(page, "three", [])
-
-
-def test_the_page_of_the_coach_has_a_place_for_every_table() -> None:
     text = PAGE.read_text(encoding="utf-8")
     for name in ("price", "days", "drivers", "keeping"):
         assert text.count(f"<!-- {name}: begin -->\n|") == text.count(f"|\n<!-- {name}: end -->") == 1

@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +15,12 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import LOSSLESS, EfficiencyLoss, Level
+from das.domain.losses import LOSSLESS, Level
 from das.domain.trajectory import Trajectory, mean_resistance_n
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
 from das.solver.section import build_section
-from docs.studies import (
-    cases,
-    effort,
-    figures_energy,
-    figures_runs,
-    paper,
-    shares,
-    table2,
-)
+from docs.studies import cases, effort, figures_energy, figures_runs, paper, shares, table2
 from docs.studies.cases import (
     ACCELERATION,
     ALL_VARIANTS,
@@ -115,14 +108,29 @@ def driven(
     return as_run(np.array(v2), vehicle)
 
 
-def test_full_effort_cruising_and_coasting_are_not_reduced(vehicle: Vehicle) -> None:
-    def modes(s: float, _v: float) -> float | None:
-        return 1.0 if s < 1500 else None if s < 2500 else 0.0 if s < 3500 else -1.0
+def four(s: float, _v: float) -> float | None:
+    """Full traction, cruising, coasting, full brake."""
+    return 1.0 if s < 1500 else None if s < 2500 else 0.0 if s < 3500 else -1.0
 
-    run = driven(vehicle, modes, 1.0, 4500)
-    found = effort.effort(run, vehicle)
-    assert not found.acceleration.used
-    assert not found.braking.used
+
+def blended(s: float, _v: float) -> float | None:
+    return 1.0 if s < 1500 else 0.5 if s < 1700 else None
+
+
+@pytest.mark.parametrize(
+    ("ratio", "length_m"),
+    [(four, 4500), (blended, 3000), (lambda _s, _v: 0.972, 2000), (lambda _s, _v: 1.0, 2000)],
+    ids=["four modes", "a blended step", "the threshold", "full"],
+)
+def test_effort_is_full_from_the_threshold_on_and_where_it_is_none_or_blended(
+    vehicle: Vehicle, ratio: Callable[[float, float], float | None], length_m: float
+) -> None:
+    found = effort.effort(driven(vehicle, ratio, 1.0, length_m), vehicle)
+    assert (found.acceleration.used, found.braking.used) == (False, False)
+
+
+def test_modes_are_seen_in_their_order(vehicle: Vehicle) -> None:
+    run = driven(vehicle, four, 1.0, 4500)
     seen = effort.driving_modes(run, vehicle)
     order = [effort.EffortMode.FULL, effort.EffortMode.CRUISING, effort.EffortMode.COASTING, effort.EffortMode.FULL]
     assert [int(seen[i]) for i in (50, 200, 300, 400)] == [int(mode) for mode in order]
@@ -150,49 +158,29 @@ def test_reduced_braking_is_found(vehicle: Vehicle) -> None:
     assert not found.acceleration.used
 
 
-@pytest.mark.parametrize("ratio", [0.97, 1.0])
-def test_effort_from_the_threshold_on_is_full(vehicle: Vehicle, ratio: float) -> None:
-    run = driven(vehicle, lambda _s, _v: ratio + 0.002 * (ratio < 1), 1.0, 2000)
-    assert not effort.effort(run, vehicle).acceleration.used
-
-
-def test_a_blended_step_is_not_reduced_effort(vehicle: Vehicle) -> None:
-    def blended(s: float, _v: float) -> float | None:
-        return 1.0 if s < 1500 else 0.5 if s < 1700 else None
-
-    assert not effort.effort(driven(vehicle, blended, 1.0, 3000), vehicle).acceleration.used
-
-
 def test_a_friction_brake_counts_as_brake(vehicle: Vehicle) -> None:
     run = driven(vehicle, lambda _s, _v: -1.0, 40.0, 800)
     friction = replace(run, force_el_n=np.zeros(len(run.force_el_n)), force_friction_n=run.force_el_n)
     assert (effort.driving_modes(friction, vehicle) == effort.EffortMode.FULL).all()
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_four_modes_are_not_called_reduced_and_l3_is(bench: Workbench) -> None:
     vehicle = bench.vehicle(L3)
-    run = baselines.four_modes(bench.section(COMPLETE, L1), bench.time_s(COMPLETE, 7)).trajectory
-    four = effort.effort(run, vehicle)
-    assert (four.acceleration.used, four.braking.used) == (False, False)
-    for variant in (L0_NOREG, L1, L2):
-        for buffer in (2.0, 7.0, 15.0):
-            optimum = bench.run(COMPLETE, variant, buffer)
-            assert optimum is not None
-            found = effort.effort(optimum, vehicle)
-            assert (found.acceleration.used, found.braking.used) == (False, False), (variant.name, buffer)
-    for buffer in (7.0, 15.0):
-        optimum = bench.run(COMPLETE, L3, buffer)
-        assert optimum is not None
-        found = effort.effort(optimum, vehicle)
-        assert (found.acceleration.used, found.braking.used) == (True, True), buffer
+    runs = {"four modes": baselines.four_modes(bench.section(COMPLETE, L1), bench.time_s(COMPLETE, 7)).trajectory}
+    for variant, buffer in (*product((L0_NOREG, L1, L2), (2.0, 7.0, 15.0)), (L3, 7.0), (L3, 15.0)):
+        runs[f"{variant.name} {buffer}"] = bench.run(COMPLETE, variant, buffer)
+    for name, run in runs.items():
+        found = effort.effort(run, vehicle)
+        reduced = name.startswith(L3.name)
+        assert (found.acceleration.used, found.braking.used) == (reduced, reduced), name
 
 
 def test_cheapest_cruising_speed_is_that_of_the_closed_form(bench: Workbench) -> None:
     data = figures_energy.cruising(bench)
     vehicle = bench.vehicle(L2)
     loss = vehicle.loss_model(Level.L2)
-    assert isinstance(loss, EfficiencyLoss)
     # Eq. 14: d/dv [(1/η)(c1 + c2 v + c3 v²) + c0/v] = 0
     c = vehicle.resistance
     roots = np.roots([2 * c.c2_n_per_mps2, c.c1_n_per_mps, 0.0, -loss.idle_w / (1 + loss.traction_ratio)])
@@ -231,11 +219,11 @@ def test_energy_shares_close_and_follow_the_friction(vehicle: Vehicle) -> None:
     assert electric.comfort == pytest.approx(vehicle.comfort_power_w * (2 * run.time_s + shares.DWELL_S))
     assert sum(electric.percent(name) for name in cases.ENERGY_SHARES_PERCENT) == pytest.approx(100)
     ratio = shares.friction_for(trip, 15.1)
-    assert ratio is not None
     assert shares.shares(trip, ratio).percent("friction_brake") == pytest.approx(15.1, abs=1e-6)
     assert shares.friction_for(trip, 99.0) is None
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_largest_buffers(bench: Workbench) -> None:
     """Slow runs are dropped at L2 and L3; L0 and L1 go down to the paper's 20 km/h (sections 4.3, 4.5)."""
@@ -254,17 +242,13 @@ def test_largest_buffers(bench: Workbench) -> None:
 
 def test_forces_beyond_the_axis_are_told_in_words(bench: Workbench) -> None:
     """Fig. 5b ends just below zero, where L0 REG's run brakes harder; L1's does not brake at all."""
-    said = {}
-    for variant in (L0_REG, L1):
-        run = bench.run(ACCELERATION, variant, 7)
-        assert run is not None
-        axes = new_figure(4, 3).subplots()
-        axes.set_ylim(-30, 315)
-        figures_runs.note_forces_off_scale(axes, [run])
-        said[variant] = [text.get_text() for text in axes.texts]
-    run = bench.run(ACCELERATION, L0_REG, 7)
-    assert run is not None
-    assert said == {L0_REG: [f"braking up to\n{-run.force_el_n.min() / 1e3:.0f} kN\n(off the scale)"], L1: []}
+    runs = [bench.run(ACCELERATION, variant, 7) for variant in (L0_REG, L1)]
+    axes = new_figure(4, 3).subplots(1, 2)
+    for one, run in zip(axes, runs, strict=True):
+        one.set_ylim(-30, 315)
+        figures_runs.note_forces_off_scale(one, [run])
+    said = [[text.get_text() for text in one.texts] for one in axes]
+    assert said == [[f"braking up to\n{-runs[0].force_el_n.min() / 1e3:.0f} kN\n(off the scale)"], []]
 
 
 def test_table2_csv_has_every_cell(cells: list[table2.Cell], tmp_path: Path) -> None:
@@ -316,6 +300,7 @@ def test_an_item_end_to_end_and_again_with_the_same_bytes(tmp_path: Path) -> Non
         assert (folder / file).read_bytes() == (tmp_path / "again" / file).read_bytes(), file
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_fig8_has_every_level_from_the_fastest_run_on(
     bench: Workbench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -356,14 +341,17 @@ EQUAL = 5e-4
 """Energies this near (relative) count as equal where only their order is asked for: print ties there as well."""
 
 
-def test_table2_cells_reach_print(cells: list[table2.Cell]) -> None:
-    tolerance = {"l3-gto": 0.04, "l3-igbt": 0.04}
-    off = {
-        f"{c.trajectory} at {c.level}: {100 * c.deviation_ratio:+.1f} %"
-        for c in cells
-        if c.deviation_ratio is not None and abs(c.deviation_ratio) > tolerance.get(c.level, 0.07)
-    }
-    assert not off
+def test_table2_reaches_print_with_its_minima_on_the_diagonal_and_the_savings_of_l3(cells: list[table2.Cell]) -> None:
+    printed = [cell for cell in cells if cell.deviation_ratio is not None]
+    assert [c for c in printed if abs(c.deviation_ratio) > (0.04 if c.level.startswith("l3") else 0.07)] == []
+    for variant in ALL_VARIANTS:
+        column = {c.trajectory: c.ours for c in cells if c.level == variant.name}
+        assert column[variant.name] <= min(column.values()) * (1 + EQUAL), variant.name
+        assert column["fastest"] == max(column.values())
+    gain = table2.gains(cells, L3)
+    assert 0.01 <= gain["saves_against_second_best_ratio"] <= 0.025
+    assert 0.04 <= gain["saves_against_rms_ratio"] <= 0.065
+    assert table2.gains(cells, L3_IGBT)["saves_against_second_best_ratio"] >= 0.01
 
 
 def test_the_scale_of_an_agreement_makes_the_largest_deviation_least() -> None:
@@ -395,7 +383,6 @@ def test_the_balance_fits_every_printed_share() -> None:
     made = shares.shares(trip, found.friction_ratio)
     run_s = sum(run.time_s for run in trip.runs)
     fit = trip.vehicle.loss_model(Level.L2)
-    assert isinstance(fit, EfficiencyLoss)
     parts_j = {
         "component_loss": made.component_loss - fit.idle_w * run_s + assumed.idle_w * assumed.time_s,
         "resistance": found.resistance_ratio * made.resistance,
@@ -407,21 +394,7 @@ def test_the_balance_fits_every_printed_share() -> None:
         assert 100 * parts_j[name] / found.whole_j == pytest.approx(percent, abs=0.01)
 
 
-def test_table2_has_its_minima_on_the_diagonal(cells: list[table2.Cell]) -> None:
-    ours = {(c.trajectory, c.level): c.ours for c in cells}
-    for variant in ALL_VARIANTS:
-        column = {trajectory: value for (trajectory, level), value in ours.items() if level == variant.name}
-        assert column[variant.name] <= min(column.values()) * (1 + EQUAL), variant.name
-        assert column["fastest"] == max(column.values())
-
-
-def test_table2_savings_of_l3(cells: list[table2.Cell]) -> None:
-    gain = table2.gains(cells, L3)
-    assert 0.01 <= gain["saves_against_second_best_ratio"] <= 0.025
-    assert 0.04 <= gain["saves_against_rms_ratio"] <= 0.065
-    assert table2.gains(cells, L3_IGBT)["saves_against_second_best_ratio"] >= 0.01
-
-
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.parametrize("wanted", cases.SAVINGS, ids=lambda s: f"{s.case}-{s.buffer_percent:g}")
 def test_savings_at_the_named_buffers(bench: Workbench, wanted: cases.PrintedSaving) -> None:
@@ -430,15 +403,13 @@ def test_savings_at_the_named_buffers(bench: Workbench, wanted: cases.PrintedSav
     assert found.ours_percent == pytest.approx(wanted.saving_percent, abs=1.0)
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_l0_reg_is_worst_when_braking(bench: Workbench) -> None:
     """Section 4.4: L0 REG has the highest energy at L3."""
     for buffer in (5.0, 15.0):
-        energy_j = {}
-        for variant in (L0_REG, L1, L2, L3):
-            run = bench.run(DECELERATION, variant, buffer)
-            assert run is not None
-            energy_j[variant.name] = bench.energy_j(run, L3)
+        runs = {variant.name: bench.run(DECELERATION, variant, buffer) for variant in (L0_REG, L1, L2, L3)}
+        energy_j = {name: bench.energy_j(run, L3) for name, run in runs.items()}
         assert max(energy_j, key=energy_j.__getitem__) == "l0-reg"
         assert min(energy_j, key=energy_j.__getitem__) == "l3-gto"
 
@@ -448,7 +419,5 @@ def test_igbt_drives_longer_and_more_gently(bench: Workbench, tmp_path: Path) ->
     found = figures_runs.fig10(bench, Output(tmp_path))
     assert found["igbt_longer"] == {"driving": True, "braking": True}
     assert found["igbt_more_gently"] == {"driving": True, "braking": True}
-    durations = found["use"]["fastest"]
-    assert durations["driving"]["duration_s"] + durations["braking"]["duration_s"] == pytest.approx(
-        bench.time_s(COMPLETE, 0), rel=1e-3
-    )
+    lasts_s = sum(found["use"]["fastest"][mode]["duration_s"] for mode in ("driving", "braking"))
+    assert lasts_s == pytest.approx(bench.time_s(COMPLETE, 0), rel=1e-3)

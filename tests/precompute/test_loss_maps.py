@@ -1,4 +1,4 @@
-"""The command loss-map: what it refuses, and a map written to CSV and described again."""
+"""The command loss-map: a map written to CSV and described again."""
 
 from __future__ import annotations
 
@@ -7,29 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from das.domain.files.load import locate_vehicle
 from tests.support.making import das_precompute, in_a_process
-
-
-@pytest.mark.parametrize(
-    ("args", "expected"),
-    [
-        (["loss-map", "nix"], "nix: not a bundled vehicle"),
-        (["loss-map", "no.csv"], "no.csv: cannot be read"),
-        (["loss-map", "re460-ic", "--plot", "no/where.png"], "no/where.png: no such folder"),
-        (["loss-map", "l2.toml"], "l2.toml: no data for level l3"),
-    ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
-)
-def test_nonsense_is_refused_in_one_line(tmp_path: Path, args: list[str], expected: str) -> None:
-    bundled = locate_vehicle("re460-ic").read_text(encoding="utf-8")
-    head = bundled[: bundled.index("[losses]")]
-    (tmp_path / "l2.toml").write_text(head + '[losses]\ndefault = "l2"\n[losses.l2]\nmean_efficiency_ratio = 0.9\n')
-    done = das_precompute(tmp_path, *args)
-    assert done.returncode == 2
-    assert expected in done.stderr
-    assert "Traceback" not in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
 
 
 @pytest.mark.processes

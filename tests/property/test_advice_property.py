@@ -27,12 +27,15 @@ from das.solver.fastest import fastest, least_time_s
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import solve_front
+from tests.support.crossing import numbered
 from tests.support.followed import after_a_second_mps
 from tests.support.one_section import OneSection
 
 Floats = NDArray[np.float64]
 
 STATES = int(os.environ.get("DAS_PROPERTY_STATES", "2000"))
+WORLDS = numbered("DAS_PROPERTY_STATES", STATES)
+"""Numbers of states; every so many are of one world."""
 STATES_OF_A_WORLD = 100
 FOLLOWED_OF_WORLDS = 2
 """In one of so many worlds the advice is followed to the stop."""
@@ -92,8 +95,8 @@ def front_of(section: Section) -> Front:
     return solve_front(section, threads=1, lambda_w=onboard_ladder(section))
 
 
-def worlds() -> Iterator[tuple[int, np.random.Generator, tuple[Restriction, ...]]]:
-    for number in range(math.ceil(STATES / STATES_OF_A_WORLD)):
+def worlds(states: range) -> Iterator[tuple[int, np.random.Generator, tuple[Restriction, ...]]]:
+    for number in range(states.start // STATES_OF_A_WORLD, math.ceil(states.stop / STATES_OF_A_WORLD)):
         random = np.random.default_rng([6, number])
         restrictions = []
         for _ in range(int(random.integers(0, 4))):
@@ -126,6 +129,15 @@ def check(advice: Advice, allowed: Allowed, v_mps: float) -> None:
     assert -1 - 1e-3 <= advice.advised_force_ratio <= 1 + 1e-3
 
 
+def check_horizon(advice: Advice, allowed: Allowed) -> None:
+    """Where a driver is who keeps to the samples, none of them is above limit or brake curve."""
+    assert advice.horizon_speed_mps
+    at_m, before = advice.s_m, advice.advised_speed_mps
+    for after in advice.horizon_speed_mps:
+        at_m, before = at_m + 0.5 * (before + after), after
+        assert after <= allowed.highest(at_m, at_m) + SLACK_MPS
+
+
 def asked(front: Front, source: Source, s_m: float, v_mps: float, arrival_s: float, now_s: float = 0.0) -> OneSection:
     advisor = OneSection(front, source)
     advisor.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))
@@ -142,11 +154,12 @@ def drawn(random: np.random.Generator, section: Section) -> tuple[float, float, 
 
 
 @pytest.mark.slow
-def test_no_advice_is_above_limit_or_brake_curve() -> None:
+@pytest.mark.parametrize("states", WORLDS)
+def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
     """Random states, restrictions and times: advised speeds against limits and a brake curve of this file's own."""
     free = front_of(section_of(()))
     given = 0
-    for _, random, restrictions in worlds():
+    for _, random, restrictions in worlds(states):
         section, allowed = section_of(restrictions), Allowed(restrictions)
         front = front_of(section)
         for _ in range(STATES_OF_A_WORLD):
@@ -163,13 +176,14 @@ def test_no_advice_is_above_limit_or_brake_curve() -> None:
                 meanwhile = advisor.update(ns(0))
                 assert meanwhile.source is Source.FALLBACK
                 check(meanwhile, allowed, v_mps)
-    assert given >= STATES
+    assert given >= len(states)
 
 
-def test_following_the_advice_arrives_and_never_above_what_is_allowed() -> None:
+@pytest.mark.parametrize("states", WORLDS)
+def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: range) -> None:
     """From a random state, told of the restrictions a little later; the front comes 3 s after that."""
     free = front_of(section_of(()))
-    for number, random, restrictions in worlds():
+    for number, random, restrictions in worlds(states):
         if number % FOLLOWED_OF_WORLDS:
             continue
         section, allowed = section_of(restrictions), Allowed(restrictions)
@@ -222,3 +236,29 @@ def test_the_fastest_run_needs_no_front() -> None:
     whole = front_of(section)
     assert fastest(section, 3000.0, 20.0).time_s == whole.fastest(3000.0, 20.0).time_s
     assert least_time_s(section, 3000.0, 20.0) == whole.least_time_s(3000.0, 20.0)
+
+
+@pytest.mark.parametrize("number", [pytest.param(i, marks=pytest.mark.more if i > 6 else ()) for i in range(20)])
+def test_a_train_that_is_too_fast_has_no_horizon_above_a_limit_ahead(number: int) -> None:
+    random = np.random.default_rng([25, number])
+    start_m = float(random.uniform(1500.0, 6000.0))
+    first = Restriction(start_m=start_m, end_m=start_m + 600.0, limit_mps=float(random.uniform(12.0, 25.0)))
+    second = Restriction(start_m=start_m + 150.0, end_m=start_m + 500.0, limit_mps=float(random.uniform(4.0, 10.0)))
+    section = section_of((first, second))
+    allowed, front = Allowed((first, second)), front_of(section)
+    for _ in range(20):
+        s_m = start_m + float(random.uniform(-600.0, 140.0))
+        v_mps = float(np.interp(s_m, section.node_m, section.allowed_mps)) + float(random.uniform(1.0, 12.0))
+        advice = asked(front, Source.SOLVED, s_m, v_mps, 400.0).update(ns(0))
+        assert "too fast" in advice.reason
+        check_horizon(advice, allowed)
+
+
+@pytest.mark.parametrize("beyond_m", [-0.9, -0.3, 0.0, 3.0, 20.0])
+def test_at_the_stop_the_horizon_is_to_stand(beyond_m: float) -> None:
+    section = section_of(())
+    for v_mps in (0.4, 1.0, 3.0, 8.0):
+        advice = asked(front_of(section), Source.SOLVED, END_M + beyond_m, v_mps, 400.0).update(ns(0))
+        assert advice.reason == "stop here"
+        assert max(advice.horizon_speed_mps[1:]) == pytest.approx(0.0, abs=1e-9 if beyond_m >= 0 else 0.1)
+        check_horizon(advice, Allowed(()))

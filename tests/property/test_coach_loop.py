@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -26,9 +25,9 @@ from sim.world.in_process import InProcess
 from sim.world.loop import Run, Tick, World
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service
+from tests.support.crossing import numbered
 
 pytestmark = pytest.mark.slow
-DRIVERS = int(os.environ.get("DAS_PROPERTY_DRIVERS", "6"))
 SECTIONS = (
     ("flat-6km", "A", "B"),
     ("zurich-luzern", "Zürich HB", "Thalwil"),
@@ -135,10 +134,12 @@ def problems(run: Run, replans: int, service: Service) -> list[str]:
     return [f"{name}: {value:.2f} > {most:.2f}" for name, (value, most) in bounds.items() if not value <= most]
 
 
-def test_no_driver_is_made_to_oscillate() -> None:
+@pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_DRIVERS", 9))
+def test_no_driver_is_made_to_oscillate(numbers: range) -> None:
     """Reversals, changes, replans and swings of the speed of every driver, and changes in the mean."""
-    found = [drawn(number) for number in range(DRIVERS)]
-    restless = {(number, *one.section, one.human): one.problems for number, one in enumerate(found) if one.problems}
+    found = [drawn(number) for number in numbers]
+    drivers = zip(numbers, found, strict=True)
+    restless = {(number, *one.section, one.human): one.problems for number, one in drivers if one.problems}
     assert not restless, "\n".join(f"{who}: {what}" for who, what in restless.items())
     assert np.mean([one.run.restlessness.changes_per_min for one in found]) <= MEAN_CHANGES_PER_MIN
 

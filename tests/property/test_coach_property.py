@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import os
 from itertools import pairwise
 
 import numpy as np
@@ -29,9 +28,9 @@ from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.solve import solve_front
+from tests.support.crossing import numbered
 
 pytestmark = pytest.mark.slow
-STATES = int(os.environ.get("DAS_PROPERTY_STATES", "1000"))
 STATES_OF_A_LEG, LEGS_OF_A_WORLD = 25, 5
 T0 = 1_800_000_000_000_000_000
 TRAIN = load_vehicle("re460-ic")
@@ -135,11 +134,12 @@ def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None
     assert advice.mode is not Mode.NONE
 
 
-def test_nothing_that_the_coach_says_is_above_what_is_allowed() -> None:
+@pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_STATES", 1000))
+def test_nothing_that_the_coach_says_is_above_what_is_allowed(numbers: range) -> None:
     """Random states a second apart on every bundled section, with and without restrictions and windows."""
-    given, silent, world = 0, 0, None
-    for number in range(math.ceil(STATES / STATES_OF_A_LEG)):
-        if world is None or number % LEGS_OF_A_WORLD == 0:
+    given, silent, legs = 0, 0, numbers[::STATES_OF_A_LEG]
+    for number, _ in enumerate(legs, numbers.start // STATES_OF_A_LEG):
+        if number % LEGS_OF_A_WORLD == 0 or not given:
             world = World(number // LEGS_OF_A_WORLD)
         leg = world.leg()
         for second in range(STATES_OF_A_LEG):
@@ -152,4 +152,4 @@ def test_nothing_that_the_coach_says_is_above_what_is_allowed() -> None:
                 continue
             check(advice, advice.coach, world, here)
             given += 1
-    assert given >= 0.97 * STATES, silent
+    assert given >= 0.97 * len(numbers), silent

@@ -43,12 +43,20 @@ def service() -> Service:
     return service_for(load_scenario("clear-day"))
 
 
+PRESENTATIONS = [
+    pytest.param(one, marks=() if one in (Presentation.VECTOR, Presentation.COACH) else pytest.mark.more)
+    for one in Presentation
+]
+"""Every presentation; in the default run only the two that show most."""
+OF_MODES = [one for one in PRESENTATIONS if one.values[0] in WITH_MODES]
+
+
 @cache
 def days(presentation: Presentation) -> tuple[WatchedDay, ...]:
     return tuple(watched_day(service(), presentation, seed) for seed in range(SEEDS))
 
 
-@pytest.mark.parametrize("presentation", list(Presentation))
+@pytest.mark.parametrize("presentation", PRESENTATIONS)
 def test_efforts_are_no_bursts(presentation: Presentation) -> None:
     most = OF_FOUR_MODES if presentation is Presentation.FOUR_MODE else BURSTS_PER_MIN
     watched = days(presentation)
@@ -57,7 +65,7 @@ def test_efforts_are_no_bursts(presentation: Presentation) -> None:
     assert bursts_per_min(watched) * moving_min <= math.ceil(most * moving_min) + 1e-9
 
 
-@pytest.mark.parametrize("presentation", WITH_MODES)
+@pytest.mark.parametrize("presentation", OF_MODES)
 def test_nobody_brakes_who_is_told_to_coast_unless_a_limit_or_a_stop_asks_for_it(presentation: Presentation) -> None:
     """A driver answers for limits and stops himself: he brakes for them his own way, whatever is advised."""
     braked = braked_under_coast(days(presentation))
@@ -74,12 +82,12 @@ def test_all_that_is_advised_is_set(presentation: Presentation) -> None:
     assert sum(set_to) / len(set_to) >= 0.99
 
 
-@pytest.mark.parametrize("presentation", WITH_MODES)
+@pytest.mark.parametrize("presentation", OF_MODES)
 def test_nobody_brakes_at_a_stand_who_is_told_to_go(presentation: Presentation) -> None:
     assert braked_at_a_stand_s(days(presentation)) == 0.0
 
 
-@pytest.mark.parametrize("presentation", list(Presentation))
+@pytest.mark.parametrize("presentation", PRESENTATIONS)
 def test_every_stop_is_within_the_bound(presentation: Presentation) -> None:
     """A human means to stand at most 5 m off the mark; further off than 10 m the train would not be at its stop."""
     off_m = [abs(off) for day in days(presentation) for off in day.off_m]
@@ -89,11 +97,12 @@ def test_every_stop_is_within_the_bound(presentation: Presentation) -> None:
 
 def test_looks_follow_each_other() -> None:
     """The measures above count looks: there is one every 0.2 s."""
-    for day in days(Presentation.NONE):
+    for day in days(Presentation.VECTOR):
         spans = [after.time_s - before.time_s for before, after in pairwise(day.looks)]
         assert max(spans) == pytest.approx(LOOK_S, abs=1e-6)
 
 
+@pytest.mark.more
 def test_the_table_has_a_row_for_each_presentation() -> None:
     lines = list(habits_table(days))
     assert [line.split(" | ")[0].strip("| ") for line in lines[2:]] == list(Presentation)

@@ -36,11 +36,11 @@ from precompute.tables.plan import read_plan
 from precompute.tables.writing import make_table, write_table
 from sim.recording.check import check_contents
 from sim.world.scenario import read_scenario
+from tests.support.crossing import numbered
 from tests.support.making import REPOSITORY
 from tests.support.recordings import write_recording
 from tests.support.small_tables import SETTINGS, line, seal_anew, train
 
-MUTATIONS = int(os.environ.get("DAS_MUTATED_FILES", "400"))
 FIRST = int(os.environ.get("DAS_MUTATED_FIRST", "0"))
 LONGEST_S = 10
 MOST_BYTES = 2_000_000_000
@@ -256,7 +256,7 @@ def _peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-def read_mutated(first: int, count: int, folder: Path) -> tuple[Counter[str], list[Wrong]]:
+def read_mutated(numbers: range, folder: Path) -> tuple[Counter[str], list[Wrong]]:
     """Read mutated files with the memory bounded: how many were used and refused, and what must not happen."""
     counts: Counter[str] = Counter()
     wrong: list[Wrong] = []
@@ -265,7 +265,7 @@ def read_mutated(first: int, count: int, folder: Path) -> tuple[Counter[str], li
         with suppress(DasError):  # of a manifest sealed anew
             kind.use(kind.example)
     resource.setrlimit(resource.RLIMIT_DATA, (_peak_bytes() + MOST_BYTES, resource.RLIM_INFINITY))
-    for number in range(first, first + count):
+    for number in numbers:
         kind, chance = kinds[number % len(kinds)], random.Random(number)
         path = folder / f"mutated{kind.example.suffix}"
         path.write_bytes(kind.mutated(kind.example.read_bytes(), chance))
@@ -286,13 +286,14 @@ def read_mutated(first: int, count: int, folder: Path) -> tuple[Counter[str], li
 
 @pytest.mark.slow
 @pytest.mark.processes
-def test_mutated_files_are_refused_in_one_line_or_used(tmp_path: Path) -> None:
+@pytest.mark.parametrize("numbers", numbered("DAS_MUTATED_FILES", 400, FIRST))
+def test_mutated_files_are_refused_in_one_line_or_used(numbers: range, tmp_path: Path) -> None:
     """In a process of its own: the bounds of time and memory are not for what other tests have left in this one."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        counts, wrong = pool.submit(read_mutated, FIRST, MUTATIONS, tmp_path).result()
+        counts, wrong = pool.submit(read_mutated, numbers, tmp_path).result()
     print(dict(counts))
     assert not wrong, "\n".join(map(str, wrong[:20]))
     names = {name.partition(":")[0] for name in counts}
     assert len(names) > 4
     # A recording is nearly always of use: what is damaged is left out.
-    assert MUTATIONS < 100 or all(counts[f"{name}: refused"] for name in names - {"recording"})
+    assert len(numbers) < 100 or all(counts[f"{name}: refused"] for name in names - {"recording"})

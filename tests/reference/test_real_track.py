@@ -27,6 +27,7 @@ from precompute.baselines import strategies as baselines
 from tests.support.making import REPOSITORY, flat, make_route, make_train
 
 G = 9.81
+CATALOGUE = REPOSITORY / "das" / "domain" / "catalogue"
 POINTS = 400
 """A long train as so many equal masses."""
 
@@ -80,11 +81,8 @@ def test_a_long_train_feels_the_gradient_under_each_of_its_masses() -> None:
 
     assert np.abs(reached_mps(run, train, line_n) - run.v_mps).max() < 0.02
     weight = train.mass_kg * G * run.grade_ratio @ np.diff(run.s_m)
-    lifted = (
-        train.mass_kg
-        * G
-        * np.mean(route.altitude_m(sampled(train, 3000.0)) - route.altitude_m(np.maximum(sampled(train, 0.0), 0.0)))
-    )
+    ends_m = [route.altitude_m(np.maximum(sampled(train, head_m), 0.0)) for head_m in (0.0, 3000.0)]
+    lifted = train.mass_kg * G * np.mean(ends_m[1] - ends_m[0])
     assert weight == pytest.approx(lifted, rel=2e-4)
 
 
@@ -127,39 +125,22 @@ def test_a_tunnel_holds_back_the_part_of_the_train_in_it() -> None:
 
 
 CURVES = """
-schema_version = 1
-[route]
-id = "c"
-name = "c"
-length_km = 1.0
-[[stops]]
-name = "A"
-position_km = 0.0
-[[stops]]
-name = "B"
-position_km = 1.0
-[speed_limits]
-columns = ["position_km", "limit_kmh"]
-rows = [[0.0, 80]]
-[gradients]
-columns = ["position_km", "gradient_permille"]
-rows = [[0.0, 0.0]]
 [curves]
 columns = ["position_km", "radius_start_m", "radius_end_m"]
-rows = [[0.0, inf, inf], [0.2, inf, 400], [0.4, 400, 400], [0.6, 400, -1000], [0.8, 250, 250]]
+rows = [[0.0, inf, inf], [0.2, inf, 400], [0.4, 400, 400], [0.6, 400, -1000], [0.8, 250, 250], [1.0, inf, inf]]
 """
 
 
 def test_a_clothoid_is_taken_at_its_mean_curvature(tmp_path: Path) -> None:
     """Curvatures and resistances by hand from the radii; the formula's mean along the clothoid is a second figure."""
     path = tmp_path / "route.toml"
-    path.write_text(CURVES)
+    path.write_text((CATALOGUE / "routes" / "flat-6km.toml").read_text() + CURVES)
     route = read_route(path)
-    kappa = np.array([0.0, 1 / 800, 1 / 400, (1 / 400 - 1 / 1000) / 2, 1 / 250])
+    kappa = np.array([0.0, 1 / 800, 1 / 400, (1 / 400 - 1 / 1000) / 2, 1 / 250, 0.0])
     assert route.curvature_per_m.value == pytest.approx(kappa)
     wide = G * 0.5 * kappa[:4] / (1 - 30 * kappa[:4])
     tight = G * 0.65 * kappa[4] / (1 - 55 * kappa[4])
-    assert curve_resistance_mps2(kappa) == pytest.approx([*wide, tight])
+    assert curve_resistance_mps2(kappa) == pytest.approx([*wide, tight, 0.0])
     # The mean of the formula along the clothoid differs little from the formula at the mean.
     along = np.linspace(0.0, 1 / 400, 1001)
     assert np.mean(curve_resistance_mps2(along)) == pytest.approx(float(wide[1]), rel=0.03)
@@ -181,9 +162,8 @@ def test_adhesion_bounds_the_run_up() -> None:
     while v < 25.0:  # adhesion alone, then power: independent integration in time
         force = min(1e5, 1.5e6 / max(v, 1e-9), 2e4 * G * (0.161 + 7.5 / (3.6 * v + 44)))
         v, t = v + dt * force / 1e5, t + dt
-    assert np.interp(25.0, run.v_mps[: int(run.v_mps.argmax())], run.t_s[: int(run.v_mps.argmax())]) == pytest.approx(
-        t, abs=0.1
-    )
+    top = int(run.v_mps.argmax())
+    assert np.interp(25.0, run.v_mps[:top], run.t_s[:top]) == pytest.approx(t, abs=0.1)
     slow = run.v_mps[1:] < 20.0
     assert (run.force_el_n[slow] <= train.traction_effort_n(run.v_mps[:-1][slow]) * (1 + 1e-9)).all()
 
@@ -432,18 +412,16 @@ c0_kn = 9.0
 
 def test_supply_adhesion_and_loads_are_read_from_files(tmp_path: Path) -> None:
     """What the file says in km, t and kN arrives in SI; a misspelt table and a negative mass are refused."""
-    folder = REPOSITORY / "das" / "domain" / "catalogue"
     path = tmp_path / "route.toml"
-    path.write_text((folder / "routes" / "flat-6km.toml").read_text() + ZONES)
+    path.write_text((CATALOGUE / "routes" / "flat-6km.toml").read_text() + ZONES)
     route = read_route(path)
     assert route.supply().at([500.0, 1050.0, 2500.0, 3200.0]).tolist() == [1.0, NEUTRAL, 0.6, NO_REGENERATION]
     path.write_text(path.read_text().replace("neutral_sections", "neutral_section"))
     with pytest.raises(InputError, match="neutral_section"):
         read_route(path)
     path = tmp_path / "train.toml"
-    text = (
-        (folder / "vehicles" / "re460-ic.toml").read_text().replace("[vehicle]", "[vehicle]\nauxiliary_power_kw = 12")
-    )
+    text = (CATALOGUE / "vehicles" / "re460-ic.toml").read_text()
+    text = text.replace("[vehicle]", "[vehicle]\nauxiliary_power_kw = 12")
     path.write_text(text + TRAIN)
     train = read_vehicle(path)
     assert (train.adhesive_mass_kg, train.auxiliary_power_w) == (84e3, 12e3)

@@ -16,22 +16,10 @@ SHARED = REPOSITORY.parent / "shared" / "data"
 """Third-party data beside the checkout; a user's clone has none (the fixture `shared` skips or fails then)."""
 
 TRACKS = [
-    "00_reference",
-    "00_reference_with_tunnels",
-    "00_var_gradient_minus_10",
-    "00_var_gradient_minus_5",
-    "00_var_gradient_minusplus_6",
-    "00_var_gradient_plus_10",
-    "00_var_gradient_plus_5",
-    "00_var_speed_limit_100",
-    "00_var_speed_limit_110",
-    "00_var_speed_limit_120",
-    "00_var_speed_limit_wind",
-    "CH_Fribourg_Bern",
-    "CH_StGallen_Wil",
-    "CH_Stadelhofen_Altstetten",
-    "CN_Songjiazhuang_Yizhuang",
-    "SE_Vasteras_Kolback",
+    *("00_reference", "00_reference_with_tunnels", "00_var_gradient_minus_10", "00_var_gradient_minus_5"),
+    *("00_var_gradient_minusplus_6", "00_var_gradient_plus_10", "00_var_gradient_plus_5", "00_var_speed_limit_100"),
+    *("00_var_speed_limit_110", "00_var_speed_limit_120", "00_var_speed_limit_wind", "CH_Fribourg_Bern"),
+    *("CH_StGallen_Wil", "CH_Stadelhofen_Altstetten", "CN_Songjiazhuang_Yizhuang", "SE_Vasteras_Kolback"),
 ]
 TRAINS = ["CH_Stadler_FLIRT_TPF", "CN_Beijing_Subway", "NL_Intercity_VIRM6", "CH_Stadler_KISS_SBB"]
 JOURNEY = "CH_StGallen_Wil_Journey_01"

@@ -1,7 +1,8 @@
-"""Combinations of several lists of values: few of them in the default run, the rest behind the marker `more`."""
+"""Combinations of values and random cases: few of them in the default run, the rest behind the marker `more`."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from itertools import product
 from typing import Any
@@ -29,6 +30,18 @@ def crossed(*lists: Sequence[Any]) -> list[Any]:
         )
         for combination in combinations
     ]
+
+
+def numbered(variable: str, usual: int, first: int = 0) -> list[Any]:
+    """Numbers of random cases, as the parameter of a test: a third in the default run, the rest marked `more`.
+
+    Where the environment variable says how many there are, all of them are in one.
+    """
+    if variable in os.environ:
+        return [pytest.param(range(first, first + int(os.environ[variable])), id="all")]
+    middle = first + -(-usual // 3)
+    rest = pytest.param(range(middle, first + usual), id="rest", marks=pytest.mark.more)
+    return [pytest.param(range(first, middle), id="first"), rest]
 
 
 def _parts(combination: tuple[int, ...]) -> set[tuple[tuple[int, int], ...]]:

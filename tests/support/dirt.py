@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -117,16 +118,15 @@ def duplicates(p: Points) -> Points:
     return [x for i, q in enumerate(p) for x in ([q, replace(q, s_m=q.s_m + 3)] if i in (40, 41, 200, 300) else [q])]
 
 
-def repeated_block(p: Points) -> Points:
-    return p[:150] + p[130:150] + p[150:]
-
-
-def times_back(p: Points) -> Points:
-    return changed(p, (60, 61, 240), t=lambda q: q.t - 5.5)
-
-
-def clock_ahead(p: Points) -> Points:
-    return changed(p, (100,), t=lambda q: q.t + 3600.5)
+times_back = partial(changed, at=(60, 61, 240), t=lambda q: q.t - 5.5)
+clock_ahead = partial(changed, at=(100,), t=lambda q: q.t + 3600.5)
+block_jump = partial(changed, at=range(200, 230), s_m=lambda q: q.s_m - 1500, east_m=60.0)
+null_island = partial(changed, at=(90, 91), s_m=-np.radians(59.5) * EARTH_RADIUS_M, east_m=-1e6)
+no_position = partial(changed, at=(33, 34, 210), s_m=np.nan)
+spikes = partial(changed, at=(45, 46, 230, 315), v=355 / 3.6)
+spike_while_standing = partial(changed, at=(4, 343), v=355 / 3.6)
+dropouts = partial(changed, at=(55, 56, 57, 190), v=0.0)
+no_speeds = partial(changed, at=(80, 81, 260), v=None)
 
 
 def jumps_along(p: Points) -> Points:
@@ -138,44 +138,12 @@ def jumps_aside(p: Points) -> Points:
     return changed(changed(p, (70, 71), east_m=900.0), (250,), east_m=-4000.0, s_m=-9000.0)
 
 
-def block_jump(p: Points) -> Points:
-    return changed(p, range(200, 230), s_m=lambda q: q.s_m - 1500, east_m=60.0)
-
-
-def null_island(p: Points) -> Points:
-    return changed(p, (90, 91), s_m=-np.radians(59.5) * EARTH_RADIUS_M, east_m=-1e6)
-
-
 def frozen(p: Points) -> Points:
     return changed(p, range(151, 159), s_m=p[150].s_m)
 
 
-def no_position(p: Points) -> Points:
-    return changed(p, (33, 34, 210), s_m=np.nan)
-
-
-def spikes(p: Points) -> Points:
-    return changed(p, (45, 46, 230, 315), v=355 / 3.6)
-
-
-def spike_while_standing(p: Points) -> Points:
-    return changed(p, (4, 343), v=355 / 3.6)
-
-
-def dropouts(p: Points) -> Points:
-    return changed(p, (55, 56, 57, 190), v=0.0)
-
-
-def no_speeds(p: Points) -> Points:
-    return changed(p, (80, 81, 260), v=None)
-
-
 def gap(p: Points) -> Points:
     return p[:170] + p[183:]  # 14 s
-
-
-def gap_while_accelerating(p: Points) -> Points:
-    return p[:30] + p[43:]
 
 
 def newest_first(p: Points) -> Points:
@@ -193,7 +161,7 @@ def early_start(p: Points) -> Points:
 DEFECTS: dict[str, tuple[Callable[[Points], Points], dict[FindingKind, int]]] = {
     "nothing": (lambda p: p, {}),
     "duplicates": (duplicates, {FindingKind.DUPLICATE_TIME: 4}),
-    "repeated block": (repeated_block, {FindingKind.DUPLICATE_TIME: 20}),
+    "repeated block": (lambda p: p[:150] + p[130:150] + p[150:], {FindingKind.DUPLICATE_TIME: 20}),
     "times back": (times_back, {FindingKind.TIME_BACK: 3}),
     "clock ahead": (clock_ahead, {FindingKind.TIME_BACK: 1}),
     "jumps along": (jumps_along, {FindingKind.POSITION_JUMP: 6}),
@@ -207,7 +175,7 @@ DEFECTS: dict[str, tuple[Callable[[Points], Points], dict[FindingKind, int]]] = 
     "dropouts": (dropouts, {FindingKind.SPEED_DROPOUT: 4}),
     "no speeds": (no_speeds, {FindingKind.SPEED_MISSING: 3}),
     "gap": (gap, {FindingKind.GAP: 1}),
-    "gap while accelerating": (gap_while_accelerating, {FindingKind.GAP: 1}),
+    "gap while accelerating": (lambda p: p[:30] + p[43:], {FindingKind.GAP: 1}),
     "newest first": (newest_first, {FindingKind.NEWEST_FIRST: 1}),
     "late end": (late_end, {FindingKind.LONG_STAND_AT_END: 280}),
     "early start": (early_start, {FindingKind.LONG_STAND_AT_START: 180}),
@@ -215,17 +183,8 @@ DEFECTS: dict[str, tuple[Callable[[Points], Points], dict[FindingKind, int]]] = 
 
 
 TOGETHER = (
-    jumps_along,
-    jumps_aside,
-    no_position,
-    spikes,
-    dropouts,
-    no_speeds,
-    times_back,
-    duplicates,
-    gap,
-    early_start,
-    late_end,
+    *(jumps_along, jumps_aside, no_position, spikes, dropouts, no_speeds, times_back, duplicates, gap),
+    *(early_start, late_end),
 )
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from das.domain.route import Floats, Route, Stop, Stretches
+from das.domain.route import Floats, Route
 from sim.trips.findings import FindingKind
 from sim.trips.line import EARTH_RADIUS_M, Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.record import Record
+from tests.support.making import make_route
 
 ORIGIN = (59.5, 16.2)
 START_NS = 1_469_780_350_000_000_000
@@ -46,17 +48,9 @@ def route(length_m: float = 8000.0, *, geometry: bool = False) -> Route:
     """A flat route; with geometry along the meridian, position 0 at the origin."""
     position = np.arange(0, length_m + 1, 500.0) if geometry else np.array([])
     latitude, longitude = north(position)
-    constant = Stretches(start_m=np.array([0.0]), value=np.array([0.0]))
-    return Route(
-        id="test",
-        name="test",
+    return replace(
+        make_route(length_m, [(0.0, 40.0)]),
         source="test.toml",
-        illustrative=True,
-        length_m=length_m,
-        stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=length_m)),
-        limits_mps=Stretches(start_m=np.array([0.0]), value=np.array([40.0])),
-        gradients_ratio=constant,
-        curvature_per_m=constant,
         geometry_position_m=position,
         geometry_latitude_deg=latitude,
         geometry_longitude_deg=longitude,

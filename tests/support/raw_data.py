@@ -159,39 +159,8 @@ class Train:
 
     @classmethod
     def read(cls, path: Path) -> Train:
-        """A TTOBench train (JSON) or a vehicle of this project (TOML)."""
+        """A vehicle of this project (TOML)."""
         data = _load(path)
-        return cls.of(data) if path.suffix == ".json" else cls._of_toml(data)
-
-    @classmethod
-    def of(cls, data: Mapping[str, Any]) -> Train:
-        """A TTOBench train from what its JSON holds."""
-
-        def value(key: str, default: float = 0.0) -> float:
-            return float(data[key]["value"] * _UNITS[data[key]["unit"]]) if key in data else default
-
-        friction_n = value("max pn braking force")
-        tunnel = _rows(data["tunnel resistance"]) if "tunnel resistance" in data else []
-        return cls(
-            mass_kg=value("mass"),
-            rotating_kg=value("mass") * value("rho"),
-            length_m=value("length"),
-            max_speed_mps=value("max speed"),
-            max_acceleration_mps2=value("max acceleration", np.inf),
-            max_deceleration_mps2=value("max deceleration", np.inf),
-            r0_n=value("rolling resistance r0"),
-            r1_n_per_mps=value("rolling resistance r1"),
-            r2_n_per_mps2=value("rolling resistance r2"),
-            traction=Effort(value("max traction force"), value("max traction power")),
-            electric=Effort(value("max reg braking force"), value("max reg braking power")),
-            friction_n=friction_n,
-            brakes="blended" if friction_n else "electric",
-            tunnel_rows=tuple(sorted((area, coefficient) for area, coefficient in tunnel)),
-            efficiencies=(value("efficiency traction"), value("efficiency reg brake")),
-        )
-
-    @classmethod
-    def _of_toml(cls, data: Mapping[str, Any]) -> Train:
         main, resistance = data["vehicle"], data["resistance"]
         friction_n = _named(data["friction_brake"], "max_force") if "friction_brake" in data else 0.0
         has_electric = "electric_brake" in data

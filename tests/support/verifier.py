@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.support.raw_data import Floats, G, Line, Loss, Steps, Train
+from tests.support.raw_data import Floats, G, Line, Loss, Train
 
 SUBSTEPS = 8
 """Runge–Kutta steps in each interval."""
@@ -56,43 +56,17 @@ class Finding:
         return f"{self.what}: by {self.excess:.6g} at {self.at_m:.2f} m ({self.count} places)"
 
 
-@dataclass(frozen=True, eq=False)
 class Drive:
     """A trajectory on a line with a train: n rows, n − 1 intervals; further axes come before that of the intervals."""
 
-    rows: Floats
-    line: Line
-    train: Train
-    loss: Loss
-
-    @cached_property
-    def s(self) -> Floats:
-        return self.rows[:, 0]
-
-    @cached_property
-    def v(self) -> Floats:
-        return self.rows[:, 2]
-
-    @cached_property
-    def step_m(self) -> Floats:
-        return np.diff(self.s)
-
-    @cached_property
-    def step_s(self) -> Floats:
-        return np.diff(self.rows[:, 1])
-
-    @cached_property
-    def electric_n(self) -> Floats:
-        return self.rows[:-1, 3]
-
-    @cached_property
-    def friction_n(self) -> Floats:
-        return self.rows[:-1, 4]
-
-    @cached_property
-    def faster(self) -> Floats:
+    def __init__(self, rows: Floats, line: Line, train: Train, loss: Loss) -> None:
+        self.rows, self.line, self.train, self.loss = rows, line, train, loss
+        self.s, self.v = rows[:, 0], rows[:, 2]
+        self.step_m, self.step_s = np.diff(self.s), np.diff(rows[:, 1])
+        self.electric_n, self.friction_n = rows[:-1, 3], rows[:-1, 4]
+        self.faster = np.maximum(self.v[:-1], self.v[1:])
         """The higher stated speed of each interval."""
-        return np.maximum(self.v[:-1], self.v[1:])
+        self.tunnels = train.tunnel_profile(line)
 
     def motors_n(self, v: Floats) -> tuple[Floats, Floats]:
         """Largest traction and electric brake at speeds v (…, intervals), as the power supply lets them."""
@@ -119,10 +93,6 @@ class Drive:
         pulling = total >= traction * (1 - ROUNDING) - ROUNDING_N
         acceleration = np.where(braking, np.inf, self.train.max_acceleration_mps2)
         return acceleration, np.where(pulling, np.inf, self.train.max_deceleration_mps2)
-
-    @cached_property
-    def tunnels(self) -> Steps:
-        return self.train.tunnel_profile(self.line)
 
     def _inside(self, s: Floats) -> Floats:
         """Places kept off the ends of their intervals, where a profile under a point mass jumps."""

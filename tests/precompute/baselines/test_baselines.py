@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
-from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -15,7 +12,7 @@ import pytest
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossModel
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
@@ -31,11 +28,13 @@ from precompute.baselines.strategies import (
 )
 from precompute.cli.report import solution_json
 from tests.support.benchmark import track_path, train_path
-from tests.support.making import csv_rows, make_route
+from tests.support.crossing import crossed
+from tests.support.making import csv_rows, make_route, make_train
 from tests.support.raw_data import Line, Train
 from tests.support.verifier import verify
 
 MASS_KG, FORCE_N = 1e5, 1e5
+TIMED = (Strategy.FASTEST, Strategy.RMS, Strategy.FOUR_MODE)
 SOLVER_RATIO = 2e-3
 """How far above the true optimum the optimal solver may be: docs/explanation/solver.md says to 0.3 %; here it is
 nearer."""
@@ -44,22 +43,9 @@ nearer."""
 def train(
     c0_n: float = 0.0, c2: float = 0.0, *, loss: LossModel = LOSSLESS, power_w: float = 1e12, friction_n: float = 0.0
 ) -> Vehicle:
-    effort = EffortEnvelope(max_force_n=FORCE_N, max_power_w=power_w)
-    return Vehicle(
-        id="test",
-        name="test",
-        source="test",
-        mass_kg=MASS_KG,
-        rotating_mass_ratio=0.0,
-        train_length_m=0.0,
-        max_speed_mps=60.0,
-        resistance=Resistance(c0_n=c0_n, c1_n_per_mps=0.0, c2_n_per_mps2=c2),
-        traction=effort,
-        electric_brake=effort,
-        friction_brake_force_n=friction_n,
-        brake_policy=BrakePolicy.BLENDED if friction_n else BrakePolicy.ELECTRIC,
-        losses=MappingProxyType({Level.OWN: loss}),
-    )
+    policy = BrakePolicy.BLENDED if friction_n else BrakePolicy.ELECTRIC
+    made = make_train(resistance=(c0_n, 0.0, c2), power_w=power_w, loss=loss)
+    return replace(made, friction_brake_force_n=friction_n, brake_policy=policy)
 
 
 @pytest.fixture(scope="module")
@@ -73,15 +59,6 @@ def hilly() -> Section:
         train(1500.0, 4.0, loss=loss, power_w=8e5, friction_n=5e4),
         level=Level.OWN,
     )
-
-
-FourModes = Callable[[float], Baseline]
-
-
-@pytest.fixture(scope="module")
-def on_hills(hilly: Section) -> FourModes:
-    """The four-mode run of the hilly section with a buffer; each is searched for once."""
-    return cache(lambda buffer_ratio: four_modes(hilly, fastest(hilly).time_s * (1 + buffer_ratio)))
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +96,15 @@ def assert_on_time(run: Baseline, time_s: float) -> None:
     assert run.time_s == pytest.approx(time_s, abs=0.0201)
 
 
+def both(section: Section, time_s: float) -> tuple[Baseline, Baseline]:
+    """The four-mode and the RMS run of a time, both on time and possible."""
+    runs = four_modes(section, time_s), reduced_maximum_speed(section, time_s)
+    for run in runs:
+        assert_on_time(run, time_s)
+        assert_possible(run, section)
+    return runs
+
+
 # --- closed forms -----------------------------------------------------------------------------------------------
 
 
@@ -137,7 +123,6 @@ def test_rms_holds_its_speed_against_a_slope_and_the_air() -> None:
     run = reduced_maximum_speed(build_section(route, train(2_000.0, 5.0)), 800.0)
     assert_on_time(run, 800.0)
     v = run.cruise_speed_mps
-    assert v is not None
     for place, grade in ((5_000.0, 0.005), (15_000.0, -0.010)):
         i = int(np.searchsorted(run.trajectory.s_m, place))
         assert run.trajectory.v_mps[i] == pytest.approx(v, rel=1e-12)
@@ -254,10 +239,7 @@ def test_four_modes_are_the_optimum_of_constant_efficiency() -> None:
     front = solve_front(section)
     time_s = 1.07 * front.fastest().time_s
     optimal_j = front.trajectory(time_s).ledger.input
-    run, rms = four_modes(section, time_s), reduced_maximum_speed(section, time_s)
-    for each in (run, rms):
-        assert_on_time(each, time_s)
-        assert_possible(each, section)
+    run, rms = both(section, time_s)
     assert run.ledger.input == pytest.approx(optimal_j, rel=1e-3)
     assert rms.ledger.input > 1.02 * optimal_j
     assert len(run.coasting_m) == 1
@@ -271,16 +253,12 @@ def test_four_modes_are_the_optimum_of_constant_efficiency() -> None:
     assert np.count_nonzero(~np.logical_or.reduce([*modes, held])) <= 3
 
 
-@pytest.mark.parametrize("buffer_ratio", [0.03, 0.1, 0.3])
-def test_a_hilly_section(hilly: Section, hilly_front: Front, on_hills: FourModes, buffer_ratio: float) -> None:
+@pytest.mark.parametrize("buffer_ratio", [0.03, pytest.param(0.1, marks=pytest.mark.more), 0.3])
+def test_a_hilly_section(hilly: Section, hilly_front: Front, buffer_ratio: float) -> None:
     time_s = fastest(hilly).time_s * (1 + buffer_ratio)
     optimal_j = hilly_front.trajectory(time_s).ledger.input
-    run, rms = on_hills(buffer_ratio), reduced_maximum_speed(hilly, time_s)
-    for each in (run, rms):
-        assert_on_time(each, time_s)
-        assert_possible(each, hilly)
-    scale = abs(optimal_j)
-    assert optimal_j - SOLVER_RATIO * scale < run.ledger.input <= rms.ledger.input
+    run, rms = both(hilly, time_s)
+    assert optimal_j - SOLVER_RATIO * abs(optimal_j) < run.ledger.input <= rms.ledger.input
     assert rms.trajectory.v_mps.max() <= rms.cruise_speed_mps + 1e-9
 
 
@@ -295,39 +273,26 @@ def test_the_hilly_section_has_what_makes_it_hard(hilly: Section) -> None:
     assert np.ptp(way.v_mps[:-1][descent]) < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("level", "reverse"),
-    [*((level, False) for level in list(Level)[:5]), (Level.L0_NOREG, True), (Level.L3, True)],
-)
+@pytest.mark.parametrize(("level", "reverse"), crossed(list(Level)[:5], (False, True)))
 def test_the_bundled_route_at_every_level(level: Level, reverse: bool) -> None:
     route = load_route("zurich-luzern")
     section = build_section(route.reversed() if reverse else route, load_vehicle("re460-ic"), level=level)
     time_s = fastest(section).time_s * 1.07
-    run, rms = four_modes(section, time_s), reduced_maximum_speed(section, time_s)
-    for each in (run, rms):
-        assert_on_time(each, time_s)
-        assert_possible(each, section)
-    assert run.ledger.input <= rms.ledger.input
+    run, rms = both(section, time_s)
     optimal_j = solve_front(section).trajectory(time_s).ledger.input
     assert optimal_j * (1 - SOLVER_RATIO) < run.ledger.input < 1.03 * optimal_j
+    assert run.ledger.input <= rms.ledger.input
 
 
 @pytest.mark.parametrize(("start_mps", "end_mps"), [(0.0, 160 / 3.6), (160 / 3.6, 0.0), (10.0, 20.0)])
 def test_sections_that_begin_or_end_at_speed(start_mps: float, end_mps: float) -> None:
-    section = build_section(
-        load_route("flat-6km"),
-        load_vehicle("re460-ic"),
-        level=Level.L2,
-        end_m=4_000.0,
-        options=SectionOptions(start_speed_mps=start_mps, end_speed_mps=end_mps),
-    )
-    time_s = fastest(section).time_s * 1.1
-    run, rms = four_modes(section, time_s), reduced_maximum_speed(section, time_s)
-    for each in (fastest(section), run, rms):
-        assert_possible(each, section)
-    assert_on_time(run, time_s)
-    assert_on_time(rms, time_s)
-    optimal = solve_front(section).trajectory(time_s)
+    options = SectionOptions(start_speed_mps=start_mps, end_speed_mps=end_mps)
+    route, vehicle = load_route("flat-6km"), load_vehicle("re460-ic")
+    section = build_section(route, vehicle, level=Level.L2, end_m=4_000.0, options=options)
+    quickest = fastest(section)
+    assert_possible(quickest, section)
+    run, rms = both(section, quickest.time_s * 1.1)
+    optimal = solve_front(section).trajectory(quickest.time_s * 1.1)
     scale = max(abs(optimal.ledger.input), optimal.ledger.irreversible)
     assert optimal.ledger.input - SOLVER_RATIO * scale < run.ledger.input <= rms.ledger.input
 
@@ -336,13 +301,10 @@ def test_a_hill_that_needs_momentum() -> None:
     """120 ‰ at 100 kN and 100 t: 20 kN short over 300 m, so m·v²/2 must be 6 MJ + resistance: at least 10.9 m/s."""
     route = make_route(6_000.0, [(0.0, 30.0)], [(0.0, 0.0), (4_200.0, 0.12), (4_500.0, 0.0)])
     section = build_section(route, train(2_000.0, 10.0, loss=EfficiencyLoss.from_efficiencies(0.9, 0.9)))
-    for run in (reduced_maximum_speed(section, 900.0), four_modes(section, 900.0)):
-        assert_on_time(run, 900.0)
-        assert_possible(run, section)
-        assert run.cruise_speed_mps is not None
-        foot = int(np.searchsorted(run.trajectory.s_m, 4_200.0))
-        assert run.trajectory.v_mps[foot] > 10.9
-    assert run.ledger.input <= reduced_maximum_speed(section, 900.0).ledger.input
+    run, rms = both(section, 900.0)
+    for each in (run, rms):
+        assert each.trajectory.v_mps[int(np.searchsorted(each.trajectory.s_m, 4_200.0))] > 10.9
+    assert run.ledger.input <= rms.ledger.input
 
 
 TRACKS = {"CH_Fribourg_Bern": "CH_Stadler_FLIRT_TPF", "SE_Vasteras_Kolback": "NL_Intercity_VIRM6"}
@@ -350,6 +312,7 @@ TRACKS = {"CH_Fribourg_Bern": "CH_Stadler_FLIRT_TPF", "SE_Vasteras_Kolback": "NL
 
 @pytest.mark.slow
 @pytest.mark.reference
+@pytest.mark.more
 @pytest.mark.parametrize("track", TRACKS)
 def test_public_tracks(track: str) -> None:
     """Limits, gradients and both brakes of real lines; the forces once more by the independent integrator."""
@@ -365,10 +328,8 @@ def test_public_tracks(track: str) -> None:
     for buffer_ratio in (0.05, 0.2):
         time_s = front.fastest().time_s * (1 + buffer_ratio)
         optimal_j = front.trajectory(time_s).ledger.input
-        runs = [four_modes(section, time_s), reduced_maximum_speed(section, time_s)]
+        runs = both(section, time_s)
         for run in runs:
-            assert_on_time(run, time_s)
-            assert_possible(run, section)
             rows, claim = csv_rows(run.trajectory), solution_json(run, run.least_time_s, 0.0)
             findings = verify(
                 rows, line, train, train.own_loss(), ends_m=ends_m, end_speeds_mps=(1.0, 1.0), claim=claim
@@ -377,16 +338,10 @@ def test_public_tracks(track: str) -> None:
         assert optimal_j * (1 - SOLVER_RATIO) < runs[0].ledger.input < runs[1].ledger.input
 
 
-def test_braking_is_left_to_the_motors_where_there_is_time(hilly: Section, on_hills: FourModes) -> None:
-    """Friction wastes what the motors would give back: with time in hand it only helps where they cannot hold."""
-    assert not (on_hills(0.1).trajectory.force_friction_n < -1.0).any()
-    assert (fastest(hilly).trajectory.force_friction_n < -1e4).any()
-
-
 # --- times ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("strategy", [Strategy.FASTEST, Strategy.RMS, Strategy.FOUR_MODE])
+@pytest.mark.parametrize("strategy", TIMED)
 def test_a_time_below_the_least_gives_the_fastest_run(hilly: Section, strategy: Strategy) -> None:
     run = baseline(strategy, hilly, 10.0)
     assert (run.fit, run.strategy, run.requested_s) == (Fit.LATE, strategy, 10.0)
@@ -394,40 +349,34 @@ def test_a_time_below_the_least_gives_the_fastest_run(hilly: Section, strategy: 
 
 
 def test_four_modes_do_not_waste_energy_on_being_late(hilly: Section) -> None:
-    """With an idle loss there is a slowest sensible run; RMS keeps the time whatever it costs."""
+    """With an idle loss there is a slowest sensible run; RMS keeps the time whatever it costs, down to 1 m/s."""
     run, rms = four_modes(hilly, 5_000.0), reduced_maximum_speed(hilly, 5_000.0)
     assert run.fit is Fit.EARLY
     assert_possible(run, hilly)
     assert_on_time(rms, 5_000.0)
     assert run.ledger.input < rms.ledger.input
+    slowest = reduced_maximum_speed(hilly, 1e6)
+    assert (slowest.fit, slowest.cruise_speed_mps) == (Fit.EARLY, 1.0)
 
 
-def test_rms_has_a_lowest_speed(hilly: Section) -> None:
-    run = reduced_maximum_speed(hilly, 1e6)
-    assert (run.fit, run.cruise_speed_mps) == (Fit.EARLY, 1.0)
-
-
-def test_more_time_never_costs_four_modes_more(on_hills: FourModes) -> None:
-    energies = [on_hills(buffer_ratio).ledger.input for buffer_ratio in (0.01, 0.03, 0.1, 0.3)]
+def test_more_time_never_costs_more_and_braking_is_left_to_the_motors(hilly: Section) -> None:
+    """Friction wastes what the motors would give back: with time in hand it only helps where they cannot hold."""
+    least_s = fastest(hilly).time_s
+    runs = [four_modes(hilly, least_s * (1 + buffer_ratio)) for buffer_ratio in (0.01, 0.03, 0.1, 0.3, 0.03)]
+    energies = [run.ledger.input for run in runs[:-1]]
     assert all(b <= a + 1e-3 * abs(a) for a, b in itertools.pairwise(energies))
-
-
-def test_same_inputs_same_run_to_the_last_bit(hilly: Section, on_hills: FourModes) -> None:
-    first, second = on_hills(0.03), four_modes(hilly, fastest(hilly).time_s * 1.03)
-    assert np.array_equal(first.trajectory.v_mps, second.trajectory.v_mps)
+    assert np.array_equal(runs[1].trajectory.v_mps, runs[-1].trajectory.v_mps), "the same, to the last bit"
+    assert not (runs[2].trajectory.force_friction_n < -1.0).any()
+    assert (fastest(hilly).trajectory.force_friction_n < -1e4).any()
 
 
 # --- errors -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("time_s", [0.0, -1.0, math.nan, math.inf])
-@pytest.mark.parametrize("strategy", [Strategy.FASTEST, Strategy.RMS, Strategy.FOUR_MODE])
-def test_a_time_that_is_none_is_refused(hilly: Section, strategy: Strategy, time_s: float) -> None:
-    with pytest.raises(DasError, match=r"trip time .* expected a finite time > 0 s"):
-        baseline(strategy, hilly, time_s)
-
-
-def test_a_strategy_that_is_no_baseline_is_refused(hilly: Section) -> None:
+def test_a_time_or_a_strategy_that_is_none_is_refused(hilly: Section) -> None:
+    for strategy, time_s in itertools.product(TIMED, (0.0, -1.0, math.nan, math.inf)):
+        with pytest.raises(DasError, match=r"trip time .* expected a finite time > 0 s"):
+            baseline(strategy, hilly, time_s)
     with pytest.raises(DasError, match="strategy optimal with trip time 500"):
         baseline(Strategy.OPTIMAL, hilly, 500.0)
     with pytest.raises(DasError, match="strategy rms with trip time None s"):
@@ -445,6 +394,7 @@ def test_warm_up_runs_every_strategy() -> None:
     warm_up()
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.reference
 def test_four_modes_on_a_metro_section_stay_near_the_optimum() -> None:
@@ -465,10 +415,6 @@ def test_four_modes_on_a_metro_section_stay_near_the_optimum() -> None:
 
 def test_a_section_too_short_to_move_is_refused() -> None:
     section = build_section(load_route("flat-6km"), load_vehicle("re460-ic"), end_m=3.0)
-    for time_s in (10.0, 60.0):
+    for strategy, time_s in itertools.product(TIMED, (10.0, 60.0)):
         with pytest.raises(InfeasibleError, match="too short to move"):
-            reduced_maximum_speed(section, time_s)
-        with pytest.raises(InfeasibleError, match="too short to move"):
-            four_modes(section, time_s)
-    with pytest.raises(InfeasibleError, match="too short to move"):
-        fastest(section)
+            baseline(strategy, section, time_s)

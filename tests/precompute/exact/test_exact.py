@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -125,32 +125,34 @@ def hills(length_m: float = 3_000.0) -> Section:
     return build_section(route, train)
 
 
-def test_brute_force_on_hills_with_a_lower_limit() -> None:
-    section = hills()
-    assert_front(solve_exact(section, 0.4, grid=TINY), section, TINY, 0.4)
-
-
-def test_brute_force_with_everything_dissipated() -> None:
-    section = hills()
-    vehicle = replace(section.vehicle, losses={}, default_level=Level.L0_NOREG)
-    section = build_section(section.route, vehicle)
+def dissipating() -> Section:
+    section = build_section(hills().route, replace(hills().vehicle, losses={}, default_level=Level.L0_NOREG))
     assert section.brakes is BrakePolicy.FRICTION
-    assert_front(solve_exact(section, 1.0, grid=TINY), section, TINY, 1.0)
+    return section
 
 
-def test_brute_force_of_a_run_up() -> None:
-    section = hills()
-    section = build_section(section.route, section.vehicle, options=SectionOptions(end_speed_mps=60 * KMH))
-    assert_front(solve_exact(section, 0.5, grid=TINY), section, TINY, 0.5)
+def run_up() -> Section:
+    return build_section(hills().route, hills().vehicle, options=SectionOptions(end_speed_mps=60 * KMH))
 
 
-def test_brute_force_with_the_loss_map_of_the_paper() -> None:
-    route = load_route("flat-6km")
-    section = build_section(route, load_vehicle("re460-ic"), level=Level.L3, end_m=3_000.0)
-    grid = Grid(step_m=500.0, speed_kmh=5.0, coast_kmh=1.0, lowest_kmh=60.0)
-    assert_front(solve_exact(section, 0.15, grid=grid), section, grid, 0.15)
+def of_the_paper() -> Section:
+    return build_section(load_route("flat-6km"), load_vehicle("re460-ic"), level=Level.L3, end_m=3_000.0)
 
 
+COARSE = Grid(step_m=500.0, speed_kmh=5.0, coast_kmh=1.0, lowest_kmh=60.0)
+
+
+@pytest.mark.parametrize(
+    ("made", "buffer_ratio", "grid"),
+    [(hills, 0.4, TINY), (dissipating, 1.0, TINY), (run_up, 0.5, TINY), (of_the_paper, 0.15, COARSE)],
+)
+def test_brute_force(made: Callable[[], Section], buffer_ratio: float, grid: Grid) -> None:
+    """Hills with a lower limit, everything dissipated, a run-up, and the loss map of the paper."""
+    section = made()
+    assert_front(solve_exact(section, buffer_ratio, grid=grid), section, grid, buffer_ratio)
+
+
+@pytest.mark.more
 @settings(max_examples=12, deadline=None)
 @given(
     traction=st.floats(0.7, 1.0),
@@ -171,8 +173,7 @@ def test_brute_force_of_random_trains(
 @pytest.fixture(scope="module")
 def paper() -> ExactFront:
     """The paper's complete case at L3 on its grid, at half the distance."""
-    section = build_section(load_route("flat-6km"), load_vehicle("re460-ic"), level=Level.L3, end_m=3_000.0)
-    return solve_exact(section, 0.1)
+    return solve_exact(of_the_paper(), 0.1)
 
 
 def test_every_point_is_a_run(paper: ExactFront) -> None:
@@ -207,27 +208,21 @@ def test_the_fast_solver_agrees_with_the_exact_front(paper: ExactFront) -> None:
         assert fast_j > exact_j * 0.98
 
 
-def test_the_supported_front_is_close_below(paper: ExactFront) -> None:
+def test_supported_and_swept_runs_are_close_and_nothing_is_below_the_front_or_its_bound(paper: ExactFront) -> None:
     assert (paper.gap_ratio >= -1e-12).all()
     assert paper.gap_ratio.max() < 0.005
     assert paper.gap_ratio[0] == pytest.approx(0, abs=1e-12)
-
-
-def test_the_solvers_method_on_the_same_grid_is_never_below(paper: ExactFront) -> None:
-    gap = paper.swept_gap_ratio
-    assert len(gap) > 100
-    assert gap.min() >= 0
-    assert gap.min() == pytest.approx(0, abs=1e-12), "supported runs are on the front"
-    assert np.median(gap) < 1e-4
-    assert gap.max() < 0.005
-
-
-def test_no_run_is_below_the_bound(paper: ExactFront) -> None:
-    assert (paper.bound_j <= paper.energy_j + 1e-3).all()
+    swept = paper.swept_gap_ratio
+    assert len(swept) > 100
+    assert swept.min() >= 0
+    assert swept.min() == pytest.approx(0, abs=1e-12), "supported runs are on the front"
+    assert np.median(swept) < 1e-4
+    assert swept.max() < 0.005
+    assert (paper.bound_j <= np.minimum(paper.energy_j, paper.supported_j) + 1e-3).all()
     assert ((paper.energy_j - paper.bound_j) / paper.energy_j).mean() < 0.001
-    assert (paper.bound_j <= paper.supported_j + 1e-3).all()
 
 
+@pytest.mark.more
 def test_buckets_give_runs_between_the_exact_front_and_a_little_more(paper: ExactFront) -> None:
     near = solve_exact(paper.section, 0.1, limits=Limits(bucket_ms=20.0))
     exact_j = paper.energy_j[[paper.index_at(time_s) for time_s in near.time_s]]

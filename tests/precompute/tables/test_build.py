@@ -24,8 +24,7 @@ from distributed import Client
 from das.domain.errors import DasError
 from das.domain.files.load import load_route
 from das.domain.files.writing import folder_held
-from das.domain.losses import EfficiencyLoss, Level
-from das.domain.vehicle import Vehicle
+from das.domain.losses import Level
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute import pool, workers
@@ -34,19 +33,16 @@ from precompute.tables.plan import read_plan
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings
 from precompute.workers import Workers, differences, environment
+from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
-from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, make_train
+from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8, refine_s=0.0, proven=0)
 HEAD = "schema_version = 1\n"
 ROUTE = '[[routes]]\nroute = "flat-6km"\n'
 TRAIN = '[[trains]]\nvehicle = "re460-ic"\n'
+BASE = HEAD + ROUTE + TRAIN
 QUICK = "[tables]\nbuffers_percent = [0, 10]\nmax = false\nmultipliers = 8\nproven = 1\n"
-
-
-def small_train() -> Vehicle:
-    loss = EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.2, idle_w=30e3)
-    return make_train(resistance=(1500.0, 20.0, 5.0), power_w=1.5e6, loss=loss)
 
 
 def job(number: int, kind: type[Job] = Job) -> Job:
@@ -55,7 +51,7 @@ def job(number: int, kind: type[Job] = Job) -> Job:
     return kind.of(
         f"job-{number}",
         flat(length_m, 25.0),
-        small_train(),
+        small_tables.train(),
         Course(level=Level.OWN, start_m=0.0, end_m=length_m),
         SMALL,
     )
@@ -112,24 +108,24 @@ def test_the_hash_changes_with_what_counts(tmp_path: Path) -> None:
     def key(text: str) -> str:
         return read_plan(plan_file(tmp_path, text)).jobs[0].key
 
-    base = key(HEAD + ROUTE + TRAIN)
+    base = key(BASE)
     vehicle = (REPOSITORY / "das/domain/catalogue/vehicles/re460-ic.toml").read_text()
     (tmp_path / "same.toml").write_text(vehicle.replace('name = "Re 460', 'name = "Another Re 460'))
     (tmp_path / "heavy.toml").write_text(vehicle.replace("mass_t = 440", "mass_t = 441"))
     assert key(HEAD + ROUTE + TRAIN.replace("re460-ic", "same.toml")) == base
     changed = [
         key(HEAD + ROUTE + TRAIN.replace("re460-ic", "heavy.toml")),
-        key(HEAD + ROUTE + TRAIN + 'levels = ["l2"]\n'),
-        key(HEAD + ROUTE + TRAIN + "[tables]\nmultipliers = 27\n"),
-        key(HEAD + ROUTE + TRAIN + "[tables]\nmax = false\n"),
-        key(HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = [0, 5]\n"),
+        key(BASE + 'levels = ["l2"]\n'),
+        key(BASE + "[tables]\nmultipliers = 27\n"),
+        key(BASE + "[tables]\nmax = false\n"),
+        key(BASE + "[tables]\nbuffers_percent = [0, 5]\n"),
     ]
     assert len({base, *changed}) == 6
 
 
 BAD_PLANS: dict[str, tuple[str, str]] = {
     "no schema": (ROUTE + TRAIN, "schema_version is missing: expected 1"),
-    "unknown key": (HEAD + ROUTE + TRAIN + "[table]\n", "table = {}: expected one of the keys"),
+    "unknown key": (BASE + "[table]\n", "table = {}: expected one of the keys"),
     "no routes": (HEAD + TRAIN, "routes is missing: expected at least one"),
     "no trains": (HEAD + ROUTE, "trains is missing: expected at least one"),
     "routes is no list": (HEAD + "routes = 1\n" + TRAIN, r"routes = 1: expected \[\[routes\]\] tables"),
@@ -142,24 +138,24 @@ BAD_PLANS: dict[str, tuple[str, str]] = {
     "stops backwards": (HEAD + ROUTE + 'stops = ["B", "A"]\n' + TRAIN, "stops = 'A': expected a stop after 'B'"),
     "stop twice": (HEAD + ROUTE + 'stops = ["A", "A"]\n' + TRAIN, "expected a list of different texts"),
     "unknown vehicle": (HEAD + ROUTE + TRAIN.replace("re460-ic", "x"), r"trains\[0\].vehicle = 'x'"),
-    "unknown load": (HEAD + ROUTE + TRAIN + 'loads = ["x"]\n', r"trains\[0\].loads = 'x': .*no load"),
-    "unknown level": (HEAD + ROUTE + TRAIN + 'levels = ["l9"]\n', r"trains\[0\].levels = 'l9': expected one of"),
-    "level without data": (HEAD + ROUTE + TRAIN + 'levels = ["own"]\n', r"levels = .*no data for level own"),
-    "missing loss map": (HEAD + ROUTE + TRAIN + 'loss_map = "x.csv"\n', r"loss_map = 'x.csv': .*cannot be read"),
-    "buffers fall": (HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = [5, 0]\n", "expected rising numbers"),
-    "no buffers": (HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = []\n", "expected rising numbers"),
-    "buffer below 0": (HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = [-1]\n", "expected rising numbers"),
-    "buffer text": (HEAD + ROUTE + TRAIN + '[tables]\nbuffers_percent = ["a"]\n', "expected a number"),
+    "unknown load": (BASE + 'loads = ["x"]\n', r"trains\[0\].loads = 'x': .*no load"),
+    "unknown level": (BASE + 'levels = ["l9"]\n', r"trains\[0\].levels = 'l9': expected one of"),
+    "level without data": (BASE + 'levels = ["own"]\n', r"levels = .*no data for level own"),
+    "missing loss map": (BASE + 'loss_map = "x.csv"\n', r"loss_map = 'x.csv': .*cannot be read"),
+    "buffers fall": (BASE + "[tables]\nbuffers_percent = [5, 0]\n", "expected rising numbers"),
+    "no buffers": (BASE + "[tables]\nbuffers_percent = []\n", "expected rising numbers"),
+    "buffer below 0": (BASE + "[tables]\nbuffers_percent = [-1]\n", "expected rising numbers"),
+    "buffer text": (BASE + '[tables]\nbuffers_percent = ["a"]\n', "expected a number"),
     "step 0": (
-        HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = {from = 0, to = 5, step = 0}\n",
+        BASE + "[tables]\nbuffers_percent = {from = 0, to = 5, step = 0}\n",
         r"tables.buffers_percent.step = 0.0: expected a number > 0",
     ),
     "too many buffers": (
-        HEAD + ROUTE + TRAIN + "[tables]\nbuffers_percent = {from = 0, to = 20, step = 1e-6}\n",
+        BASE + "[tables]\nbuffers_percent = {from = 0, to = 20, step = 1e-6}\n",
         "at most 1000 buffers",
     ),
-    "few multipliers": (HEAD + ROUTE + TRAIN + "[tables]\nmultipliers = 3\n", "multipliers = 3: expected a whole"),
-    "max": (HEAD + ROUTE + TRAIN + "[tables]\nmax = 1\n", "tables.max = 1: expected true or false"),
+    "few multipliers": (BASE + "[tables]\nmultipliers = 3\n", "multipliers = 3: expected a whole"),
+    "max": (BASE + "[tables]\nmax = 1\n", "tables.max = 1: expected true or false"),
     "no sections": (HEAD + TRAIN + "[synthetic]\nsections = 0\nseed = 1\n", "synthetic.sections = 0: expected"),
     "no seed": (HEAD + TRAIN + "[synthetic]\nsections = 3\n", "synthetic.seed is missing"),
     "twice the same": (HEAD + ROUTE + ROUTE + TRAIN, "expected every section and train once"),
@@ -298,34 +294,15 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert "1 of 2 tables are whole" in checked.stdout
 
 
-def test_a_bad_plan_on_the_command_line_is_one_line(tmp_path: Path) -> None:
-    plan_file(tmp_path, HEAD + ROUTE)
-    done = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables")
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.strip() == "error: plan.toml: trains is missing: expected at least one [[trains]]"
-    assert not (tmp_path / "tables").exists()
-
-
 MANY = HEAD + "[synthetic]\nsections = 16\nseed = 3\n" + TRAIN + QUICK
 
 
 def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
     """A build of 16 sections in a process group of its own, on its way: so many tables are there."""
     plan_file(folder, MANY)
+    words = ["-m", "precompute.cli", "build", "plan.toml", "-o", "tables", "--workers", "2", "--refine", "off"]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "precompute.cli",
-            "build",
-            "plan.toml",
-            "-o",
-            "tables",
-            "--workers",
-            "2",
-            "--refine",
-            "off",
-        ],
+        [sys.executable, *words],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         stderr=subprocess.PIPE,

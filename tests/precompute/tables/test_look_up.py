@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from das.domain.errors import DasError, InfeasibleError
 from das.solver.front import Front
-from das.solver.section import Section, build_section
+from das.solver.section import Section
 from das.solver.solution import Fit
-from das.solver.solve import solve_front
 from das.table.reading import read_front
 from precompute.tables.look_up import LookUp
-from precompute.tables.writing import make_table, write_table
-from tests.support.small_tables import LENGTH_M, SETTINGS, line, states, train
+from tests.support.small_tables import LENGTH_M, states
 
 
 @pytest.fixture(scope="module")
-def section() -> Section:
-    return build_section(line(), train())
-
-
-@pytest.fixture(scope="module")
-def front(section: Section) -> Front:
-    return solve_front(section)
-
-
-@pytest.fixture(scope="module")
-def look_up(section: Section, tmp_path_factory: pytest.TempPathFactory) -> LookUp:
+def look_up(section: Section, folder: Path) -> LookUp:
     """Answers from a table."""
-    path = tmp_path_factory.mktemp("tables") / "table"
-    write_table(path, make_table(section, SETTINGS))
-    return LookUp(read_front(path, section))
+    return LookUp(read_front(folder, section))
 
 
 def test_look_up_agrees_with_the_roll_out(look_up: LookUp, front: Front) -> None:

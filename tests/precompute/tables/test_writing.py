@@ -35,23 +35,6 @@ from tests.support.benchmark import track_path, train_path
 from tests.support.small_tables import BUFFERS, SETTINGS, line, seal_anew, train
 
 
-@pytest.fixture(scope="module")
-def section() -> Section:
-    return build_section(line(), train())
-
-
-@pytest.fixture(scope="module")
-def front(section: Section) -> Front:
-    return solve_front(section)
-
-
-@pytest.fixture(scope="module")
-def folder(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("tables") / "table"
-    write_table(path, make_table(section, SETTINGS))
-    return path
-
-
 @pytest.fixture
 def copied(folder: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(folder, tmp_path / "table"))
