@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from das.bus.received import Received
-from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, TARGET
+from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, TARGET, Received
 from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 

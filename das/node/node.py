@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from das.bus import codec
-from das.bus.received import Received
 from das.bus.session import Bus
-from das.bus.topics import STATUS
+from das.bus.topics import STATUS, Received
 from das.cab.cab import Cab
 from das.cab.heard import ClockSet, Kind, NodeSeen, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Severity, Status

@@ -13,12 +13,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from das.bus import das_pb2
-from das.bus.acl import Role, access_control, keys_of
 from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
-from das.bus.inbox import CONTROL_FACTOR, Inbox
-from das.bus.received import Received
-from das.bus.tls import LISTENERS, write_bus_folder
-from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Topic
+from das.bus.roles import LISTENERS, Role, access_control, keys_of, write_bus_folder
+from das.bus.session import CONTROL_FACTOR, Inbox
+from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Received, Topic
 from das.domain.errors import DasError, InputError
 from das.node.command import tls_app
 

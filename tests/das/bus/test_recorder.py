@@ -8,10 +8,9 @@ import pytest
 from mcap.reader import make_reader
 
 from das.bus import das_pb2
-from das.bus.received import decoded
 from das.bus.recorder import Recorder, RecordingFile
 from das.bus.recording import read_recording
-from das.bus.topics import CONTROL, POSITION, RECORDER
+from das.bus.topics import CONTROL, POSITION, RECORDER, decoded
 from tests.support.driven_node import START_NS, TRAIN, S, Sink
 from tests.support.hand_clock import HandClock
 

@@ -14,8 +14,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
 from das.bus import das_pb2, topics
-from das.bus.recorder import RecordingFile
-from das.bus.schemas import COMMENTS, comments
+from das.bus.recorder import COMMENTS, RecordingFile, comments
 
 UNITS = {
     "_mps2": "m/s²", "_mps": "m/s", "_per_min": "1/min", "_per_s": "1/s", "_ns": "ns since 1970, UTC", "_s": "s",
