@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -13,7 +13,6 @@ from das import __version__
 from das.advice.advice import Advice
 from das.advice.plan import Plan
 from das.bus import das_pb2
-from das.bus.received import Received
 from das.bus.restrictions import decoded, encoded
 from das.bus.topics import (
     ADVICE,
@@ -28,6 +27,7 @@ from das.bus.topics import (
     RESTRICTION,
     STATUS,
     TARGET,
+    Received,
     Topic,
 )
 from das.cab import event_wording
@@ -59,6 +59,9 @@ TOPICS_HEARD: Mapping[Kind, Topic] = {
 }
 """The topic of each kind of thing that the cab can be told."""
 KINDS = {topic.name: kind for kind, topic in TOPICS_HEARD.items()}
+DELAY_FIELDS = ("time_ns", "delay_s")
+JOURNEY_FIELDS = ("time_ns", "train", "route_id", "vehicle_id", "reversed", "load", "level")
+"""The fields that a value and its message have by the same name, where they have others besides."""
 
 
 class Outgoing(NamedTuple):
@@ -143,41 +146,27 @@ def _plan_message(plan: Plan) -> das_pb2.Plan:
     )
 
 
+def _values(one: Any, names: Iterable[str]) -> dict[str, Any]:
+    """Fields of a message or of a value, by name: most have the same name in both."""
+    return {name: getattr(one, name) for name in names}
+
+
 def _position(message: Any, common: dict[str, Any]) -> PositionHeard:
-    fix = PositionFix(
-        time_ns=message.time_ns,
-        s_m=message.s_m,
-        speed_mps=message.speed_mps,
-        uncertainty_m=message.uncertainty_m,
-        speed_uncertainty_mps=message.speed_uncertainty_mps,
-        quality=Quality(message.quality),
-    )
-    return PositionHeard(fix=fix, **common)
+    fields = _values(message, PositionFix.__dataclass_fields__)
+    return PositionHeard(fix=PositionFix(**{**fields, "quality": Quality(message.quality)}), **common)
 
 
 def _delay(message: Any, common: dict[str, Any]) -> DelayHeard:
-    return DelayHeard(time_ns=message.time_ns, delay_s=message.delay_s, **common)
+    return DelayHeard(**_values(message, DELAY_FIELDS), **common)
 
 
 def _effort(message: Any, common: dict[str, Any]) -> EffortHeard:
-    effort = Effort(
-        time_ns=message.time_ns, force_el_n=message.force_el_n, force_friction_n=message.force_friction_n
-    )  # fmt: skip
-    return EffortHeard(effort=effort, **common)
+    return EffortHeard(effort=Effort(**_values(message, Effort.__dataclass_fields__)), **common)
 
 
 def _journey(message: Any, common: dict[str, Any]) -> JourneyHeard:
-    return JourneyHeard(
-        time_ns=message.time_ns,
-        train=message.train,
-        route_id=message.route_id,
-        vehicle_id=message.vehicle_id,
-        reversed=message.reversed,
-        load=message.load,
-        level=message.level,
-        stops=tuple(OrderedStop(x.name, x.s_m, x.arrival_ns, x.departure_ns) for x in message.stops),
-        **common,
-    )
+    stops = tuple(OrderedStop(**_values(one, OrderedStop._fields)) for one in message.stops)
+    return JourneyHeard(stops=stops, **_values(message, JOURNEY_FIELDS), **common)
 
 
 def _restrictions(message: Any, common: dict[str, Any]) -> RestrictionsHeard:
@@ -186,9 +175,7 @@ def _restrictions(message: Any, common: dict[str, Any]) -> RestrictionsHeard:
 
 
 def _targets(message: Any, common: dict[str, Any]) -> TargetsHeard:
-    targets = tuple(
-        Target(x.stop, x.s_m, x.arrival_ns, x.earliest_ns, x.latest_ns, x.reason) for x in message.targets
-    )  # fmt: skip
+    targets = tuple(Target(**_values(one, Target._fields)) for one in message.targets)
     return TargetsHeard(time_ns=message.time_ns, targets=targets, **common)
 
 
@@ -202,34 +189,9 @@ _DECODERS: Mapping[Kind, Callable[[Any, dict[str, Any]], Heard]] = {
 }
 
 
-def _position_message(value: PositionHeard) -> Message:
-    fields = dataclasses.asdict(value.fix)
-    return das_pb2.Position(**{**fields, "quality": das_pb2.Position.Quality.ValueType(value.fix.quality)})
-
-
-def _delay_message(value: DelayHeard) -> Message:
-    return das_pb2.Delay(time_ns=value.time_ns, delay_s=value.delay_s)
-
-
-def _effort_message(value: EffortHeard) -> Message:
-    return das_pb2.Effort(**dataclasses.asdict(value.effort))
-
-
 def _journey_message(value: JourneyHeard) -> Message:
-    return das_pb2.Journey(
-        time_ns=value.time_ns,
-        train=value.train,
-        route_id=value.route_id,
-        vehicle_id=value.vehicle_id,
-        reversed=value.reversed,
-        load=value.load,
-        level=value.level,
-        stops=[das_pb2.Journey.Stop(**stop._asdict()) for stop in value.stops],
-    )
-
-
-def _restrictions_message(value: RestrictionsHeard) -> Message:
-    return das_pb2.Restrictions(time_ns=value.time_ns, restrictions=map(encoded, value.restrictions))
+    stops = [das_pb2.Journey.Stop(**one._asdict()) for one in value.stops]
+    return das_pb2.Journey(stops=stops, **_values(value, JOURNEY_FIELDS))
 
 
 def _targets_message(value: TargetsHeard) -> Message:
@@ -238,10 +200,12 @@ def _targets_message(value: TargetsHeard) -> Message:
 
 
 _ENCODERS: Mapping[type[Heard], Callable[[Any], Message]] = {
-    PositionHeard: _position_message,
-    DelayHeard: _delay_message,
-    EffortHeard: _effort_message,
+    PositionHeard: lambda value: das_pb2.Position(**vars(value.fix)),
+    DelayHeard: lambda value: das_pb2.Delay(**_values(value, DELAY_FIELDS)),
+    EffortHeard: lambda value: das_pb2.Effort(**vars(value.effort)),
     JourneyHeard: _journey_message,
-    RestrictionsHeard: _restrictions_message,
+    RestrictionsHeard: lambda value: das_pb2.Restrictions(
+        time_ns=value.time_ns, restrictions=map(encoded, value.restrictions)
+    ),
     TargetsHeard: _targets_message,
 }

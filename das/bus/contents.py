@@ -10,9 +10,8 @@ from typing import IO, Any, Final, NamedTuple
 from google.protobuf.message import DecodeError
 from mcap import records
 
-from das.bus.damage import Damage, Health
+from das.bus.damage import UNCHECKED, Damage, Health, unsealed
 from das.bus.scanning import SOMEWHERE, FoundRecord, Scan
-from das.bus.sealing import UNCHECKED, unsealed
 from das.bus.topics import Topic, topic_of
 from das.domain.errors import DasError
 

@@ -16,7 +16,7 @@ from typing import Self
 
 import zenoh
 
-from das.cab.moderation import Moderation
+from das.cab.outputs import Moderation
 from das.command_line.printing import say
 from das.domain.clocks import WALL_NS
 

@@ -1,14 +1,17 @@
-"""The registry of topics: key, message, rate, publisher, recorded. Publishing, recording and viewing read it."""
+"""The registry of topics (key, message, rate, publisher, recorded), and a message of one as received from the bus.
+
+Publishing, recording and viewing read the registry.
+"""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from google.protobuf.message import Message
+from google.protobuf.message import DecodeError, Message
 
 from das.bus import das_pb2
 from das.domain.errors import DasError
@@ -100,3 +103,27 @@ def topic_of(key: str) -> Topic | None:
     root, _, rest = key.partition("/")
     _, _, name = rest.partition("/")
     return next((topic for topic in TOPICS if topic.root == root and topic.name == name), None)
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message as heard. `message` is None where the payload is not of the topic's type.
+
+    `source` is the session that stamped it with its time: the sender's, where that stamps; `size` in bytes.
+    """
+
+    topic: Topic
+    key: str
+    message: Any
+    source: str = ""
+    size: int = 0
+
+
+def decoded(topic: Topic, key: str, payload: bytes, source: str = "") -> Received:
+    """A message of a topic from what was sent."""
+    message: Message | None = topic.message()
+    try:
+        message.ParseFromString(payload)  # type: ignore[union-attr]
+    except DecodeError:
+        message = None
+    return Received(topic, key, message, source, len(payload))

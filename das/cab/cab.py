@@ -34,9 +34,8 @@ from das.cab.learning import Learning
 from das.cab.leg import NoPlanError
 from das.cab.legs import Legs
 from das.cab.orders import Post, is_of_another_day
-from das.cab.outputs import NodeState, Output, Severity, Status
+from das.cab.outputs import NodeState, Output, Reporting, Severity, Status
 from das.cab.preparation import Preparation
-from das.cab.reporting import Reporting
 from das.cab.situation import Situation
 from das.cab.withdrawal import Trust, decide
 from das.domain.errors import DasError

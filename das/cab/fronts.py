@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ SAME_ENDS_M = 1.0
 """A table whose ends are this near to those of a section was meant for it: why it cannot be used is said."""
 
 
+T = TypeVar("T")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
     """A front, where it comes from, and why no table served where one was meant to."""
@@ -45,16 +48,39 @@ class Found:
     notes: tuple[str, ...] = ()
 
 
+class _Kept(Generic[T]):
+    """What was found before, by key: up to a size, the one used last longest; may be asked from several threads."""
+
+    def __init__(self, most_bytes: int, size: Callable[[T], int]) -> None:
+        self._most_bytes, self._size = most_bytes, size
+        self._lock = Lock()
+        self._known: OrderedDict[str, T] = OrderedDict()
+
+    def get(self, key: str) -> T | None:
+        with self._lock:
+            known = self._known.get(key)
+            if known is not None:
+                self._known.move_to_end(key)
+        return known
+
+    def put(self, key: str, found: T) -> T:
+        """Keep something, and let go of what was not used for longest where that is too much; returns it."""
+        with self._lock:
+            self._known[key] = found
+            while len(self._known) > 1 and sum(map(self._size, self._known.values())) > self._most_bytes:
+                self._known.popitem(last=False)
+        return found
+
+
 class Fronts:
     """Finds the front of a section; may be asked from several threads."""
 
     def __init__(self, tables: Path | None = None, *, threads: int = 2, kept_bytes: int = KEPT_BYTES) -> None:
         """Look through a folder of tables; `notes` says which of them cannot be used. Raises DasError for no folder."""
         self.notes: list[str] = []
-        self._threads, self._kept_bytes = threads, kept_bytes
-        self._lock = Lock()
-        self._known: OrderedDict[str, Found] = OrderedDict()
-        self._calm: OrderedDict[str, CalmFront] = OrderedDict()
+        self._threads = threads
+        self._known = _Kept(kept_bytes, _size)
+        self._calm: _Kept[CalmFront] = _Kept(kept_bytes, lambda calm: calm.nbytes)
         self._tables = self._listed(tables) if tables is not None else ()
 
     def find(self, section: Section, s_m: float | None = None) -> Found:
@@ -65,19 +91,11 @@ class Fronts:
         hashes = hashes_of(section)
         key = combined(hashes)
         s_m = section.start_m if s_m is None else s_m
-        with self._lock:
-            known = self._known.get(key)
-            if known is not None:
-                self._known.move_to_end(key)
+        known = self._known.get(key)
         if known is not None:
             known.front.cover(s_m)
             return known
-        found = self._from_tables(section, hashes, s_m)
-        with self._lock:
-            self._known[key] = found
-            while len(self._known) > 1 and sum(map(_size, self._known.values())) > self._kept_bytes:
-                self._known.popitem(last=False)
-        return found
+        return self._known.put(key, self._from_tables(section, hashes, s_m))
 
     def find_calm(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> CalmFront:
         """The calm runs of a section for the coach: found before, or solved now; raises as `solve_calm` does.
@@ -85,19 +103,11 @@ class Fronts:
         For a train at a position (m) the way behind it is not solved; the answers are the same.
         """
         key = f"{combined(hashes_of(section))} {settings.calm}"
-        with self._lock:
-            known = self._calm.get(key)
-            if known is not None:
-                self._calm.move_to_end(key)
+        known = self._calm.get(key)
         if known is not None:
             known.cover(section.start_m if s_m is None else s_m)
             return known
-        found = solve_coach(section, settings, s_m, threads=self._threads)
-        with self._lock:
-            self._calm[key] = found
-            while len(self._calm) > 1 and sum(one.nbytes for one in self._calm.values()) > self._kept_bytes:
-                self._calm.popitem(last=False)
-        return found
+        return self._calm.put(key, solve_coach(section, settings, s_m, threads=self._threads))
 
     def _from_tables(self, section: Section, hashes: Mapping[str, str], s_m: float) -> Found:
         notes, others = [], []

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 from das.cab import event_wording
 from das.cab.heard import EffortHeard, Heard, Kind, PositionHeard
-from das.cab.outputs import Estimated
+from das.cab.outputs import Estimated, is_fresh
 from das.domain.conditions import Conditions
-from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import Calibrator, Recalibration
 from das.estimate.calibration_settings import DEFAULT
@@ -115,8 +114,3 @@ class Learning:
             differs=found.differs(self._recalibration.conditions),
             doubt=remark.value if remark is not None else "",
         )
-
-
-def is_fresh(said_ns: int | None, now_ns: int, every_s: float) -> bool:
-    """Whether something was said less than a while ago by a clock that may jump."""
-    return said_ns is not None and 0 <= (now_ns - said_ns) * NS < every_s

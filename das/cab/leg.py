@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from das.advice import wording
@@ -17,6 +18,8 @@ from das.advice.passing import PassingTarget
 from das.advice.planner import Goal, PlanBasis, Planner, TrainState
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.worker import AT_ONCE, Worker
+from das.cab import event_wording
+from das.cab.heard import Target
 from das.cab.withdrawal import LegFacts
 from das.domain.errors import DasError
 from das.domain.route import Stop
@@ -25,6 +28,9 @@ from das.estimate.estimate import Estimate
 from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.calm.calm import CalmFront
 from das.solver.section import Section
+
+LEAST_WAY_M = 2.0
+"""A point to pass lies at least this far from both ends of its section."""
 
 
 class NoPlanError(DasError):
@@ -211,3 +217,41 @@ class Leg:
         """How late the train arrived; it is not later every second that it stands."""
         self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
         return (self._arrived_ns - self.goal.arrival_ns) * NS
+
+
+def assign_targets(targets: Sequence[Target], legs: Sequence[Leg]) -> tuple[tuple[Target, ...], list[str]]:
+    """Hand every target to its leg; those of before are gone. Returns those agreed to, and why others are not."""
+    for leg in legs:
+        leg.arrival_ns, leg.points = None, []
+    agreed, refused = [], []
+    for target in targets if legs else ():
+        try:
+            _assign(target, legs)
+            agreed.append(target)
+        except DasError as error:
+            refused.append(str(error))
+    for leg in legs:
+        leg.points.sort(key=lambda point: point.s_m)
+    return tuple(agreed), refused
+
+
+def _assign(target: Target, legs: Sequence[Leg]) -> None:
+    for leg in legs:
+        end_m = leg.end.position_m
+        at_end = leg.end.name.casefold() == target.stop.casefold() if target.stop else target.s_m == end_m
+        if at_end:
+            if target.arrival_ns <= 0:
+                raise DasError(event_wording.no_arrival_given(leg.end.name))
+            leg.arrival_ns = target.arrival_ns
+            return
+        if not target.stop and leg.start.position_m + LEAST_WAY_M <= target.s_m <= end_m - LEAST_WAY_M:
+            leg.points.append(
+                PassingTarget(
+                    s_m=target.s_m,
+                    earliest_ns=target.earliest_ns or None,
+                    latest_ns=target.latest_ns or None,
+                    reason=target.reason,
+                )
+            )
+            return
+    raise DasError(event_wording.not_on_the_way(target))

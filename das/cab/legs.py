@@ -9,12 +9,11 @@ from itertools import pairwise
 from das.advice.advice import Advice, Timetable
 from das.advice.settings import DEFAULT, AdviceSettings, StopSettings
 from das.cab import event_wording
-from das.cab import targets as traffic
 from das.cab.heard import Target
-from das.cab.last_words import LastWords
-from das.cab.leg import Leg
+from das.cab.leg import Leg, assign_targets
 from das.cab.preparation import News, Preparation
 from das.cab.situation import AS_PLANNED, Situation
+from das.cab.withdrawal import LastWords
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.losses import Level
@@ -149,7 +148,7 @@ class Legs:
     def set_targets(self, targets: Sequence[Target]) -> None:
         """Take over all targets in force; one that is not on this journey is ignored and said."""
         self._targets = tuple(targets)
-        self._agreed, refused = traffic.assign(self._targets, self.legs)
+        self._agreed, refused = assign_targets(self._targets, self.legs)
         for why in refused:
             self.preparation.say(News(event_wording.target_ignored(why), True))
         self._heed()

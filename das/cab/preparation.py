@@ -19,9 +19,8 @@ from das.advice.settings import DEFAULT
 from das.advice.worker import Worker
 from das.cab import event_wording
 from das.cab.fronts import Found, Fronts, onboard_ladder
-from das.cab.leg import Leg
+from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
-from das.cab.targets import LEAST_WAY_M
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS

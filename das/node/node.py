@@ -9,9 +9,8 @@ from collections.abc import Iterable
 from typing import Any, Protocol
 
 from das.bus import codec
-from das.bus.received import Received
 from das.bus.session import Bus
-from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, STATUS, TARGET
+from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, STATUS, TARGET, Received
 from das.cab.cab import Cab
 from das.cab.heard import ClockSet, Kind, NodeSeen, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Severity, Status

@@ -17,8 +17,7 @@ import pytest
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
-from das.bus.inbox import Inbox
-from das.bus.received import decoded
+from das.bus.session import Inbox
 from das.bus.topics import (
     ADVICE,
     CONTROL,
@@ -32,6 +31,7 @@ from das.bus.topics import (
     TARGET,
     TOPICS,
     Topic,
+    decoded,
 )
 from das.cab.cab import CabSettings
 from tests.support.crossing import numbered

@@ -7,9 +7,8 @@ from typing import Any
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
-from das.bus.received import decoded
 from das.bus.session import Presence
-from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, POSITION, RESTRICTION, Topic
+from das.bus.topics import ADVICE, CONTROL, EVENT, JOURNEY, POSITION, RESTRICTION, Topic, decoded
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
 from das.cab.orders import Post

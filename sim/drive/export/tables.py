@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from das.bus.recorder import message_time_ns
+from das.bus.recorder import comments, message_time_ns
 from das.bus.recording import Stamped
-from das.bus.schemas import comments
 from das.domain.errors import DasError
 
 UNITS: Final = {

@@ -13,9 +13,8 @@ from typer.exceptions import TyperException
 
 from das.bus import codec, topics
 from das.bus.contents import Contents, RecordedMessage
-from das.bus.received import Received
 from das.bus.recording import Stamped
-from das.bus.topics import ADVICE, CONTROL, EFFORT, JOURNEY, RESTRICTION, STATUS, TARGET, Topic
+from das.bus.topics import ADVICE, CONTROL, EFFORT, JOURNEY, RESTRICTION, STATUS, TARGET, Received, Topic
 from das.cab.cab import Cab
 from das.cab.outputs import NodeState, Output
 from das.command_line.application import single_command

@@ -10,9 +10,9 @@ from typing import Any
 from das import __version__
 from das.bus import codec
 from das.bus.contents import RecordedMessage
+from das.bus.damage import UNCHECKED
 from das.bus.recorder import RecordingFile, message_time_ns
 from das.bus.restrictions import encoded
-from das.bus.sealing import UNCHECKED
 from das.bus.topics import JOURNEY, RESTRICTION, STATUS
 from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up

@@ -1,4 +1,4 @@
-"""Bus files: what is refused and why, what a file may change, what tls-init makes; the inbox."""
+"""Bus files: what is refused and why, what a file may change, what tls-init makes."""
 
 from __future__ import annotations
 
@@ -8,22 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from das.bus import das_pb2
-from das.bus.acl import Role, access_control, keys_of
 from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
-from das.bus.inbox import CONTROL_FACTOR, Inbox
-from das.bus.received import Received
-from das.bus.tls import LISTENERS, write_bus_folder
-from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION, TOPICS, Topic
+from das.bus.roles import LISTENERS, Role, access_control, keys_of, write_bus_folder
+from das.bus.topics import TOPICS, Topic
 from das.domain.errors import DasError, InputError
 from das.node.command import tls_app
 
-S = 10**9
-NOW_NS = 1_800_000_000 * S
 PORTS = {role: 7447 + i for i, role in enumerate(LISTENERS)}
 
 
@@ -176,66 +168,3 @@ def test_access_control_allows_no_wildcard_and_no_deletion() -> None:
         saying = [rule for rule in rules if "put" in rule["messages"]]
         assert all(key.split("/@adv")[0].count("*") == 0 for rule in saying for key in rule["key_exprs"])
         assert all("delete" not in rule["messages"] for rule in rules)
-
-
-def received(topic: Topic, number: int = 0, source: str = "") -> Received:
-    message = topic.message()
-    message.time_ns = number
-    return Received(topic, topic.key("T1"), message, source)
-
-
-def numbers_of(inbox: Inbox) -> list[tuple[str, int]]:
-    left = []
-    while (one := inbox.get(0.0)) is not None:
-        left.append((one.topic.name, one.message.time_ns))
-    return left
-
-
-def test_a_flood_of_positions_costs_the_oldest_of_them_and_no_journey_or_control() -> None:
-    inbox = Inbox(capacity=100)
-    inbox.put(received(JOURNEY, 1))
-    inbox.put(received(CONTROL, 2))
-    for i in range(10_000):
-        inbox.put(received(POSITION, i))
-    inbox.put(received(CONTROL, 3))
-    left = numbers_of(inbox)
-    assert left[:2] == [("journey", 1), ("control", 2)]
-    assert left[2:-1] == [("position", i) for i in range(10_000 - 97, 10_000)]
-    assert left[-1] == ("control", 3)
-    assert inbox.dropped == 10_000 - 97
-
-
-def test_a_flood_of_journeys_leaves_the_newest_and_one_of_controls_is_bounded() -> None:
-    inbox = Inbox(capacity=10)
-    for i in range(10):
-        inbox.put(received(CONTROL, i))
-    for i in range(1_000):
-        inbox.put(received(JOURNEY, i))
-    assert numbers_of(inbox) == [*(("control", i) for i in range(10)), ("journey", 999)]
-    for i in range(1_000):
-        inbox.put(received(CONTROL, i))
-    assert len(inbox) == CONTROL_FACTOR * 10
-
-
-def test_a_flood_of_large_journeys_does_not_fill_the_memory() -> None:
-    inbox = Inbox(capacity=1_000)
-    for i in range(1_000):
-        message = das_pb2.Journey(time_ns=i)
-        inbox.put(Received(JOURNEY, JOURNEY.key("T1"), message, size=1_000_000))
-    assert len(inbox) < 10
-    assert numbers_of(inbox)[-1] == ("journey", 999)
-
-
-@given(st.lists(st.one_of(st.none(), st.sampled_from([POSITION, JOURNEY, CONTROL, RESTRICTION])), max_size=200))
-def test_the_inbox_keeps_order_and_stays_bounded(steps: list[Topic | None]) -> None:
-    inbox, taken, put = Inbox(capacity=5), 0, 0
-    last = -1
-    for number, topic in enumerate(steps):
-        if topic is not None:
-            inbox.put(received(topic, number))
-            put += 1
-        elif (one := inbox.get(0.0)) is not None:
-            assert one.message.time_ns > last
-            last, taken = one.message.time_ns, taken + 1
-        assert len(inbox) <= CONTROL_FACTOR * 5
-        assert put == taken + len(inbox) + inbox.dropped

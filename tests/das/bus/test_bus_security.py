@@ -17,11 +17,22 @@ import zenoh
 
 from das.bus import codec, das_pb2
 from das.bus.config import BusFile, bus_folder
-from das.bus.received import Received, decoded
 from das.bus.recording import read_recording
+from das.bus.roles import LISTENERS, write_bus_folder
 from das.bus.session import Bus, free_ports
-from das.bus.tls import LISTENERS, write_bus_folder
-from das.bus.topics import ADVICE, EFFORT, EVENT, JOURNEY, POSITION, RECORDER, RESTRICTION, STATUS, Topic
+from das.bus.topics import (
+    ADVICE,
+    EFFORT,
+    EVENT,
+    JOURNEY,
+    POSITION,
+    RECORDER,
+    RESTRICTION,
+    STATUS,
+    Received,
+    Topic,
+    decoded,
+)
 from das.cab.heard import JourneyHeard
 from sim.world.lockstep import Lockstep
 from sim.world.processes import Crew

@@ -17,8 +17,7 @@ from das.advice.cause import Cause
 from das.advice.coach.coaching import Coaching, Instruction, Replan, ReplanCause
 from das.advice.modes import Mode
 from das.bus import codec, das_pb2
-from das.bus.received import decoded
-from das.bus.topics import CONTROL, POSITION, TRUTH
+from das.bus.topics import CONTROL, POSITION, TRUTH, decoded
 from das.cab.heard import (
     DelayHeard,
     EffortHeard,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from das.cab.guard import DEFAULT, Guard, Publishers
 from das.cab.heard import JourneyHeard, OrderedStop, RestrictionsHeard, ToldRestriction
-from das.cab.moderation import MOST_A_SECOND, Moderation
+from das.cab.outputs import MOST_A_SECOND, Moderation
 
 S = 10**9
 NOW_NS = 1_800_000_000 * S

@@ -8,9 +8,8 @@ import pytest
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
-from das.bus.inbox import MOST_SENDERS, Inbox
-from das.bus.received import decoded
-from das.bus.topics import EVENT, JOURNEY, POSITION, RESTRICTION, STATUS, Topic
+from das.bus.session import MOST_SENDERS, Inbox
+from das.bus.topics import EVENT, JOURNEY, POSITION, RESTRICTION, STATUS, Topic, decoded
 from das.cab.legs import Legs
 from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
 

@@ -16,7 +16,6 @@ import pytest
 
 from das.advice.settings import DEFAULT
 from das.bus import das_pb2
-from das.bus.received import Received
 from das.bus.recording import read_recording
 from das.bus.session import Bus, check_endpoint, endpoint, free_ports
 from das.bus.topics import (
@@ -32,6 +31,7 @@ from das.bus.topics import (
     STATUS,
     TARGET,
     TOPICS,
+    Received,
     topic_of,
 )
 from das.domain.errors import DasError

@@ -13,15 +13,14 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2
-from das.bus.received import decoded
 from das.bus.recorder import Recorder, RecordingFile
 from das.bus.recording import read_recording
-from das.bus.topics import CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET
+from das.bus.topics import CONTROL, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET, decoded
 from das.cab.cab import CabSettings
 from das.cab.guard import Guard
 from das.cab.leg import Leg
 from das.cab.legs import Legs
-from das.cab.reporting import Reporting
+from das.cab.outputs import Reporting
 from das.domain.files.load import load_vehicle
 from das.estimate.calibration import Calibrator
 from das.estimate.localisation import Localisation

@@ -15,13 +15,12 @@ from typing import Any
 import pytest
 
 from das.bus import das_pb2
-from das.bus.received import Received, decoded
 from das.bus.recorder import RecordingFile
 from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS
+from das.bus.topics import ADVICE, EVENT, JOURNEY, PLAN, POSITION, RECORDER, RESTRICTION, STATUS, Received, decoded
 from das.cab.cab import Cab
-from das.cab.moderation import MOST_A_SECOND
 from das.cab.orders import Post
+from das.cab.outputs import MOST_A_SECOND
 from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.errors import DasError

@@ -17,10 +17,9 @@ import pytest
 from das.advice.cause import Cause
 from das.bus import das_pb2
 from das.bus.config import BusFile
-from das.bus.received import Received, decoded
+from das.bus.roles import LISTENERS, write_bus_folder
 from das.bus.session import Bus, Presence, Presences, endpoint, free_ports
-from das.bus.tls import LISTENERS, write_bus_folder
-from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
+from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Received, Topic, decoded
 from das.cab.heard import Kind, PublisherSeen, RestrictionsHeard
 from das.cab.operators import MOST_GONE, MOST_RIVALS, Operators
 from tests.das.node.test_node import process
