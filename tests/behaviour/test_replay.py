@@ -98,16 +98,7 @@ def short_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_an_arrival_earlier_than_possible_gives_the_fastest_and_says_how_late(short_trip: Path, tmp_path: Path) -> None:
     """The lateness said is the least time minus the time left."""
     done = das_sim(
-        "replay",
-        str(short_trip),
-        "--arrival",
-        "150",
-        "--delay",
-        "20",
-        "--out",
-        "run.mcap",
-        "--json",
-        cwd=tmp_path,
+        "replay", str(short_trip), "--arrival", "150", "--delay", "20", "--out", "run.mcap", "--json", cwd=tmp_path
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

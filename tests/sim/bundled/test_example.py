@@ -14,7 +14,6 @@ import pytest
 
 from das.bus.session import endpoint, free_ports
 from das.command_line.entry import EXIT_INTERRUPTED
-from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
 from sim.bundled.example import KEPT, example_files
@@ -134,36 +133,6 @@ def test_posts_are_written_as_a_person_would(folder: Path) -> None:
     assert [row[2] for row in rows[1:3]] == ["14.0", "13.9"]
     assert rows[-1][2] == "0.0"
     assert read_kilometre_posts(folder / "posts.csv").chainage_m[-1] == pytest.approx(14_000.0)
-
-
-# --- kilometre posts in plain kilometres -----------------------------------------------------------------------------
-
-POSTS = "lon;km;lat\n8,0;12,0;47,0\n8,0;13,1;47,01\n8,0;14,2;47,02\n"
-
-
-def test_columns_of_posts_may_stand_in_any_order_with_decimal_commas(tmp_path: Path) -> None:
-    (tmp_path / "posts.csv").write_text(POSTS)
-    line = read_kilometre_posts(tmp_path / "posts.csv")
-    assert line.chainage_m == pytest.approx([0.0, 1100.0, 2200.0])
-    assert line.latitude_deg == pytest.approx([47.0, 47.01, 47.02])
-    assert not line.on_route
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("lat\n", "height\n", r"line 1 = 'lon,km,height': expected one column of latitude"),
-        ("lon;km", "lon;km;km", r"line 1 = 'lon,km,km,lat': expected one column of kilometre"),
-        ("13,1", "x", r"line 3 kilometre = 'x': expected a number"),
-        ("13,1", "11,1", r"line 4 kilometre = 14.2: expected kilometres that only rise or only fall"),
-        ("14,2", "24,2", r"line 4 distance from the post before = '1112 m': expected 11100 m by the kilometres"),
-        ("47,02\n", "147,02\n", r"line 4 latitude = 147.02: expected -90 to 90 deg"),
-    ],
-)
-def test_bad_posts_are_refused_with_their_line(tmp_path: Path, old: str, new: str, message: str) -> None:
-    (tmp_path / "posts.csv").write_text(POSTS.replace(old, new))
-    with pytest.raises(InputError, match=message):
-        read_kilometre_posts(tmp_path / "posts.csv")
 
 
 # --- the command -----------------------------------------------------------------------------------------------------

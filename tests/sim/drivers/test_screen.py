@@ -1,4 +1,4 @@
-"""The screen shows advice as often as it refreshes and holds what it shows, but never brakes or a withdrawal."""
+"""The screen shows advice as often as it refreshes and holds it, but no brakes; a recording says how it was set."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from das.advice.modes import Mode
-from das.domain.errors import InputError
+from das.domain.errors import DasError, InputError
 from sim.drivers.cab import AdviceView, Presentation
-from sim.drivers.screen import Screen, ScreenSettings
+from sim.drivers.screen import Screen, ScreenSettings, recorded_screen, screen_metadata
 
 
 def advice(time_s: float, mode: Mode = Mode.CRUISE, speed_mps: float = 20.0) -> AdviceView:
@@ -112,3 +112,25 @@ def test_preview_and_reason_are_cut() -> None:
 def test_nonsense_is_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=name):
         ScreenSettings(**{name: value})
+
+
+@pytest.mark.parametrize(
+    "screen", [ScreenSettings(), ScreenSettings(update_interval_s=5.0, hold_s=2.5, preview_s=0.0, reason=False)]
+)
+def test_what_is_written_is_read(screen: ScreenSettings) -> None:
+    assert recorded_screen({"kind": "run", **screen_metadata(screen)}) == screen
+
+
+def test_a_recording_from_before_shows_everything() -> None:
+    found = recorded_screen({"kind": "run"})
+    assert found == ScreenSettings()
+    assert math.isinf(found.preview_s)
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [("screen_hold_s", "long"), ("screen_preview_s", "-1"), ("screen_reason", "perhaps"), ("screen_hold_s", "1e9")],
+)
+def test_other_texts_are_refused(key: str, text: str) -> None:
+    with pytest.raises(DasError, match="screen"):
+        recorded_screen({key: text})

@@ -27,12 +27,7 @@ from sim.runs.replay import report as replay_report
 from sim.runs.replay.job import driven_legs, prepare, trip_energies
 from sim.runs.replay.options import ReplayOptions
 from sim.runs.replay.replay import ReplayOutcome
-from sim.trips.estimate import (
-    EnergyRange,
-    energy_range,
-    estimate_run,
-    strongest_held_n,
-)
+from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
 from sim.trips.options import TripOptions
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
