@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from itertools import product
 from typing import Any
 
@@ -29,6 +29,11 @@ def crossed(*lists: Sequence[Any]) -> list[Any]:
         )
         for combination in combinations
     ]
+
+
+def few(values: Iterable[Any], kept: Container[Any]) -> list[Any]:
+    """Values as parameters of a test; those that are not kept for the default run have the marker `more`."""
+    return [one if one in kept else pytest.param(one, marks=pytest.mark.more) for one in values]
 
 
 def _parts(combination: tuple[int, ...]) -> set[tuple[tuple[int, int], ...]]:

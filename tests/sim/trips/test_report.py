@@ -138,6 +138,7 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     assert energy["input_low_kwh"] < energy["input_kwh"] < energy["input_high_kwh"]
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> None:
     """The plant integrates on its own: its true energy against that from a track without speeds, and the direction."""
