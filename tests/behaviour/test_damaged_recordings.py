@@ -55,7 +55,10 @@ def damaged(source: Path, out: Path) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", OF_A_TRIP)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=pytest.mark.more) if one == "view --plot" else one for one in OF_A_TRIP],
+)
 def test_damage_is_told_by(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     opening._warned.clear()
     exits = pytest.raises(typer.Exit) if name == "check" else nullcontext()

@@ -18,10 +18,11 @@ from sim.world.day import make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Tick, World
 from sim.world.service import Service
+from tests.support.crossing import few
 from tests.support.flat_days import FLAT, run_of, service_of, signal_at, standing_m, states_of
 
 
-@pytest.mark.parametrize("advice", list(Presentation))
+@pytest.mark.parametrize("advice", few(Presentation, (Presentation.NONE, Presentation.COACH)))
 def test_the_same_seed_drives_the_same_and_another_differently(flat: Callable[[str], Path], advice: str) -> None:
     """Every state of the day is the same for one seed, whatever advice is shown; another seed differs."""
     path = flat()

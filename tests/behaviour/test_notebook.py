@@ -51,6 +51,7 @@ def test_it_is_short_and_has_its_pictures() -> None:
     assert not re.search(r"/(home|root|work|tmp|Users)/|0x[0-9a-f]{6,}", texts)
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_it_runs_and_puts_out_what_it_was_committed_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -158,6 +158,7 @@ def test_in_process_and_over_the_bus_the_advice_is_the_same_byte_for_byte(name: 
     same_advices(bundled_scenarios()[name], hostile=False, out=tmp_path / "run.mcap")
 
 
+@pytest.mark.more
 def test_the_coach_says_the_same_in_process_and_over_the_bus(tmp_path: Path) -> None:
     """On a day with a window, planned with the braking of its drivers; every advice under way has a coach."""
     file = tmp_path / "braking.toml"

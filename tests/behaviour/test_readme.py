@@ -40,6 +40,7 @@ def run(words: list[str], folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_every_command_line_of_the_pages_works(tmp_path: Path) -> None:

@@ -139,6 +139,7 @@ def test_clear_day_goes_as_planned() -> None:
     assert (driven.array("speed_mps")[:-1] <= limits + TRACKING_MPS).all()
 
 
+@pytest.mark.more
 def test_half_the_step_changes_the_energy_little() -> None:
     service = planned()
     halved = Plant(service.route, service.vehicle, level=service.level, dynamics=Dynamics(step_s=0.025))
@@ -249,7 +250,7 @@ def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stoppin
     assert run.calls[-1].late_s > driven.late_s()[-1] - 1.0
 
 
-@pytest.mark.parametrize("driver", ["perfect", "human"])
+@pytest.mark.parametrize("driver", ["perfect", pytest.param("human", marks=pytest.mark.more)])
 def test_signal_stop_stops_the_train_until_it_clears(driver: str) -> None:
     driven = drive("signal-stop", driver)
     signal = driven.one(SignalStop)
@@ -269,6 +270,7 @@ def test_signal_stop_stops_the_train_until_it_clears(driver: str) -> None:
     assert max(fastest_late_s(driven, 2), 0.0) < late_s < signal.clears_after_s + 60
 
 
+@pytest.mark.more
 def test_dwell_overrun_is_made_up_as_far_as_possible() -> None:
     driven = drive("dwell-overrun")
     zug = driven.run.calls[2]
@@ -282,6 +284,7 @@ def time_to(driven: Driven, speed_mps: float) -> float:
     return float(driven.array("time_s")[np.argmax(driven.array("speed_mps") >= speed_mps)])
 
 
+@pytest.mark.more
 def test_slippery_rail_lengthens_the_run_up() -> None:
     driven, clear = drive("slippery-rail"), drive("clear-day")
     rail = driven.one(SlipperyRail)
@@ -295,6 +298,7 @@ def test_slippery_rail_lengthens_the_run_up() -> None:
     assert driven.figures["energy_kwh"] > clear.figures["energy_kwh"]
 
 
+@pytest.mark.more
 def test_head_wind_costs_its_work() -> None:
     """∫ c2·((v + w)² − v²) ds over the windy stretch is what the resistance takes more."""
     driven, clear = drive("head-wind"), drive("clear-day")
@@ -369,6 +373,7 @@ def test_node_restart_leaves_the_driver_without_advice_for_seconds() -> None:
     assert abs(driven.late_s()[-1]) <= 2.0
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_a_train_heavier_than_planned_is_found_out_and_planned_with(tmp_path: Path) -> None:
     """With the forces measured the node plans with the mass it finds; without, with that of the file."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from itertools import product
 from typing import Any
 
@@ -42,6 +42,11 @@ def numbered(variable: str, usual: int, first: int = 0) -> list[Any]:
     middle = first + -(-usual // 3)
     rest = pytest.param(range(middle, first + usual), id="rest", marks=pytest.mark.more)
     return [pytest.param(range(first, middle), id="first"), rest]
+
+
+def few(values: Iterable[Any], kept: Container[Any]) -> list[Any]:
+    """Values as parameters of a test; those that are not kept for the default run have the marker `more`."""
+    return [one if one in kept else pytest.param(one, marks=pytest.mark.more) for one in values]
 
 
 def _parts(combination: tuple[int, ...]) -> set[tuple[tuple[int, int], ...]]:

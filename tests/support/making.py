@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -123,6 +124,22 @@ def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run das-sim in a folder, within this process; a node, a recorder and workers are still processes of their own."""
     return run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)
+
+
+def refusal(*args: str, cwd: Path) -> str:
+    """The one line in which das-sim refuses its arguments."""
+    done = das_sim(*args, cwd=cwd)
+    assert done.returncode == 2, done.stdout + done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if line.strip()]
+    assert line.startswith("error: ")
+    return line
+
+
+def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> None:
+    """Look every 50 ms whether something is done, and go on after a time in any case."""
+    deadline = time.monotonic() + for_s
+    while time.monotonic() < deadline and not done():
+        time.sleep(0.05)
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:

@@ -36,8 +36,10 @@ def advice(now: Instruction | None, *, force_n: float = 0.0, **fields: Any) -> A
     return Advice(time_ns=0, speed_mps=20.0, mode=Mode.CRUISE, valid_until_ns=3 * 10**9, coach=coach)
 
 
-def view(now: Instruction | None, **fields: Any) -> AdviceView | None:
-    return present(advice(now, **fields), Presentation.COACH, LINE.train)
+def view(now: Instruction, **fields: Any) -> AdviceView:
+    seen = present(advice(now, **fields), Presentation.COACH, LINE.train)
+    assert seen is not None
+    return seen
 
 
 def cab(shown: AdviceView | None, **fields: Any) -> CabView:
@@ -55,28 +57,24 @@ BRAKE = Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=10.0, effort_ratio=-0.4)
 def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() -> None:
     following = (replace(ROLL, in_s=42.0, way_m=900.0),)
     seen = view(TRACTION, force_n=1e5, following=following, target_m=800.0, reason="accelerate to 100")
-    assert seen is not None
     assert (seen.mode, seen.next_mode, seen.next_change_s) == (Mode.REDUCED_TRACTION, Mode.COAST, 42.0)
     assert (seen.speed_mps, seen.display_speed_mps) == pytest.approx((100.4 * KMH, 100 * KMH))
     assert (seen.next_speed_mps, seen.next_effort_ratio) == (10.0, 0.0)
     assert (seen.target_way_m, seen.reason, seen.due_s) == (800.0, "accelerate to 100", 0.0)
     assert seen.lever_ratio == TRACTION.effort_ratio, "an acceleration keeps its effort while its force eases off"
     braked = view(BRAKE, force_n=-1e5)
-    assert braked is not None
     assert braked.lever_ratio == pytest.approx(-1e5 / Efforts.at(20.0, LINE.train).brakes_n)
     assert seen.horizon_speed_mps == ()
 
 
 def test_nobody_is_told_with_what_effort_to_hold_a_speed() -> None:
     seen = view(HOLD, force_n=3e4)
-    assert seen is not None
     assert math.isnan(seen.lever_ratio)
     assert Shown.of(seen) == Shown(mode=Mode.CRUISE, speed_kmh=72, effort=None)
 
 
 def test_a_display_says_to_depart_with_no_effort_yet_and_how_to_depart_when_cleared() -> None:
     seen = view(DEPART, reason="depart when cleared")
-    assert seen is not None
     assert (seen.mode, seen.lever_ratio, seen.force_n) == (Mode.DEPART, 0.0, 0.0)
     assert seen.display_speed_mps == pytest.approx(100 * KMH)
     assert (seen.next_mode, seen.next_speed_mps, seen.next_effort_ratio) == (Mode.REDUCED_TRACTION, 100.4 * KMH, 0.8)
@@ -85,7 +83,6 @@ def test_a_display_says_to_depart_with_no_effort_yet_and_how_to_depart_when_clea
     assert Shown.of(read) == Shown(mode=Mode.REDUCED_TRACTION, speed_kmh=100, effort=4)
     assert read.departure is read
     held = view(replace(DEPART, effort_ratio=math.nan))
-    assert held is not None
     assert held.departure.mode == Mode.CRUISE
 
 
@@ -141,7 +138,7 @@ def test_a_top_speed_says_nothing_of_how_to_depart() -> None:
 
 @pytest.mark.parametrize("now", [None, Instruction()])
 def test_where_there_is_no_reference_nothing_is_shown(now: Instruction | None) -> None:
-    assert view(now) is None
+    assert present(advice(now), Presentation.COACH, LINE.train) is None
 
 
 def test_withdrawn_advice_is_not_shown() -> None:
@@ -152,7 +149,6 @@ def test_withdrawn_advice_is_not_shown() -> None:
 def settled(now: Instruction, *, force_n: float = 0.0, **fields: Any) -> float:
     """The controller's setting of a quick human after two seconds of one instruction."""
     driver, seen = HumanDriver(LINE, QUICK, seed=1), view(now, force_n=force_n)
-    assert seen is not None
     command = COAST
     for look in range(20):
         command = driver.command(cab(replace(seen, valid_until_s=100.0), time_s=0.2 * look, **fields))
@@ -201,7 +197,6 @@ def test_only_another_mode_speed_or_effort_is_new_to_a_human(after: Instruction,
     driver = HumanDriver(LINE, QUICK, seed=1)
     for look in range(20):
         seen = view(HOLD if look < 10 else after)
-        assert seen is not None
         driver.command(cab(replace(seen, valid_until_s=100.0), time_s=0.2 * look))
     followed = [event for event in driver.events if event.what == "followed"]
     assert len(followed) == (2 if new else 1)
@@ -211,8 +206,6 @@ def test_a_perfect_driver_does_what_is_due_and_no_sooner() -> None:
     """Coasting that is due in 4 s: until then he holds what was due before."""
     driver = PerfectDriver(LINE)
     hold, roll = view(HOLD), view(replace(ROLL, in_s=4.0, way_m=80.0))
-    assert hold is not None
-    assert roll is not None
     held = driver.command(cab(hold))
     assert held.value == pytest.approx(20.0)
     assert driver.command(cab(replace(roll, time_s=1.0, valid_until_s=9.0), time_s=1.0)) == driver.command(
@@ -227,7 +220,6 @@ def test_a_perfect_driver_accelerates_when_it_is_due_and_no_faster_than_the_limi
     """It is announced for 5 s from now, and what is shown then does not change."""
     driver = PerfectDriver(LINE)
     seen = view(HOLD, following=(replace(TRACTION, in_s=5.0, way_m=100.0),))
-    assert seen is not None
     seen = replace(seen, valid_until_s=9.0)
     assert driver.command(cab(seen, time_s=4.0, limit_mps=limit_mps)).value == pytest.approx(20.0)
     command = driver.command(cab(seen, time_s=4.4, limit_mps=limit_mps))
@@ -259,7 +251,6 @@ def test_a_perfect_driver_takes_no_friction_where_the_motors_nearly_suffice(more
 def test_a_perfect_driver_brakes_to_the_speed_at_its_place_and_no_harder_than_the_reference(told_n: float) -> None:
     """From 20 to 10 m/s in 500 m: 0.3 m/s², and the resistance helps; the braking curve may ask for more later on."""
     driver, seen = PerfectDriver(LINE), view(BRAKE, reference_force_n=told_n, target_m=500.0)
-    assert seen is not None
     command = driver.command(cab(seen))
     resistance_n = float(LINE.vehicle.resistance.force_n(20.0))
     expected = resistance_n - 0.3 * LINE.vehicle.inertial_mass_kg

@@ -1,13 +1,16 @@
-"""Everything about a presentation is in its module: a made-up one takes a file and a line, and is there everywhere."""
+"""A presentation is one module, a made-up one as well, and shows what it is for and nothing else."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
 from das.advice.modes import Mode
 from das.bus import das_pb2, topics
+from das.domain.units import KMH
 from das.front_door import chosen
 from sim.drive.drive import Drive
 from sim.drivers import presentations
@@ -15,7 +18,7 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.messages import cab_view
-from sim.drivers.presentations.presenter import presenter_of, shown_presentation
+from sim.drivers.presentations.presenter import Shown, presenter_of, shown_presentation
 from sim.experiment.factors import FactorLevel
 from sim.experiment.study_files import level_words
 from sim.recording.course import DrivenCourse
@@ -88,3 +91,28 @@ def test_a_display_of_the_deviation_has_no_mode_in_its_headline(late_s: float, w
         time_s=0.0, valid_until_s=3.0, presentation=Presentation.DEVIATION, mode=Mode.COAST, deviation_s=late_s
     )
     assert presenter_of(Presentation.DEVIATION).headline(view) == words
+
+
+def view(presentation: Presentation, mode: Mode = Mode.CRUISE, **fields: Any) -> AdviceView:
+    given = {"speed_mps": 81.4 * KMH, "display_speed_mps": 82 * KMH, "lever_ratio": 0.31, **fields}
+    return AdviceView(time_s=0.0, valid_until_s=3.0, presentation=presentation, mode=mode, **given)
+
+
+def test_each_presentation_shows_what_it_is_for() -> None:
+    assert Shown.of(view(Presentation.RMS)) == Shown(mode=None, speed_kmh=82, effort=None)
+    assert Shown.of(view(Presentation.FOUR_MODE)) == Shown(mode=Mode.CRUISE, speed_kmh=82, effort=None)
+    assert Shown.of(view(Presentation.FOUR_MODE, Mode.COAST)) == Shown(mode=Mode.COAST, speed_kmh=None, effort=None)
+    late = view(Presentation.DEVIATION, deviation_s=12.4)
+    assert Shown.of(late) == Shown(mode=None, speed_kmh=None, effort=None, deviation_s=12)
+    assert Shown.of(view(Presentation.VECTOR)) == Shown(mode=Mode.CRUISE, speed_kmh=82, effort=2)
+
+
+@pytest.mark.parametrize(("ratio", "steps"), [(0.0, 0), (0.09, 0), (0.11, 1), (-0.29, -1), (-0.31, -2), (1.0, 5)])
+def test_effort_is_read_in_fifths_of_the_controller(ratio: float, steps: int) -> None:
+    assert Shown.of(view(Presentation.VECTOR, lever_ratio=ratio)).effort == steps
+
+
+def test_what_is_not_known_is_not_shown() -> None:
+    nothing = view(Presentation.VECTOR, speed_mps=math.nan, display_speed_mps=math.nan, lever_ratio=math.nan)
+    assert Shown.of(nothing) == Shown(mode=Mode.CRUISE)
+    assert Shown.of(view(Presentation.RMS, display_speed_mps=math.nan)) == Shown(speed_kmh=81)

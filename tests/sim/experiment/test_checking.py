@@ -49,7 +49,7 @@ def test_a_reason_is_sensed_by_drivers_whom_it_makes_refuse_less(designed: Desig
 @pytest.mark.parametrize(
     ("factor", "fixed"),
     [
-        ("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'"),
+        pytest.param("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'", marks=pytest.mark.more),
         ("name = 'hold_s'\nlevels = [0, 20]", "presentation = 'none'"),
         ("name = 'friction'\nlevels = ['as-measured', 'electric-first']", "driver = 'perfect'"),
     ],
@@ -83,6 +83,7 @@ def test_a_driver_senses_the_preview(designed: Designed, driver: str) -> None:
     assert found == Sensed(factor="preview_s", days=1, alike=())
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_a_level_that_cannot_be_driven_is_said(designed: Designed, tmp_path: Path) -> None:
     (tmp_path / "stuck.toml").write_text(

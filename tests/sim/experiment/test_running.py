@@ -11,7 +11,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -28,7 +27,7 @@ from sim.experiment.plan import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.experiment.running import Keep, TrialJob, jobs_of, make_trial, run_study
 from sim.jobs.runner import Journal, attempted
 from tests.support.dask_cluster import running_cluster
-from tests.support.making import REPOSITORY, das_sim
+from tests.support.making import REPOSITORY, das_sim, wait_until
 
 pandas = pytest.importorskip("pandas")
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -113,9 +112,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: P
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     journal = folder / "finished.jsonl"
-    deadline = time.monotonic() + 240
-    while time.monotonic() < deadline and not (journal.exists() and journal.read_bytes().count(b"\n") >= 2):
-        time.sleep(0.05)
+    wait_until(lambda: journal.exists() and journal.read_bytes().count(b"\n") >= 2, 240.0)
     child.send_signal(signal.SIGKILL)
     child.communicate(timeout=60)
     done = das_sim(*words, "--json", cwd=place)

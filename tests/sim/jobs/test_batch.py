@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,20 +23,11 @@ from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds,
 from sim.jobs.report import summary
 from sim.jobs.runner import Journal, attempted
 from sim.world.outcome import SHARES
-from tests.support.making import REPOSITORY, das_sim
+from tests.support.flat_days import FLAT
+from tests.support.making import REPOSITORY, das_sim, refusal, wait_until
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
-HEAD = """
-schema_version = 1
-[scenario]
-id = "{id}"
-title = "Flat"
-route = "flat-6km"
-vehicle = "re460-ic"
-[timetable]
-buffer_percent = {buffer}
-"""
 LATE = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 0, max = 20}\n"
 STUCK = "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86_400\n"
 
@@ -45,9 +35,12 @@ STUCK = "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclear
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("batch")
-    (folder / "late.toml").write_text(HEAD.format(id="late", buffer=10) + LATE)
-    (folder / "stuck.toml").write_text(HEAD.format(id="stuck", buffer=10) + STUCK)
-    (folder / "broken.toml").write_text(HEAD.format(id="broken", buffer=10).replace("re460-ic", "train.toml"))
+    for name, text in (
+        ("late", FLAT + LATE),
+        ("stuck", FLAT + STUCK),
+        ("broken", FLAT.replace("re460-ic", "train.toml")),
+    ):
+        (folder / f"{name}.toml").write_text(text.replace('"flat"', f'"{name}"'))
     (folder / "train.toml").write_text("losses = [")
     return folder
 
@@ -169,9 +162,7 @@ def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number
     name = f"stopped-{number}"
     asked = ["late.toml", "--seeds", "0-39", "--drivers", "perfect", "--workers", "1", "-o", name]
     child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and finished(folder / name) < 2:
-        time.sleep(0.05)
+    wait_until(lambda: finished(folder / name) >= 2)
     workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
     child.send_signal(number)
     _, said = child.communicate(timeout=60)
@@ -180,9 +171,7 @@ def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number
         assert child.returncode == 130
         assert "of 40 runs are finished; the same command goes on from there" in said
         assert 2 <= len(rows(folder / name / "runs.parquet")) < 40
-    deadline = time.monotonic() + 20
-    while time.monotonic() < deadline and any(Path(f"/proc/{pid}").exists() for pid in workers):
-        time.sleep(0.1)
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 20.0)
     assert not [pid for pid in workers if Path(f"/proc/{pid}").exists()]
     kept = finished(folder / name)
     asked[2] = f"0-{max(kept, 3)}"
@@ -291,11 +280,7 @@ def test_seeds() -> None:
     ],
 )
 def test_bad_input_of_batch_is_one_line(folder: Path, arguments: list[str], message: str) -> None:
-    done = batch(*arguments, cwd=folder)
-    assert done.returncode == 2, done.stdout + done.stderr
-    (line,) = [line for line in done.stderr.splitlines() if line.strip()]
-    assert line.startswith("error: ")
-    assert message in line
+    assert message in refusal("batch", *arguments, cwd=folder)
     assert not (folder / "x").exists()
 
 
@@ -339,9 +324,7 @@ def test_ctrl_c_at_a_terminal_spares_workers_that_are_being_started(folder: Path
     asked = ["late.toml", "--seeds", "0-9", "--drivers", "perfect", "--workers", "1", "-o", "started"]
     child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
     children = Path(f"/proc/{child.pid}/task/{child.pid}/children")
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline and not any(_is_worker(pid) for pid in children.read_text().split()):
-        time.sleep(0.01)
+    wait_until(lambda: any(_is_worker(pid) for pid in children.read_text().split()), 60.0)
     os.killpg(child.pid, signal.SIGINT)
     _, said = child.communicate(timeout=120)
     assert child.returncode == 130

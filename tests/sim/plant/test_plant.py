@@ -425,10 +425,7 @@ def small_map() -> LossMap:
 
 
 BAD: list[tuple[Callable[[], object], str]] = [
-    (
-        lambda: Dynamics(step_s=0.5),
-        r"plant: step_s = 0.5: expected 0.02 to 0.1",
-    ),
+    (lambda: Dynamics(step_s=0.5), r"plant: step_s = 0.5: expected 0.02 to 0.1"),
     (lambda: Plant(flat(100.0), make_train()).advance(PlantState(0.0, 0.0, 0.0), COAST, 0.07), "not a whole number"),
     (lambda: Plant(flat(100.0), make_train(), conditions=Conditions(adhesion_ratio=0.5)), "adhesion is missing"),
     (lambda: Plant(flat(100.0), make_train(), patches=(Patch(adhesion_ratio=0.5),)), "adhesion is missing"),

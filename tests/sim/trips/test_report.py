@@ -27,12 +27,7 @@ from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
 from sim.runs.replay.job import driven_legs, prepare, trip_energies
 from sim.runs.replay.replay import ReplayOutcome
-from sim.trips.estimate import (
-    EnergyRange,
-    energy_range,
-    estimate_run,
-    strongest_held_n,
-)
+from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
 from sim.trips.settings import ESTIMATE, SMOOTHING
@@ -142,6 +137,7 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     assert energy["input_low_kwh"] < energy["input_kwh"] < energy["input_high_kwh"]
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> None:
     """The plant integrates on its own: its true energy against that from a track without speeds, and the direction."""

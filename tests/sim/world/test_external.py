@@ -107,7 +107,7 @@ def driven(day: Day, place: str, out: Path, shown: Presentation) -> Recorded:
 
 @pytest.mark.processes
 @pytest.mark.slow
-@pytest.mark.parametrize("shown", [Presentation.VECTOR, Presentation.COACH])
+@pytest.mark.parametrize("shown", [pytest.param(Presentation.VECTOR, marks=pytest.mark.more), Presentation.COACH])
 def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     folder: Path, tmp_path: Path, shown: Presentation
 ) -> None:
@@ -147,6 +147,7 @@ def test_the_program_of_the_page_drives(folder: Path) -> None:
     assert abs(found["stops"][-1]["missed_m"]) < 10
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path, tmp_path: Path) -> None:

@@ -23,21 +23,10 @@ from sim.drivers.rules import PerfectDriver
 from sim.world.day import Day, make_day
 from sim.world.outcome import fronts_of_braking
 from sim.world.scenario import load_scenario
-from tests.support.flat_days import service_for, service_of
+from tests.support.flat_days import FLAT, service_for, service_of
 from tests.support.recorded_days import BrakesByFriction, CoastsLate, DrivesFaster, inputs_of_day, recorded_day
 
 FIVE_KMH = 5.0 / 3.6
-SCENARIO = """
-schema_version = 1
-[scenario]
-id = "short"
-title = "Short"
-route = "flat-6km"
-vehicle = "re460-ic"
-[timetable]
-buffer_percent = 10
-{more}
-"""
 
 
 @cache
@@ -56,7 +45,7 @@ def account(day: Day, driver: Driver) -> Account:
 
 def short_day(folder: Path, more: str = "") -> Day:
     path = folder / "short.toml"
-    path.write_text(SCENARIO.format(more=more), encoding="utf-8")
+    path.write_text(FLAT + more, encoding="utf-8")
     return make_day(service_of(path), 1)
 
 
@@ -123,7 +112,7 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_reco
 
 
 def test_why_a_drive_cannot_be_compared() -> None:
-    fits = account(clear_day(), PerfectDriver(clear_day().service.line)).above.sections[0]
+    fits = faultless().above.sections[0]
     late = replace(fits, late_s=2.5)
     assert why_not_comparable([fits, fits]) == ""
     assert why_not_comparable([fits, late]).endswith("the optimum is its fastest run, 2.5 s later")

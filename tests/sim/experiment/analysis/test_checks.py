@@ -10,16 +10,7 @@ import numpy as np
 
 from sim.experiment.analysis.checks import AssumptionCheck
 from sim.experiment.analysis.reading import RunStudy
-from tests.support.made_up_study import (
-    APART,
-    MEASURE,
-    SAME,
-    VECTOR,
-    Truth,
-    checked,
-    made_up_groups,
-    made_up_study,
-)
+from tests.support.made_up_study import APART, MEASURE, SAME, VECTOR, Truth, checked, made_up_groups, made_up_study
 
 
 def holds(study: RunStudy, words: str) -> bool | None:

@@ -20,15 +20,7 @@ from sim.experiment.analysis.differences import (
 from sim.experiment.analysis.reading import RunStudy
 from sim.experiment.analysis.resampling import resampled, weights
 from sim.experiment.plan import VariedFactor
-from tests.support.made_up_study import (
-    MEASURE,
-    NOISE,
-    RESAMPLES,
-    VECTOR,
-    Truth,
-    made_up_study,
-    positive,
-)
+from tests.support.made_up_study import MEASURE, NOISE, RESAMPLES, VECTOR, Truth, made_up_study, positive
 
 
 @pytest.mark.slow
@@ -227,9 +219,7 @@ def test_groups_are_compared_by_the_means_of_their_drivers() -> None:
     level = np.where(names < "sub-006", "none", "vector")
     factor = VariedFactor(name="presentation", levels=("none", "vector"), within=False)
     study = replace(
-        study,
-        plan=replace(study.plan, factors=(factor,)),
-        trials=replace(study.trials, levels={"presentation": level}),
+        study, plan=replace(study.plan, factors=(factor,)), trials=replace(study.trials, levels={"presentation": level})
     )
     groups = two_groups(study, VECTOR)
     assert (groups.a_names[0], len(groups.a), len(groups.b)) == ("sub-006", 5, 5)

@@ -8,21 +8,9 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.differences import (
-    group_estimate,
-    paired_trials,
-    two_groups,
-)
+from sim.experiment.analysis.differences import group_estimate, paired_trials, two_groups
 from sim.experiment.analysis.mixed_model import fit_mixed_model
-from tests.support.made_up_study import (
-    APART,
-    NOISE,
-    SAME,
-    VECTOR,
-    Truth,
-    made_up_groups,
-    made_up_study,
-)
+from tests.support.made_up_study import APART, NOISE, SAME, VECTOR, Truth, made_up_groups, made_up_study
 
 
 def test_the_model_recovers_the_difference_and_the_spread_of_the_drivers() -> None:

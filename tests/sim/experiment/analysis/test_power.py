@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.analysis.differences import (
-    TwoGroups,
-    paired_trials,
-)
+from sim.experiment.analysis.differences import TwoGroups, paired_trials
 from sim.experiment.analysis.power import (
     Asked,
     BellCurves,

@@ -10,13 +10,7 @@ from scipy import stats
 
 from sim.experiment.analysis.reading import Floats
 from sim.experiment.analysis.resampling import sd_interval, spread_of
-from tests.support.made_up_study import (
-    MEASURE,
-    NOISE,
-    STUDIES,
-    Truth,
-    made_up_study,
-)
+from tests.support.made_up_study import MEASURE, NOISE, STUDIES, Truth, made_up_study
 
 
 @cache

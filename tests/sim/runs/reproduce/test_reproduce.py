@@ -26,10 +26,13 @@ from sim.options import NodeSaid
 from sim.runs.reproduce.hearing import Said
 from sim.runs.reproduce.reproduce import IGNORED, TOLERANCES, Reproduction, compare, reproduce, tolerance
 from sim.world.scenario import bundled_scenarios
+from tests.support.crossing import few
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER, REPLAY, names
 
 REFERENCE = FOLDER / f"{REPLAY}.mcap"
+DEFAULT = (REPLAY, "bus-outage", "node-restart", "restriction-ahead")
+"""The references that the default run reproduces."""
 KEPT_S = 60
 Change = Callable[[list[RecordedMessage]], Sequence[RecordedMessage]]
 
@@ -39,7 +42,7 @@ def heard_again(path: Path, node: str | None = None) -> Reproduction:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", few(names(), DEFAULT))
 def test_a_reference_is_reproduced(name: str) -> None:
     """Where this fails and the change is meant: `python -m tests.support.reference_recordings`."""
     found = heard_again(FOLDER / f"{name}.mcap")

@@ -113,6 +113,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 @pytest.mark.parametrize("again", [open_loop, anew])
@@ -133,6 +134,7 @@ def test_with_nothing_otherwise_every_message_is_the_same_byte_for_byte(
     assert found.aligned.is_same(1)
 
 
+@pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
 def test_an_open_loop_keeps_the_drive_and_changes_the_advice(recorded: Path, tmp_path: Path) -> None:

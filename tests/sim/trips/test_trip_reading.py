@@ -1,4 +1,4 @@
-"""Files of trips: CSV with and without a header, GPX, recordings of ours; and files that are refused."""
+"""Reading files of trips: CSV with and without a header, GPX, recordings of ours; and files that are refused."""
 
 from __future__ import annotations
 

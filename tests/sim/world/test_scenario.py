@@ -12,11 +12,7 @@ from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from sim.world.day import make_day
-from sim.world.disturbances import (
-    AnnouncedRestriction,
-    as_figures,
-    described,
-)
+from sim.world.disturbances import AnnouncedRestriction, as_figures, described
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
 from sim.world.service import lay_out, prepare_service
 from tests.support.flat_days import FLAT
@@ -69,10 +65,7 @@ BAD = [
         RESTRICTED.replace("announced_m = 500", "announced_m = 1e300"),
         r"disturbances\[0\].announced_m = 1e\+300: expected a number from 0 to 1e\+07",
     ),
-    (
-        RESTRICTED.replace("to_km = 2", "to_km = 1"),
-        r"disturbances\[0\].to_km = 1: expected more than from = 1000 m",
-    ),
+    (RESTRICTED.replace("to_km = 2", "to_km = 1"), r"disturbances\[0\].to_km = 1: expected more than from = 1000 m"),
     (
         RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
         "from is at km 7: expected on the way, km 0 to 6",
