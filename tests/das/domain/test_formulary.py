@@ -45,6 +45,7 @@ def test_curve_resistance_has_its_step_at_300_m() -> None:
     assert curve_resistance_mps2(np.array([0.0, 1 / 600, -1 / 600, 1 / 200])) == pytest.approx(
         [0.0, 9.81 * 0.5 / 570, 9.81 * 0.5 / 570, 9.81 * 0.65 / 145]
     )
+    assert float(curve_resistance_mps2(1 / 530)) == pytest.approx(9.81e-3)
     assert float(curve_resistance_mps2(1 / 300)) == pytest.approx(9.81 * 0.5 / 270)
     assert float(curve_resistance_mps2(1 / 299.9)) == pytest.approx(9.81 * 0.65 / 244.9)
 

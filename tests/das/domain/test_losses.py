@@ -38,11 +38,15 @@ def linear_in_each(force: np.ndarray | float, speed: np.ndarray | float) -> np.n
     return np.asarray(60e3 + 0.2 * force + 500.0 * speed + 0.01 * force * speed)
 
 
+def map_of_losses(table: np.ndarray, name: str = "m") -> LossMap:
+    return LossMap(name=name, speed_mps=SPEEDS.copy(), force_n=FORCES.copy(), loss_w_table=table)
+
+
 def loss_map(*, power_w: float = np.inf, name: str = "map") -> LossMap:
     """`linear_in_each` as a map, cut at a power hyperbola."""
     speed, force = np.meshgrid(SPEEDS, FORCES, indexing="ij")
     table = np.where(np.abs(force * speed) <= power_w, linear_in_each(force, speed) + 150e3, np.nan)
-    return LossMap(name=name, speed_mps=SPEEDS.copy(), force_n=FORCES.copy(), loss_w_table=table)
+    return map_of_losses(table, name)
 
 
 def written(folder: Path, text: str) -> Path:
@@ -192,7 +196,7 @@ def efficiency_table(mean: float, idle_w: float) -> tuple[np.ndarray, np.ndarray
 @pytest.mark.parametrize(("mean", "idle_w"), [(17 / 32, 0.0), (0.9, 0.0), (1.0, 1.0), (1.0, 0.0)])
 def test_l2_fits_a_map_without_idle_loss_or_without_proportional_loss(mean: float, idle_w: float) -> None:
     _, _, table = efficiency_table(mean, idle_w)
-    made = LossMap(name="m", speed_mps=SPEEDS.copy(), force_n=FORCES.copy(), loss_w_table=table)
+    made = map_of_losses(table)
     fit = fit_mean_efficiency(made, POWER_W, with_idle=True)
     assert (fit.traction_ratio, fit.idle_w) == pytest.approx((1 / mean - 1, idle_w), abs=1e-3)
 
@@ -201,7 +205,7 @@ def test_l2_fits_a_map_whose_loss_grows_with_the_square_of_power() -> None:
     """The straight line through a parabola has a negative constant; the best one allowed is 0."""
     speed, force = np.meshgrid(SPEEDS, FORCES, indexing="ij")
     table = 1e-7 * (force * speed) ** 2
-    made = LossMap(name="copper", speed_mps=SPEEDS.copy(), force_n=FORCES.copy(), loss_w_table=table)
+    made = map_of_losses(table)
     assert fit_mean_efficiency(made, POWER_W, with_idle=True).idle_w == 0
 
 
@@ -209,7 +213,7 @@ def test_l2_fits_a_map_whose_loss_grows_with_the_square_of_power() -> None:
 def test_a_fit_recovers_the_efficiency_and_idle_loss_a_map_was_made_of(mean: float, idle_w: float) -> None:
     speed, force, table = efficiency_table(mean, idle_w)
     table[np.abs(force * speed) > POWER_W] *= 7.0  # not within the power: the fit must not look there
-    made = LossMap(name="m", speed_mps=SPEEDS.copy(), force_n=FORCES.copy(), loss_w_table=table)
+    made = map_of_losses(table)
     fit = fit_mean_efficiency(made, POWER_W, with_idle=True)
     assert 1 / (1 + fit.traction_ratio) == pytest.approx(mean, rel=1e-9)
     assert fit.idle_w == pytest.approx(idle_w, rel=1e-6, abs=1e-3)
@@ -243,7 +247,7 @@ def test_the_error_of_a_fit_is_counted_over_its_operating_points() -> None:
     speed, force, table = efficiency_table(0.8, 50e3)
     sign = np.where((np.arange(len(SPEEDS))[:, None] + np.arange(len(FORCES))) % 2, 1.0, -1.0)
     table = np.where(np.abs(force * speed) > POWER_W, 9e6, table + 10e3 * sign)
-    made = LossMap(name="m", speed_mps=SPEEDS.copy(), force_n=FORCES.copy(), loss_w_table=table)
+    made = map_of_losses(table)
     fit = EfficiencyLoss.symmetric(0.8, 50e3)
     error = fit_error(made, fit, POWER_W)
     use = (np.abs(force * speed) <= POWER_W) & (speed > 0)
@@ -252,9 +256,7 @@ def test_the_error_of_a_fit_is_counted_over_its_operating_points() -> None:
     assert error.mean_to_input_ratio == pytest.approx(10e3 / into[use].mean())
     assert error.mean_to_largest_ratio == pytest.approx(10e3 / table[use].max())
     assert error.rms_to_largest_ratio == pytest.approx(10e3 / table[use].max())
-    exact = LossMap(
-        name="m", speed_mps=SPEEDS.copy(), force_n=FORCES.copy(), loss_w_table=efficiency_table(0.8, 50e3)[2]
-    )
+    exact = map_of_losses(efficiency_table(0.8, 50e3)[2])
     assert fit_error(exact, fit, POWER_W).rms_to_largest_ratio == pytest.approx(0.0, abs=1e-12)
 
 
@@ -293,11 +295,3 @@ def test_the_re460_map_is_what_the_paper_prints() -> None:
     speed = np.arange(75.0, 200.0) / 3.6
     at_full_power = chain.loss_w(6100e3 / speed, speed)
     assert at_full_power.mean() == pytest.approx(1000e3, rel=0.06)
-
-
-def test_the_re460_cruises_most_cheaply_near_63_kmh_at_l2() -> None:
-    train = load_vehicle("re460-ic")
-    v = np.arange(30.0, 160.0, 0.01) / 3.6
-    resistance = 8200 + 38.8 * v + 8.6 * v**2
-    per_metre = (resistance * v + train.loss_model(Level.L2).loss_w(resistance, v)) / v
-    assert 62 < v[per_metre.argmin()] * 3.6 < 64

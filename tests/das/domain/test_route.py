@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_route
-from das.domain.formulary import curve_resistance_mps2
 from das.domain.route import Route, Stop, Stretches, Tunnel, section_stops
 
 LENGTH_M = 60
@@ -147,23 +146,6 @@ def test_the_bundled_route_passes_through_the_altitudes_of_its_stops() -> None:
     altitude = route.altitude_m([stop.position_m for stop in route.stops])
     assert [stop.name for stop in route.stops] == ["Zürich HB", "Thalwil", "Zug", "Luzern"]
     assert altitude == pytest.approx([408, 435, 425, 436], abs=0.6)
-
-
-@pytest.mark.parametrize(
-    ("radius_m", "per_mille_of_weight"),
-    [
-        (np.inf, 0.0),
-        (3000.0, 500 / 2970),
-        (530.0, 1.0),
-        (300.0, 500 / 270),
-        (300.0 + 1e-9, 500 / 270),
-        (300.0 - 1e-6, 650 / 245),
-        (185.0, 5.0),
-    ],
-)
-def test_curve_resistance(radius_m: float, per_mille_of_weight: float) -> None:
-    assert curve_resistance_mps2(1 / radius_m) == pytest.approx(9.81e-3 * per_mille_of_weight, rel=1e-6)
-    assert curve_resistance_mps2(-1 / radius_m) == curve_resistance_mps2(1 / radius_m)
 
 
 @pytest.mark.parametrize(("wanted", "position_m"), [("Aarau", 0), ("bRUGG", 400), ("1", 0), ("2", 400), ("3", 1000)])

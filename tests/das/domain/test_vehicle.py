@@ -34,11 +34,6 @@ def test_the_resistance_of_the_re460_train_is_eq_15(speed_mps: float, force_n: f
     assert load_vehicle("re460-ic").resistance.force_n(speed_mps) == pytest.approx(force_n)
 
 
-def test_effort_is_the_smaller_of_force_and_hyperbola() -> None:
-    effort = EffortEnvelope(max_force_n=300e3, max_power_w=6e6)
-    assert effort.force_n([0, 5, 20, 40]) == pytest.approx([300e3, 300e3, 300e3, 150e3])
-
-
 def test_each_level_of_the_re460_train() -> None:
     train = load_vehicle("re460-ic")
     assert train.default_level is Level.L3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -72,38 +73,70 @@ def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_file_is_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    for content in (b"first, longer", b"second"):
+        writing.write_whole(path, content)
+        assert path.read_bytes() == content
+        assert os.listdir(tmp_path) == ["out.csv"]
+    assert path.stat().st_mode & 0o111 == 0
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "out.csv"
+    path.write_bytes(b"old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(DasError, match=rf"^{re.escape(str(path))}: cannot be written \(No space left on device\)$"):
+        writing.write_whole(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["out.csv"]
+
+
+@pytest.mark.parametrize(
+    "check",
+    [lambda path: writing.check_writable(path, overwrite=True), lambda path: writing.write_whole(path, b"x")],
+    ids=["check", "write"],
+)
+@pytest.mark.parametrize("place", ["a-file/out.csv", "no-folder/out.csv", "a-folder"])
+def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path, check: Callable[[Path], None], place: str) -> None:
+    (tmp_path / "a-file").write_text("")
+    (tmp_path / "a-folder").mkdir()
+    before = sorted(os.listdir(tmp_path))
+    with pytest.raises(
+        DasError, match=rf"^{re.escape(str(tmp_path / place))}: (is a folder|no such folder|cannot be wr)"
+    ):
+        check(tmp_path / place)
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_read_only_folder_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(DasError, match=r"cannot be written \(Permission denied\)"):
+        writing.check_writable(tmp_path / "out.csv", overwrite=False)
+
+
 VICTIM = "three years of measurements\n"
 
 
-def link(lock: Path, victim: Path) -> None:
-    lock.symlink_to(victim)
+STRANGERS: dict[str, Callable[[Path, Path], object]] = {
+    "link": lambda lock, victim: lock.symlink_to(victim),
+    "hard link": lambda lock, victim: lock.hardlink_to(victim),
+    "dangling link": lambda lock, victim: lock.symlink_to(victim.with_name("nowhere")),
+    "pipe": lambda lock, _: os.mkfifo(lock),
+    "folder": lambda lock, _: lock.mkdir(),
+    "anybody's file": lambda lock, _: lock.write_text(VICTIM),
+}
 
 
-def hard_link(lock: Path, victim: Path) -> None:
-    lock.hardlink_to(victim)
-
-
-def dangling(lock: Path, victim: Path) -> None:
-    lock.symlink_to(victim.with_name("nowhere"))
-
-
-def pipe(lock: Path, _victim: Path) -> None:
-    os.mkfifo(lock)
-
-
-def folder(lock: Path, _victim: Path) -> None:
-    lock.mkdir()
-
-
-def anybodys(lock: Path, _victim: Path) -> None:
-    lock.write_text(VICTIM)
-
-
-STRANGERS = [link, hard_link, dangling, pipe, folder, anybodys]
-
-
-@pytest.mark.parametrize("stranger", STRANGERS)
-def test_what_is_no_lock_of_ours_is_left_alone(tmp_path: Path, stranger: Callable[[Path, Path], None]) -> None:
+@pytest.mark.parametrize("stranger", STRANGERS.values(), ids=STRANGERS)
+def test_what_is_no_lock_of_ours_is_left_alone(tmp_path: Path, stranger: Callable[[Path, Path], object]) -> None:
     place, victim = tmp_path / "tables", tmp_path / "victim"
     place.mkdir()
     victim.write_text(VICTIM)

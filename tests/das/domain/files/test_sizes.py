@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import os
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -33,112 +32,6 @@ def refused(read: Read, path: Path) -> str:
     assert message.isprintable()
     assert len(message) <= MOST_OF_A_MESSAGE
     return message
-
-
-CASES: list[tuple[Read, str, str, str, str]] = [
-    (
-        read_route,
-        ROUTE,
-        "length_km = 3.0",
-        "length_km = 1e300",
-        "route.length_km = 1e+300: expected a number of at most",
-    ),
-    (
-        read_route,
-        ROUTE,
-        "length_km = 3.0",
-        "length_km = 3000000",
-        "length_km = 3000000: expected a number of at most 1e+06",
-    ),
-    (
-        read_route,
-        ROUTE,
-        "[1.5, 90]",
-        "[1.5, 1e300]",
-        "speed_limits.rows[1].limit = 1e+300: expected a number of at most",
-    ),
-    (read_route, ROUTE, "[1.5, 90]", "[1e300, 90]", "speed_limits.rows[1].position = 1e+300: expected a number"),
-    (read_route, ROUTE, "[800, -8.0]", "[800, -inf]", "gradients.rows[1].gradient = -inf: expected a finite number"),
-    (
-        read_route,
-        ROUTE,
-        'name = "A"',
-        'name = "\\u001b[31mA"',
-        r"stops[0].name = '\x1b[31mA': expected a text of at most",
-    ),
-    (read_route, ROUTE, 'name = "A"', f'name = "{"A" * 300}"', "stops[0].name = 'AAAA"),
-    (read_route, ROUTE, 'name = "R"', 'name = "R"\n"\\u001b[2J" = 1', r"route.\x1b[2J = 1: expected one of the keys"),
-    (read_vehicle, VEHICLE, "max_speed_kmh = 144.0", "max_speed_kmh = -1e300", "vehicle.max_speed_kmh = -1e+300"),
-    (
-        read_vehicle,
-        VEHICLE,
-        "length_m = 0.0",
-        "length_m = 1e-300",
-        "vehicle.length = 1e-300: expected 0 m (a point), or at least 0.1 m",
-    ),
-    (
-        read_vehicle,
-        VEHICLE,
-        "max_speed_kmh = 144.0",
-        "max_speed_kmh = -144",
-        "max_speed_mps = -40.0: expected a finite",
-    ),
-    (
-        read_vehicle,
-        VEHICLE,
-        "max_force_kn = 100.0",
-        "max_force_kn = -inf",
-        "traction.max_force_kn = -inf: expected a fin",
-    ),
-    (
-        read_vehicle,
-        VEHICLE,
-        "max_force_kn = 100.0",
-        "max_force_kn = -100",
-        "traction.max_force_n = -100000.0: expected a",
-    ),
-    (
-        read_vehicle,
-        VEHICLE,
-        "max_force_n = 90000",
-        "max_force_n = -90000",
-        "electric_brake.max_force_n = -90000.0: expe",
-    ),
-    (read_vehicle, VEHICLE, "max_force_n = 90000", "max_force_n = 9e11", "size of the loss map = '144 speeds × 900000"),
-    (
-        read_vehicle,
-        VEHICLE,
-        "mass_t = 100.0",
-        "mass_t = 1e200",
-        "vehicle.mass_t = 1e+200: expected a number of at most 1e+09",
-    ),
-    (
-        read_vehicle,
-        VEHICLE,
-        "mass_t = 100.0",
-        f"mass_t = 1{'0' * 400}",
-        "vehicle.mass_t = '100000000000… (401 digits)'",
-    ),
-    (read_vehicle, VEHICLE, "mass_t = 100.0", f"mass_t = 1{'0' * 5000}", "not valid TOML"),
-    (read_vehicle, VEHICLE, "[36.0, 72.0]", "[36.0, inf]", "converter.clock_speeds_kmh[1] = inf: expected a finite"),
-    (
-        read_vehicle,
-        VEHICLE,
-        "base_kw = 10.0",
-        "base_kw = -inf",
-        "losses.l3.auxiliaries.base_kw = -inf: expected a finite",
-    ),
-]
-
-
-@pytest.mark.parametrize(
-    ("read", "text", "old", "new", "message"), CASES, ids=[re.sub(r"\W+", "-", case[3])[:40] for case in CASES]
-)
-def test_numbers_and_names(tmp_path: Path, read: Read, text: str, old: str, new: str, message: str) -> None:
-    assert text.count(old) == 1
-    path = tmp_path / "bad.toml"
-    path.write_text(text.replace(old, new))
-    assert message in refused(read, path)
 
 
 def test_a_curve_may_be_as_wide_as_it_likes(tmp_path: Path) -> None:
@@ -268,6 +161,7 @@ def outcome(read: Read, path: Path) -> str:
     return ""
 
 
+@pytest.mark.more
 @pytest.mark.slow
 def test_mutated_files_are_read_or_refused_in_one_line(tmp_path: Path) -> None:
     """Every value of our own formats becomes one of the wrong type, size or sign; nothing else than a refusal comes."""

@@ -177,28 +177,30 @@ def test_a_train_is_read(tmp_path: Path, name: str) -> None:
         assert float(train.resistance.force_n(20.0)) == pytest.approx(resistance_kn * 1e3)
 
 
-def test_a_train_by_hand(tmp_path: Path) -> None:
-    train = read_train(written(tmp_path, FULL_TRAIN))
-    assert train.inertial_mass_kg == pytest.approx(108_000)
-    assert (train.train_length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
-        (75, 44.4444444, 3e5)
-    )
-    assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 0.9)
-    assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - 0.8)
-    assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(1.0 * 12.96)
-    assert train.tunnel_coefficient_n_per_mps2(32) == pytest.approx(0.5 * (1.0 + 0.5) * 12.96)
-
-
-def test_the_flirt_by_hand() -> None:
-    train = load_vehicle(str(train_path("CH_Stadler_FLIRT_TPF")))
-    assert train.inertial_mass_kg == pytest.approx(134_200)
-    assert (train.train_length_m, train.max_speed_mps, train.friction_brake_force_n) == pytest.approx(
-        (58.6, 44.4444444, 1.22e6)
-    )
-    assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, 1.1)
-    assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - 0.9)
-    assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(1.1698 * 12.96)
-    assert train.tunnel_coefficient_n_per_mps2(32) == pytest.approx(0.5 * (1.1698 + 0.5579) * 12.96)
+@pytest.mark.parametrize(
+    ("name", "figures", "friction_n", "deceleration_mps2", "brake_efficiency", "tunnel_n_per_kmh2"),
+    [
+        ("own", (108_000, 75, 44.4444444), 3e5, 0.9, 0.8, (1.0, 0.5)),
+        ("CH_Stadler_FLIRT_TPF", (134_200, 58.6, 44.4444444), 1.22e6, 1.1, 0.9, (1.1698, 0.5579)),
+    ],
+)
+def test_a_train_by_hand(
+    tmp_path: Path,
+    name: str,
+    figures: tuple[float, float, float],
+    friction_n: float,
+    deceleration_mps2: float,
+    brake_efficiency: float,
+    tunnel_n_per_kmh2: tuple[float, float],
+) -> None:
+    own = name == "own"
+    train = read_train(written(tmp_path, FULL_TRAIN)) if own else load_vehicle(str(train_path(name)))
+    assert (train.inertial_mass_kg, train.train_length_m, train.max_speed_mps) == pytest.approx(figures)
+    assert train.friction_brake_force_n == pytest.approx(friction_n)
+    assert (train.max_acceleration_mps2, train.max_deceleration_mps2) == (1.1, deceleration_mps2)
+    assert train.losses[Level.OWN] == EfficiencyLoss(traction_ratio=1 / 0.9 - 1, brake_ratio=1 - brake_efficiency)
+    assert train.tunnel_coefficient_n_per_mps2(24) == pytest.approx(tunnel_n_per_kmh2[0] * 12.96)
+    assert train.tunnel_coefficient_n_per_mps2(32) == pytest.approx(0.5 * sum(tunnel_n_per_kmh2) * 12.96)
 
 
 OTHER_UNITS = {
