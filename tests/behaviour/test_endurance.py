@@ -24,8 +24,8 @@ from sim.world.loop import World
 from sim.world.outcome import fronts_of_braking
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
-from tests.das.node.test_node import START_NS, journey, node, status, until
 from tests.support.followed import after_a_second_mps
+from tests.support.node_process import START_NS, a_journey, node, status, until
 
 HOURS = float(os.environ.get("DAS_ENDURANCE_H", "0.25"))
 LATE_DAYS = int(os.environ.get("DAS_LATE_DAYS", "4"))
@@ -45,7 +45,7 @@ def test_a_node_drives_for_hours_without_growing(capsys: pytest.CaptureFixture[s
         until(bus, status(das_pb2.Status.STATE_WAITING), child)
         while second < HOURS * 3600:
             start_ns = START_NS + second * S
-            message = journey()
+            message = a_journey()
             message.time_ns, message.stops[0].departure_ns = start_ns, start_ns + 5 * S
             message.stops[1].arrival_ns = start_ns + 260 * S
             bus.publish(JOURNEY, message)

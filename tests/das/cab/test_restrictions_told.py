@@ -15,10 +15,9 @@ from das.cab.heard import PositionHeard, RestrictionsHeard
 from das.estimate.fix import PositionFix
 from sim.world.in_process import InProcess
 from sim.world.loop import Tick
-from tests.das.node.test_node import journey as journey_of_now
-from tests.das.node.test_node import node, status, until
 from tests.support.driven_node import START_NS, DrivenNode, S, journey, restrictions
 from tests.support.flat_days import FLAT, service_of
+from tests.support.node_process import a_journey, node, status, until
 
 
 def test_a_node_that_was_told_nothing_of_restrictions_does_not_advise_until_it_is() -> None:
@@ -87,9 +86,7 @@ def asked(bus: Any, child: Any, *, tick: int) -> Any:
 
 
 def test_the_option_of_a_site_without_restrictions_over_the_bus() -> None:
-    with node("--clock", "bus", "--no-restrictions") as (bus, child):
-        until(bus, status(das_pb2.Status.STATE_WAITING), child)
-        bus.publish(JOURNEY, journey_of_now())
+    with node("--clock", "bus", "--no-restrictions", journey=a_journey()) as (bus, child):
         until(bus, status(das_pb2.Status.STATE_READY), child)
         assert asked(bus, child, tick=1).mode != das_pb2.MODE_NONE
 

@@ -62,13 +62,6 @@ def test_forces_above_those_of_the_train_are_noticed_at_once() -> None:
     assert calibrator.estimates.doubt is ForceDoubt.TOO_STRONG
 
 
-def test_a_true_sensor_is_not_doubted_where_the_train_is_as_planned() -> None:
-    for leg in (THALWIL, ZUG):
-        for seed in SEEDS:
-            calibrator = fresh()
-            assert not any(calibrator.estimates.doubt for _ in feed(calibrator, driven(leg=leg), seed))
-
-
 def test_a_heavy_train_is_told_from_a_gain_by_its_resistance() -> None:
     """Mass 30 % more and resistance 20 % less: no gain makes that, and it is planned with."""
     found = planned(fresh(), driven(1.3, 0.8, leg=ZUG), 1)

@@ -1,7 +1,10 @@
-"""The node's own clock: that it was set is told by the seconds that never jump, and said."""
+"""The node's own clock, which somebody sets, and a clock of the positions that differs from it by a few seconds."""
 
 from __future__ import annotations
 
+import pytest
+
+from das.advice.cause import Cause
 from das.bus import das_pb2
 from das.bus.topics import EVENT, JOURNEY, POSITION, RESTRICTION
 from das.domain.clocks import Clocks
@@ -54,3 +57,50 @@ def test_until_the_next_position_the_way_of_the_step_is_part_of_the_deviation() 
     assert advice(told=False).position_sd_m > 20.0
     assert "the clock was set forward by 1.0 s" in driven.sink.of(EVENT)[-1].message + driven.sink.events()
     assert advice().position_sd_m < 2 * usual_m
+
+
+# --- the clock of the positions ----------------------------------------------------------------------------------
+
+SPEED_MPS = 30.0
+
+
+def driven_with(off_s: float, seconds: int = 60, speed_mps: float = SPEED_MPS) -> DrivenNode:
+    """A train whose time stamps are behind the clock by a time; true positions are heard as they are measured."""
+    driven = DrivenNode()
+    for second in range(1, seconds):
+        stamp_ns = START_NS + round((second - off_s) * S)
+        s_m = 200.0 + speed_mps * second
+        driven.tell(POSITION, das_pb2.Position(time_ns=stamp_ns, s_m=s_m, speed_mps=speed_mps), "a")
+        driven.tell_time(second)
+    return driven
+
+
+@pytest.mark.parametrize("off_s", [2.8, -2.8])
+def test_clocks_that_differ_by_much_withdraw_the_advice_and_say_so(off_s: float) -> None:
+    """At 108 km/h, 2.8 s are 84 m; the limit was over 79 m early, with a stated deviation of 2 m."""
+    driven = driven_with(off_s)
+    advice = driven.last_advice()
+    assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.POSITION_UNCERTAIN)
+    assert "2.8 s" in driven.sink.events()
+
+
+@pytest.mark.parametrize("off_s", [0.6, 1.2, -1.2])
+def test_the_difference_is_part_of_the_stated_deviation(off_s: float) -> None:
+    driven = driven_with(off_s, 40)
+    advice = driven.last_advice()
+    assert advice.mode != das_pb2.MODE_NONE
+    true_m = 200.0 + SPEED_MPS * 39
+    assert abs(advice.s_m - true_m) <= advice.position_sd_m
+    assert advice.position_sd_m >= SPEED_MPS * abs(off_s)
+    assert driven.sink.events().count("its time stamps") == 1
+
+
+def test_clocks_that_agree_are_not_spoken_of() -> None:
+    driven = driven_with(0.0, 40)
+    assert "time stamps" not in driven.sink.events()
+    assert driven.last_advice().position_sd_m < 9.0
+
+
+def test_at_walking_pace_a_difference_of_clocks_is_no_reason_to_say_nothing() -> None:
+    driven = driven_with(2.0, 40, speed_mps=2.0)
+    assert driven.last_advice().mode != das_pb2.MODE_NONE

@@ -26,13 +26,12 @@ from das.cab.trains import Trains
 from das.domain.errors import DasError
 from das.node.node import Node, WallClock
 from sim.world.processes import Process
-from tests.das.node.test_node import until
 from tests.support.driven_node import FRONTS, ROUTE, START_NS, TRAIN, VEHICLE, S, Sink, journey
 from tests.support.hand_clock import HandClock
+from tests.support.node_process import FLAT, until
 
 TIMEOUT_S = 120.0
 LONGER_THAN_THE_LEASE_S = 2.5
-FLAT = ("--route", "flat-6km", "--vehicle", "re460-ic")
 SIMULATOR = """
 import sys, time
 from das.bus import das_pb2

@@ -22,10 +22,10 @@ from das.bus.session import Bus, Presence, Presences, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Received, Topic, decoded
 from das.cab.heard import Kind, PublisherSeen, RestrictionsHeard
 from das.cab.operators import MOST_GONE, MOST_RIVALS, Operators
-from tests.das.node.test_node import process
+from tests.support import node_process
 from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
+from tests.support.node_process import FLAT, a_journey, process
 
-TIMEOUT_S = 60.0
 OPERATOR = """
 import sys, time
 from das.bus import das_pb2
@@ -233,15 +233,6 @@ def test_a_session_is_gone_when_its_last_token_is() -> None:
 # --- real sessions -----------------------------------------------------------------------------------------------
 
 
-def a_journey() -> das_pb2.Journey:
-    now_ns = time.time_ns()
-    stops = [
-        das_pb2.Journey.Stop(name="A", s_m=0.0, departure_ns=now_ns - 60 * S),
-        das_pb2.Journey.Stop(name="B", s_m=6_000.0, arrival_ns=now_ns + 600 * S),
-    ]
-    return das_pb2.Journey(time_ns=now_ns, route_id="flat-6km", vehicle_id="re460-ic", stops=stops)
-
-
 def a_list(limit_mps: float | None, behind_s: float = 0.0) -> das_pb2.Restrictions:
     places = [das_pb2.Restrictions.Restriction(start_m=0.0, end_m=6_000.0, limit_mps=limit_mps)] if limit_mps else []
     return das_pb2.Restrictions(time_ns=time.time_ns() - round(behind_s * S), restrictions=places)
@@ -249,15 +240,11 @@ def a_list(limit_mps: float | None, behind_s: float = 0.0) -> das_pb2.Restrictio
 
 def until(bus: Bus, wanted: Callable[[Received], bool], child: subprocess.Popen[str]) -> Any:
     """The first message that is wanted, while the train stands at 1 km."""
-    deadline = time.monotonic() + TIMEOUT_S
-    while time.monotonic() < deadline:
+
+    def stand() -> None:
         bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=1_000.0, speed_mps=0.0))
-        received = bus.receive(0.1)
-        if received is not None and received.message is not None and wanted(received):
-            return received.message
-        if child.poll() is not None:
-            pytest.fail(f"the node ended: {child.communicate()[0]}")
-    return pytest.fail("waited too long")
+
+    return node_process.until(bus, wanted, child, stand)
 
 
 def limited(limit_mps: float) -> Callable[[Received], bool]:
@@ -270,8 +257,8 @@ def contested(received: Received) -> bool:
 
 @contextmanager
 def started(simulator: Bus, *places: str) -> Iterator[subprocess.Popen[str]]:
-    simulator.publish(JOURNEY, a_journey())
-    arguments = ("--route", "flat-6km", "--vehicle", "re460-ic", "--train", TRAIN, "--rate", "5", *places)
+    simulator.publish(JOURNEY, a_journey(time.time_ns() - 60 * S, 660.0))
+    arguments = (*FLAT, "--train", TRAIN, "--rate", "5", *places)
     with process("das.node", *arguments) as child:
         yield child
 

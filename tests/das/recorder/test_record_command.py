@@ -14,9 +14,10 @@ from das import __version__
 from das.bus import das_pb2
 from das.bus.recording import read_recording
 from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import POSITION, RECORDER
+from das.bus.topics import CONTROL, POSITION, RECORDER
 from das.recorder.command import main
 from tests.support.making import REPOSITORY
+from tests.support.node_process import refused, until
 from tests.support.recordings import START_NS
 
 
@@ -53,20 +54,60 @@ def test_a_session_is_recorded_beside_what_is_there_already(tmp_path: Path) -> N
     assert [one.name for one in recording.attached] == ["route.toml"]
 
 
+def send_and_record(out: Path, ticks: int) -> None:
+    """Let a recorder hear positions and ticks, and end it by SIGTERM."""
+    ours, theirs = (endpoint(port) for port in free_ports(2))
+    arguments = ["--train", "T1", "--listen", theirs, "--connect", ours, "--out", str(out)]
+    child = subprocess.Popen([sys.executable, "-m", "das.recorder", *arguments])
+    with Bus("T1", listen=ours, connect=[theirs], hear=(RECORDER,)) as bus:
+        until(bus, lambda r: r.topic is RECORDER)
+        for tick in range(1, ticks + 1):
+            now = START_NS + tick * 10**9
+            bus.publish(POSITION, das_pb2.Position(time_ns=now, s_m=float(tick)))
+            bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=tick))
+        until(bus, lambda r: r.topic is RECORDER and r.message.tick == ticks)
+    child.send_signal(signal.SIGTERM)
+    assert child.wait(20) == 0
+
+
+@pytest.mark.more
+@pytest.mark.processes
+def test_everything_is_written_in_order_and_a_recorder_started_anew_keeps_it(tmp_path: Path) -> None:
+    runs = {"run.mcap": 500, "run-2.mcap": 30}
+    for ticks in runs.values():
+        send_and_record(tmp_path / "run.mcap", ticks)
+    for name, ticks in runs.items():
+        recording = read_recording(tmp_path / name)
+        assert recording.complete
+        assert [m.message.s_m for m in recording.of(POSITION)] == [float(i) for i in range(1, ticks + 1)]
+        assert [m.message.tick for m in recording.of(CONTROL)] == list(range(1, ticks + 1))
+        assert recording.of(CONTROL)[-1].log_time_ns == START_NS + ticks * 10**9
+
+
+@pytest.mark.more
+@pytest.mark.processes
+def test_a_file_that_cannot_be_written_is_named() -> None:
+    said = refused("das.recorder", "--listen", endpoint(free_ports(1)[0]), "--out", "/nowhere/x.mcap")
+    assert said.strip() == "error: /nowhere/x.mcap: cannot be written (No such file or directory)"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--train", "a b"], "error: train name 'a b': expected 1 to 64 letters"),
         (["--connect", "tcp/10.0.0.1:7"], "error: endpoint 'tcp/10.0.0.1:7': expected tcp/127.0.0.1:PORT"),
         (["--nonsense"], "error: No such option"),
+        (["--metadata", "{nope"], "error: --metadata: not valid JSON (Expecting"),
+        (["--metadata", "[1]"], "error: --metadata: expected a JSON object of texts"),
+        (["--attach", "/nowhere/x"], "error: /nowhere/x: cannot be read (No such file or directory)"),
+        (["--listen", "x"], "error: endpoint 'x': expected tcp/127.0.0.1:PORT"),
     ],
 )
-def test_bad_arguments_end_in_one_line(
+def test_bad_arguments_end_in_one_line_and_nothing_is_written(
     arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = [*arguments, "--out", str(tmp_path / "run.mcap")]
     with pytest.raises(SystemExit) as ended:
-        main(arguments)
+        main(["--listen", endpoint(free_ports(1)[0]), "--out", str(tmp_path / "run.mcap"), *arguments])
     assert ended.value.code == 2
     said = capsys.readouterr().err
     assert said.startswith(message)

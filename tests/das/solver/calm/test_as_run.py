@@ -172,12 +172,3 @@ def test_an_acceleration_before_a_brake_is_left_out_where_it_gains_no_second(ste
     said = [Phase(HOLD, 0.0, 0, 20.0), Phase(TRACTION, 1.0, 2, 23.0), Phase(BRAKE, 0.0, 5, 14.0)]
     run = RunAtNodes.of(speeds, np.full(11, 30.0), np.full(10, step_m))
     assert (TRACTION in [one.kind for one in speeds_as_held(said, run, 0.6)]) is kept
-
-
-def test_speeds_that_no_driver_tells_apart_are_one() -> None:
-    speeds = np.array([10.0, 15, 20, 23.9, 24, 24, 24, 24, 24, 24, 24])
-    said = [Phase(TRACTION, 1.0, 0, 23.7), Phase(HOLD, 0.0, 3, 24.0), Phase(HOLD, 0.0, 6, 24.2)]
-    assert as_run(said, speeds, envelope=np.full(11, 30.0)) == [
-        Phase(TRACTION, 1.0, 0, 24.0),
-        Phase(HOLD, 0.0, 3, 24.0),
-    ]

@@ -1,4 +1,4 @@
-"""Messages without their sender's time stamp: two senders of them could not be told apart, so they are not heeded."""
+"""Who publishes: two of the efforts or two nodes of one train, and messages without their sender's time stamp."""
 
 from __future__ import annotations
 
@@ -12,14 +12,96 @@ import zenoh
 
 from das.advice.cause import Cause
 from das.bus import das_pb2
-from das.bus.session import Bus, endpoint, free_ports
-from das.bus.topics import EFFORT, ESTIMATE, JOURNEY, POSITION, RESTRICTION, TARGET, Topic
+from das.bus.session import Bus, Presence, endpoint, free_ports
+from das.bus.topics import EFFORT, ESTIMATE, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.cab import CabSettings
 from das.cab.heard import UNSTAMPED
 from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
 
 PLAIN = {"mode": "peer", "listen/endpoints": [], "scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
 TIMEOUT_S = 30.0
+
+
+# --- two publishers ----------------------------------------------------------------------------------------------
+
+
+def effort(second: int, force_n: float) -> das_pb2.Effort:
+    return das_pb2.Effort(time_ns=START_NS + second * S, force_el_n=force_n)
+
+
+def test_two_publishers_of_the_effort_switch_calibration_off() -> None:
+    driven = DrivenNode(CabSettings(calibrate=True))
+    for second in range(1, 31):
+        driven.tell(EFFORT, effort(second, 20e3), source="sensor-a")
+        if 10 <= second < 15:
+            driven.tell(EFFORT, effort(second, 15e3), source="sensor-b")
+        assert driven.tick(second).mode != 0  # the advice goes on with the train as planned
+    events = driven.sink.events()
+    assert "effort: one of a second publisher, sensor-b, was ignored" in events
+    assert "calibration off: two publishers of the efforts" in events
+    assert "calibration on again" in events
+    doubts = [estimate.doubt for estimate in driven.sink.of(ESTIMATE)]
+    assert doubts[0] == ""
+    assert "two-publishers" in doubts
+    assert doubts[-1] == ""
+
+
+def test_one_publisher_of_the_effort_is_not_doubted() -> None:
+    driven = DrivenNode(CabSettings(calibrate=True))
+    for second in range(1, 31):
+        driven.tell(EFFORT, effort(second, 20e3), source="sensor-a")
+        driven.tick(second)
+    assert "calibration off" not in driven.sink.events()
+
+
+def test_efforts_by_another_clock_than_the_positions_switch_calibration_off() -> None:
+    """Forces of 1 s ago, set against the acceleration of now, make a train of another mass."""
+    driven = DrivenNode(CabSettings(calibrate=True))
+    for second in range(1, 31):
+        driven.tell(EFFORT, effort(second - 1, 20e3), source="sensor-a")
+        assert driven.tick(second).mode != 0
+    assert "calibration off: the clocks of efforts and positions differ" in driven.sink.events()
+    assert driven.sink.of(ESTIMATE)[-1].doubt == "clocks"
+
+
+def test_a_node_says_nothing_while_another_one_advises_its_train() -> None:
+    driven = DrivenNode()
+    assert driven.tick(1).mode != das_pb2.MODE_NONE
+    driven.sink.seen.append(Presence(STATUS, "other", there=True))
+    silent = driven.tick(2)
+    assert (silent.mode, silent.cause) == (das_pb2.MODE_NONE, Cause.TWO_NODES)
+    assert silent.reason == "another node advises this train as well: other"
+    assert "another node" in driven.sink.events()
+    driven.sink.seen.append(Presence(STATUS, "other", there=False))
+    assert driven.tick(3).mode != das_pb2.MODE_NONE
+
+
+def seen(bus: Bus) -> Presence:
+    ends = time.monotonic() + TIMEOUT_S
+    while time.monotonic() < ends:
+        if found := bus.presences():
+            return found[-1]
+        time.sleep(0.05)
+    raise AssertionError("nothing was seen")
+
+
+@pytest.mark.processes
+def test_the_bus_tells_a_node_of_another_but_not_of_itself() -> None:
+    first, second = (endpoint(port) for port in free_ports(2))
+    with Bus(TRAIN, listen=first) as one:
+        one.watch([STATUS])
+        one.publish(STATUS, das_pb2.Status())
+        with Bus(TRAIN, listen=second, connect=[first]) as other:
+            other.watch([STATUS])
+            other.publish(STATUS, das_pb2.Status())
+            here, there = seen(one), seen(other)
+            assert here.there
+            assert there.there
+            assert here.source != there.source
+        assert not seen(one).there
+
+
+# --- without time stamps -----------------------------------------------------------------------------------------
 
 
 @contextmanager

@@ -1,127 +1,21 @@
-"""The settings of localisation and calibration: their defaults, and that each one of the localisation is used."""
+"""The settings of the localisation: each of them is used."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from das.estimate import localisation_settings
-from das.estimate.calibration_settings import CalibrationSettings
 from das.estimate.estimate import Estimate
 from das.estimate.fix import PositionFix, Quality
 from das.estimate.localisation import Localisation
 from das.estimate.localisation_settings import LocalisationSettings
-from das.estimate.standstill import STANDSTILL_MPS
 from tests.support.fixes import TRAIN, fixes, ns
-
-
-def test_the_defaults_of_the_localisation_are_those_documented() -> None:
-    """The figures are those of docs/explanation/localisation.md."""
-    assert asdict(LocalisationSettings()) == {
-        "sensors": {
-            "good": (5.0, 0.2),
-            "unknown": (10.0, 0.3),
-            "degraded": (30.0, 0.5),
-            "least_position_sd_m": 0.5,
-            "least_speed_sd_mps": 0.02,
-            "odometer_ratio": 0.01,
-        },
-        "possible": {
-            "overspeed_ratio": 1.3,
-            "backwards_mps": -0.3,
-            "largest_m": 1e7,
-            "largest_stated_sd_m": 200.0,
-        },
-        "gate": {"sds": 5.0, "least_m": 10.0, "least_mps": 1.0},
-        "motion": {"hard_mps2": 1.0, "effort_lasts_s": 60.0, "manoeuvre_sds": 3.0},
-        "standstill": {
-            "slow_mps": 0.1,
-            "slow_sds": 2.5,
-            "expected_slow_mps": 0.5,
-            "stands_after_s": 2.0,
-            "sets_off_sds": 3.3,
-            "creep_fixes": 5,
-        },
-        "frozen": {"way_m": 2.0, "coarse_sds": 4.0},
-        "restart": {"silence_s": 30.0, "fixes": 4, "span_s": 2.0},
-        "use": {
-            "stale_after_s": 3.0,
-            "largest_position_sd_m": 50.0,
-            "largest_speed_sd_mps": 2.0,
-            "recovered_ratio": 0.7,
-        },
-        "clock": {"most_fixes": 15, "memory_s": 30.0, "largest_s": 10.0},
-        "steps": {"rate_fixes": 5, "odd_fixes": 1, "lost_fixes": 2, "least_s": 0.25, "largest_s": 5.0},
-    }
-
-
-def test_the_defaults_of_the_calibration_are_those_documented() -> None:
-    """The figures are those of docs/explanation/calibration.md."""
-    assert asdict(CalibrationSettings()) == {
-        "sample": {
-            "every_s": 0.9,
-            "longest_gap_s": 2.5,
-            "most_waiting": 100,
-            "slowest_mps": 5.0,
-            "adhesion_ratio": 0.9,
-            "possible_force_ratio": 1.5,
-            "overspeed_ratio": 1.3,
-        },
-        "window": {
-            "samples": 20,
-            "speed_sd_mps": 0.05,
-            "force_sd_ratio": 0.02,
-            "friction_sd_ratio": 0.1,
-            "line_sd_ratio": 2e-4,
-            "odometry_m": 40.0,
-            "neutral_margin_m": 30.0,
-            "grid_m": 10.0,
-        },
-        "belief": {
-            "prior_sd": (0.15, 0.3),
-            "least": (0.5, 0.4),
-            "most": (1.6, 2.5),
-            "forgetting": 0.98,
-            "informative_sds": 2.0,
-            "surprise_sds": 4.0,
-            "surprises": 3,
-            "model_sd": (0.005, 0.015),
-            "usable_sd": (0.02, 0.08),
-        },
-        "force": {
-            "clocks_differ_s": 0.3,
-            "too_strong_ratio": 1.06,
-            "too_strong_samples": 5,
-            "idle_ratio": 0.005,
-            "coasting_windows": 4,
-            "coasting_sds": 3.0,
-            "gain_step": 0.03,
-            "gain_sds": 3.0,
-            "near_mass_least": 0.7,
-            "near_mass_most": 1.4,
-        },
-        "load": {"stands_for_s": 20.0, "mass_sd": 0.05},
-        "replan": {"mass_step": 0.03, "resistance_step": 0.05, "certain_sds": 3.0, "every_s": 120.0},
-    }
-
-
-def test_the_figures_that_others_use_are_those_of_the_settings() -> None:
-    use = (
-        localisation_settings.STALE_AFTER_S,
-        localisation_settings.OVERSPEED_RATIO,
-        localisation_settings.LEAST_SD_M,
-        localisation_settings.LEAST_SD_MPS,
-    )
-    assert (*use, STANDSTILL_MPS) == (3.0, 1.3, 0.5, 0.02, 0.3)
-
-
-# --- every setting is used ---------------------------------------------------------------------------------------
 
 
 def paths(settings: LocalisationSettings) -> list[str]:
@@ -235,7 +129,7 @@ def heard_as_usual() -> list[Estimate]:
     return heard_with(LocalisationSettings())
 
 
-# Those of the clock need times of hearing: tests/das/node/test_clock_difference.py.
+# Those of the clock need times of hearing: test_clocks.py.
 @pytest.mark.parametrize("path", [path for path in paths(LocalisationSettings()) if not path.startswith("clock.")])
 def test_every_setting_of_the_localisation_is_used(path: str) -> None:
     """A figure that is a tenth of the usual, or ten times as large, changes some estimate."""
