@@ -65,6 +65,12 @@ def test_what_is_needed_is_by_the_speed_that_asks_for_most() -> None:
     assert (near.target_mps, near.at_m) == (pytest.approx(25.0), pytest.approx(4000.0, abs=10.0))
     both = ahead.needed(4400.0, 25.0)
     assert (both.target_mps, both.at_m) == (pytest.approx(15.0), pytest.approx(5000.0, abs=10.0))
+    for s_m in range(2600, 3900, 50):  # Where both ask for nearly the same the nearer is named, with the larger effort.
+        found, efforts = (
+            ahead.needed(s_m, 30.0),
+            [ahead.effort_to(s_m, 30.0, to_m, v) for to_m, v in ((4000.0, 25.0), (5000.0, 15.0))],
+        )
+        assert found.effort >= max(efforts) * (1.0 - 1e-3)
     assert ahead.needed(1000.0, 10.0).effort == 0.0 or ahead.needed(1000.0, 10.0).effort < 0.05
 
 

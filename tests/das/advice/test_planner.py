@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from das.advice.above_plan import AT_FOOT_MPS, braked_enough, kept_behind
+from das.advice.four_modes import FourModes
 from das.advice.modes import Mode
 from das.advice.planner import PlanBasis, Planner, TrainState
+from das.advice.settings import DisplaySettings
 from das.domain.braking import USUAL
 from das.solver.section import SectionOptions, build_section
 from tests.support.making import make_route
@@ -60,3 +62,17 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
     _, force_n = braked_enough(Mode.CRUISE, 0.0, state, PLANNER, v_mps, too_fast=True)
     most_n = ahead.force_n(ahead.largest(v_mps), s_m, v_mps)
     assert (force_n == pytest.approx(most_n, rel=0.01)) is brakes_fully
+
+
+def test_a_display_of_four_modes_brakes_in_time_for_full_brakes_that_build_up() -> None:
+    """Seen from every 20 m before a lower limit: 4 s before full brakes are too late they are shown, and no sooner."""
+    settings, v_mps = DisplaySettings(), 28.0
+    for s_m in np.arange(3000.0, 4000.0, 20.0).tolist():
+        state = TrainState(0, s_m, v_mps)
+        four = FourModes(settings, PLANNER, state, v_mps, 0.0)
+        shown = four.safe(Mode.CRUISE, Mode.CRUISE) is Mode.FULL_BRAKE
+        assert shown is PLANNER.brakes_late(state, v_mps, settings.four.before_s)
+        if shown:
+            break
+    assert PLANNER.brakes_late(state, v_mps, settings.four.before_s)
+    assert not PLANNER.brakes_late(state, v_mps, settings.valid_for_s), "an advice is valid for 3 s"
