@@ -138,7 +138,7 @@ def test_the_suffix_tells_the_kind_of_a_picture(suffix: str, begins: bytes, tmp_
 
 # --- refused in one line ----------------------------------------------------------------------------------------
 
-SOLVE, FRONT, CALM, VARY = (f"{name} flat-6km re460-ic" for name in ("solve", "front", "calm", "sensitivity"))
+SOLVE, FRONT, FEW_SWITCH, VARY = (f"{name} flat-6km re460-ic" for name in ("solve", "front", "calm", "sensitivity"))
 ONE_TIME = "give either --time (s) or --buffer (%)"
 READ = "the file to write is one that is read"
 REFUSED = {
@@ -186,11 +186,11 @@ REFUSED = {
     ),
     f"{FRONT} --exact --out no/front.csv": "no/front.csv: no such folder no",
     "front flat-6km own.toml --exact -o own.toml": f"own.toml: {READ}",
-    f"{CALM} --prices 0,much": "--prices 0,much: expected numbers with commas between, like 0,5,10",
-    f"{CALM} --prices -1": "--prices -1: expected times from 0 to 100 s",
-    f"{CALM} --prices 101": "--prices 101: expected times from 0 to 100 s",
-    f"{CALM} --buffers -1": "buffer -1.0 %: expected a number from 0 to 10000",
-    f"{CALM} --buffers ''": "--buffers : expected numbers with commas between, like 0,5,10",
+    f"{FEW_SWITCH} --prices 0,much": "--prices 0,much: expected numbers with commas between, like 0,5,10",
+    f"{FEW_SWITCH} --prices -1": "--prices -1: expected times from 0 to 100 s",
+    f"{FEW_SWITCH} --prices 101": "--prices 101: expected times from 0 to 100 s",
+    f"{FEW_SWITCH} --buffers -1": "buffer -1.0 %: expected a number from 0 to 10000",
+    f"{FEW_SWITCH} --buffers ''": "--buffers : expected numbers with commas between, like 0,5,10",
     f"{VARY}": ONE_TIME,
     f"{VARY} --buffer 7 --time 220": ONE_TIME,
     f"{VARY} --buffer 7 --vary mass": "--vary mass: cannot read 'mass'",
