@@ -367,3 +367,20 @@ def test_an_acceleration_without_which_the_train_stalls_on_a_hill_is_left_in() -
     found = scheduled(front, asked_s, s_m, v_mps)
     assert found.schedule.phases[found.schedule.number_at(s_m)].kind is NotchRegime.TRACTION
     assert found.forecast.time_s == pytest.approx(asked_s, abs=1.0)
+
+
+def test_the_time_in_which_limits_ask_for_brakes_that_no_phase_says_is_counted() -> None:
+    """A train that is to hold 30 m/s up to its stop brakes along the curve unsaid; with a phase to brake nothing is."""
+    section = section_of(BUNDLED[0])
+    node_m, held_mps = section.node_m, 30.0
+    known = known_run(section, np.full(len(node_m), held_mps))
+    hold = (Phase(NotchRegime.TRACTION, 1.0, 0, held_mps), Phase(NotchRegime.HOLD, 0.0, 100, held_mps))
+    raw = Schedule(section=section, phases=hold, known=known, back_share=0.6)
+    unsaid = raw.settled(0.0, 0.0)[1]
+    curve = np.flatnonzero(np.abs(unsaid.speeds_mps - section.envelope_mps) < 1e-3)
+    first = int(curve[curve > 100][0])
+    braked_s = float(np.sum(2.0 * section.step_m[first:] / (unsaid.speeds_mps[first:-1] + unsaid.speeds_mps[1:])))
+    assert braked_s > 30.0
+    assert unsaid.unsaid_s == pytest.approx(braked_s, abs=3.0)
+    said = replace(raw, phases=(*hold, Phase(NotchRegime.BRAKE, 0.0, first - 1, 0.0)))
+    assert said.settled(0.0, 0.0)[1].unsaid_s == 0.0
