@@ -379,8 +379,9 @@ def test_the_time_in_which_limits_ask_for_brakes_that_no_phase_says_is_counted()
     unsaid = raw.settled(0.0, 0.0)[1]
     curve = np.flatnonzero(np.abs(unsaid.speeds_mps - section.envelope_mps) < 1e-3)
     first = int(curve[curve > 100][0])
-    braked_s = float(np.sum(2.0 * section.step_m[first:] / (unsaid.speeds_mps[first:-1] + unsaid.speeds_mps[1:])))
+    steps_s = 2.0 * section.step_m / np.maximum(unsaid.speeds_mps[:-1] + unsaid.speeds_mps[1:], 1e-3)
+    braked_s = float(steps_s[first:].sum())
     assert braked_s > 30.0
-    assert unsaid.unsaid_s == pytest.approx(braked_s, abs=3.0)
+    assert 0.8 * braked_s < unsaid.unsaid_s <= braked_s, "but for the last metres, where a step hardly slows the train"
     said = replace(raw, phases=(*hold, Phase(NotchRegime.BRAKE, 0.0, first - 1, 0.0)))
     assert said.settled(0.0, 0.0)[1].unsaid_s == 0.0
