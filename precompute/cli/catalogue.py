@@ -142,7 +142,7 @@ def _print_vehicles(vehicles: list[dict[str, Any]]) -> None:
     print_table(table, LEGEND)
 
 
-LEGEND = {
+MAP_LEGEND = {
     "fit": "level whose constant efficiency is fitted to the map",
     "idle": "constant loss of the fit",
     "mean/in": "mean deviation of the fit over the mean power that goes in",
@@ -221,4 +221,4 @@ def _print_fits(summary: dict[str, Any]) -> None:
             f"{100 * cruising:+.2f}" if cruising is not None else "–",
             f"{100 * absolute:.2f}" if absolute is not None else "–",
         )
-    print_table(table, LEGEND)
+    print_table(table, MAP_LEGEND)
