@@ -5,7 +5,7 @@
     >>> section = das.build_section(route, train, start="A", end="B")
     >>> front = das.solve(section)
     >>> run = front.trajectory(1.07 * front.fastest().time_s)
-    >>> print(f"{run.time_s:.0f} s, {run.ledger.input / 3.6e6:.1f} kWh")
+    >>> print(f"{run.time_s:.0f} s, {run.balance.input / 3.6e6:.1f} kWh")
     223 s, 61.0 kWh
 
 `__init__.pyi` lists the names and where they live; the functions are explained in `das.front_door`. A name's module is

@@ -14,7 +14,7 @@ from .domain.journey import Journey as Journey
 from .domain.losses import Level as Level
 from .domain.restriction import Restriction as Restriction
 from .domain.route import Route as Route
-from .domain.trajectory import Ledger as Ledger
+from .domain.trajectory import EnergyBalance as EnergyBalance
 from .domain.trajectory import Trajectory as Trajectory
 from .domain.vehicle import Vehicle as Vehicle
 from .front_door import (

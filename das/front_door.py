@@ -106,7 +106,7 @@ def solve(section: Section) -> Front:
     """The least energy for every trip time of a section, as a front.
 
     `front.fastest()` is the fastest run, `front.trajectory(time_s)` the run of least energy in that time. Both have
-    `time_s`, `ledger` (where the energy goes, in J), `gap_ratio` (how far the energy can be above the least possible;
+    `time_s`, `balance` (where the energy goes, in J), `gap_ratio` (how far the energy can be above the least possible;
     NaN where that is not proven) and `trajectory`, whose `columns()` are arrays over the way. Solving takes 0.1 to 3 s;
     a machine that has never solved a section first compiles for up to a minute.
 
@@ -136,7 +136,7 @@ def refined(run: Solution) -> Solution:
         >>> front = das.solve(das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic")))
         >>> run = front.trajectory(240.0)
         >>> better = das.refined(run)
-        >>> better.time_s <= run.time_s, better.ledger.input < run.ledger.input
+        >>> better.time_s <= run.time_s, better.balance.input < run.balance.input
         (True, True)
     """
     from das.solver import refinement
@@ -179,7 +179,7 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
     return {
         "time_s": np.array([run.time_s for run in runs]),
         "buffer_percent": np.array([(run.time_s / fastest.time_s - 1.0) / PERCENT for run in runs]),
-        "energy_j": np.array([run.ledger.input for run in runs]),
+        "energy_j": np.array([run.balance.input for run in runs]),
         "table_bound_j": np.array([run.table_bound_j for run in runs]),
         "lambda_w": np.array([run.lambda_w for run in runs]),
     }
@@ -197,7 +197,7 @@ def plan_journey(
 
     Every time of the plan is in its window. `split` says how the time between two fixed times is shared among the
     sections: "equal-marginal" (the optimum) or "proportional" (the same buffer in per cent on each). The plan has
-    `hops` (one part from stop to stop, each with `departure`, `arrival`, `trajectory` and `ledger`), `input_j`,
+    `sections` (one part from stop to stop, each with `departure`, `arrival`, `trajectory` and `balance`), `input_j`,
     `gap_ratio` and `time_s`; `plan.trajectory().columns()` is the whole journey as arrays.
 
     Raises InputError for a level or a split that there is not, InfeasibleError where the windows cannot be kept.
@@ -205,7 +205,7 @@ def plan_journey(
         >>> import das
         >>> route = das.load_route("zurich-luzern")
         >>> plan = das.plan_journey(das.load_journey("zurich-luzern", route), route, das.load_vehicle("re460-ic"))
-        >>> len(plan.hops), 0.0 <= plan.gap_ratio < 0.02
+        >>> len(plan.sections), 0.0 <= plan.gap_ratio < 0.02
         (3, True)
     """
     from das.solver.journey.chains import Split
@@ -232,12 +232,13 @@ def read_table(folder: str | Path, section: Section) -> Front:
 
 
 def to_pandas(columns: Mapping[str, ArrayLike]) -> pd.DataFrame:
-    """Columns as a DataFrame: those of a trajectory, of a front's points or of a topic, or the terms of a ledger.
+    """Columns as a DataFrame: those of a trajectory, of a front's points or of a topic, or the terms of an energy
+    balance.
 
     Nothing else in `das` needs pandas. Raises DasError where it is not installed, or where columns differ in length.
 
         das.to_pandas(run.trajectory.columns())
-        das.to_pandas(run.ledger.as_dict())
+        das.to_pandas(run.balance.as_dict())
         das.to_pandas(recording.columns("truth"))
     """
     try:

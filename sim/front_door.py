@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import InputError
 from das.domain.losses import Level
-from das.domain.trajectory import Ledger
+from das.domain.trajectory import EnergyBalance
 from das.front_door import chosen
 from sim.drivers.cab import Presentation
 from sim.drivers.kinds import DriverKind, OwnClass, named_driver
@@ -32,13 +32,13 @@ class SimulatedDay:
     """A day that was driven.
 
     `states` holds the true train once a second (see `columns`), `outcome` the figures that `das-sim run --json` prints:
-    punctuality, energies (kWh), where they went, and how the advice fared. `ledger` is where the energy went from the
+    punctuality, energies (kWh), where they went, and how the advice fared. `balance` is where the energy went from the
     first departure to the last arrival (J).
     """
 
     states: Mapping[str, NDArray[np.float64]]
     outcome: Mapping[str, Any]
-    ledger: Ledger
+    balance: EnergyBalance
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """The true train once a second, as arrays of shape (seconds + 1,) by names with units.
@@ -92,7 +92,7 @@ def run_day(
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
     }
     return SimulatedDay(
-        states=states, outcome=outcome(day, run).as_dict(), ledger=day.plant.ledger(run.legs[0][0], run.legs[-1][1])
+        states=states, outcome=outcome(day, run).as_dict(), balance=day.plant.balance(run.legs[0][0], run.legs[-1][1])
     )
 
 

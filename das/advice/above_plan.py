@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from das.advice.braking import ABOVE_MPS, braking_mode
-from das.advice.modes import Mode
 from das.advice.plan import Floats
 from das.advice.planner import Planner, TrainState
+from das.advice.regimes import Regime
 
 LATE_S = 2.0
 """A driver does what is shown up to so much later."""
@@ -20,8 +20,8 @@ BRAKED_MORE = 1.1
 
 
 def braked_enough(
-    mode: Mode, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
-) -> tuple[Mode, float]:
+    mode: Regime, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
+) -> tuple[Regime, float]:
     """Mode and force (N), or those of the brake that limits and the stop ask of a train above its plan, or too fast."""
     ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
@@ -34,7 +34,7 @@ def braked_enough(
             room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / until_s
             too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
             return mode, max(force_n - too_much_n, 0.0)
-        mode, force_n = Mode.COAST, 0.0
+        mode, force_n = Regime.COAST, 0.0
     rolls_above = state.v_mps > allowed_mps and gained_mps2 > 0.0
     back = too_fast or rolls_above
     effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if back else 0.0

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 from das.advice.cause import Cause
 from das.advice.coach.coaching import Coaching
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.errors import DasError
 
 
@@ -48,13 +48,13 @@ class Advice:
     position_time_ns: int = 0
     s_m: float = math.nan
     speed_mps: float = math.nan
-    mode: Mode = Mode.NONE
+    mode: Regime = Regime.NONE
     advised_speed_mps: float = math.nan
     advised_force_n: float = math.nan
     advised_force_ratio: float = math.nan
     horizon_speed_mps: tuple[float, ...] = ()
     horizon_force_n: tuple[float, ...] = ()
-    next_mode: Mode = Mode.NONE
+    next_mode: Regime = Regime.NONE
     next_change_m: float = math.nan
     next_change_s: float = math.nan
     predicted_arrival_ns: int = 0
@@ -68,8 +68,8 @@ class Advice:
     position_sd_m: float = math.nan
     display_speed_mps: float = math.nan
     reduced_max_speed_mps: float = math.nan
-    four_mode: Mode = Mode.NONE
-    next_four_mode: Mode = Mode.NONE
+    four_mode: Regime = Regime.NONE
+    next_four_mode: Regime = Regime.NONE
     next_four_change_s: float = math.nan
     cause: Cause = Cause.NONE
     coach: Coaching | None = None

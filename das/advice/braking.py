@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import braking_kernels as kernels
-from das.advice.modes import FULL_RATIO, Mode
+from das.advice.regimes import FULL_RATIO, Regime
 from das.solver.kernels.forces import brake_limit, on_supply, traction_limit
 from das.solver.section import Section
 
@@ -41,11 +41,11 @@ RIVALS = 0.8
 """Among the speeds ahead those that ask for at least this share of the largest deceleration are looked at closely."""
 
 
-def braking_mode(effort: float) -> Mode:
+def braking_mode(effort: float) -> Regime:
     """The mode of a brake of an effort: with the motors in part or fully, or with the friction brake as well."""
     if effort < FULL_RATIO:
-        return Mode.REDUCED_BRAKE
-    return Mode.FULL_BRAKE if effort <= 1.0 + 1e-3 else Mode.FRICTION_BRAKE
+        return Regime.REDUCED_BRAKE
+    return Regime.FULL_BRAKE if effort <= 1.0 + 1e-3 else Regime.FRICTION_BRAKE
 
 
 class NeededBrake(NamedTuple):

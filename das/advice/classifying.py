@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import plan_kernels as kernels
-from das.advice.modes import FOUR_MODES, ROLLING, Mode
+from das.advice.regimes import FOUR_MODES, ROLLING, Regime
 from das.advice.settings import DEFAULT, ModeSettings
 from das.solver.section import Section
 from das.solver.solution import Solution
@@ -40,16 +40,16 @@ def classify_modes(solution: Solution, section: Section, settings: ModeSettings 
             force < -idle,
         ],
         [
-            Mode.FRICTION_BRAKE,
-            Mode.CRUISE,
-            Mode.FULL_TRACTION,
-            Mode.REDUCED_TRACTION,
-            Mode.FULL_BRAKE,
-            Mode.REDUCED_BRAKE,
+            Regime.FRICTION_BRAKE,
+            Regime.CRUISE,
+            Regime.FULL_TRACTION,
+            Regime.REDUCED_TRACTION,
+            Regime.FULL_BRAKE,
+            Regime.REDUCED_BRAKE,
         ],
-        Mode.COAST,
+        Regime.COAST,
     )
-    cruise = int(Mode.CRUISE)
+    cruise = int(Regime.CRUISE)
     return np.asarray(kernels.without_ripples(modes.astype(np.int64), run.v_mps, cruise, ROLLING, settings.ripple_mps))
 
 
@@ -58,15 +58,15 @@ def without_short(modes: Modes, t_s: Floats, settings: ModeSettings = DEFAULT.mo
 
     The modes left out in a row last no longer than that in all. Brakes are never left out.
     """
-    return np.asarray(kernels.without_short(modes, t_s, int(Mode.REDUCED_BRAKE), settings.hold_s))
+    return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), settings.hold_s))
 
 
 def four_modes(modes: Modes, solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
     """The modes of a run's intervals as the four that the simplest display knows."""
     run = solution.trajectory
     electric_n = section.vehicle.electric_brake_effort_n(np.maximum(run.mean_speed_mps(), 1e-3))
-    weak = (modes == Mode.REDUCED_BRAKE) & (-run.force_el_n < settings.weak_brake_ratio * electric_n)
-    return np.where(weak, int(Mode.COAST), FOUR_MODES[modes])
+    weak = (modes == Regime.REDUCED_BRAKE) & (-run.force_el_n < settings.weak_brake_ratio * electric_n)
+    return np.where(weak, int(Regime.COAST), FOUR_MODES[modes])
 
 
 def next_changes(modes: Modes) -> Modes:

@@ -10,7 +10,7 @@ import numpy as np
 
 from das.advice import last_word_kernels as kernels
 from das.advice.braking_model import BrakingModel, Needed
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.estimate.estimate import Estimate
 
 SDS_AHEAD = 2.0
@@ -84,14 +84,14 @@ class Consequences:
         doing = Doing(math.inf, force_n, needed.speed_mps)
         return (force_n if self.excess([doing], self.valid_s) is None else -most_n), needed
 
-    def mode_of(self, force_n: float) -> Mode:
+    def mode_of(self, force_n: float) -> Regime:
         """The mode of a braking force (N, <= 0) here: with friction where the electric brake is not enough."""
         electric_n = self.model.electric_n(self.v_mps) if self.model.has_motors(self.ahead_m) else 0.0
         if force_n >= 0:
-            return Mode.COAST
+            return Regime.COAST
         if -force_n > electric_n * FORCE_RATIO:
-            return Mode.FRICTION_BRAKE
-        return Mode.FULL_BRAKE if -force_n >= FULL_RATIO * electric_n else Mode.REDUCED_BRAKE
+            return Regime.FRICTION_BRAKE
+        return Regime.FULL_BRAKE if -force_n >= FULL_RATIO * electric_n else Regime.REDUCED_BRAKE
 
     def unavailable(self, force_n: float, v_mps: float) -> Excess | None:
         """Forces that the train does not have at its speed are none that a driver could give."""

@@ -14,10 +14,10 @@ from das.advice.advice import Advice, Source
 from das.advice.cause import Withdrawal
 from das.advice.coach.coaching import Coaching
 from das.advice.four_modes import FourModes
-from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.passing import PassingTarget, time_at
 from das.advice.plan import Floats, Place, Plan
 from das.advice.planner import Goal, Planner, TrainState
+from das.advice.regimes import EFFORT_ORDER, Regime
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
@@ -39,7 +39,7 @@ class Scene(NamedTuple):
 class _Change(NamedTuple):
     """The next mode, and the way (m) and time (s) to it."""
 
-    mode: Mode
+    mode: Regime
     way_m: float
     time_s: float
 
@@ -49,13 +49,13 @@ class Display:
 
     def __init__(self, settings: AdviceSettings = DEFAULT) -> None:
         self._settings = settings
-        self._mode, self._mode_since_ns, self._force_n = Mode.NONE, 0, 0.0
-        self._four_mode = Mode.NONE
+        self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
+        self._four_mode = Regime.NONE
         self._shown_mps = math.nan
 
     def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
         """No advice, with its cause and the reason in words."""
-        self._show(Mode.NONE, here.time_ns)
+        self._show(Regime.NONE, here.time_ns)
         return Advice(
             time_ns=here.time_ns,
             position_time_ns=here.fix_time_ns,
@@ -71,14 +71,14 @@ class Display:
         """The train stands at a stop and stays there."""
         state, here, planner, _, coach = scene
         horizon_s = self._settings.display.horizon_s
-        self._show(Mode.STOP, state.now_ns)
+        self._show(Regime.STOP, state.now_ns)
         return Advice(
             time_ns=state.now_ns,
             position_time_ns=here.fix_time_ns,
             s_m=state.s_m,
             speed_mps=here.speed_mps,
-            mode=Mode.STOP,
-            four_mode=Mode.STOP,
+            mode=Regime.STOP,
+            four_mode=Regime.STOP,
             display_speed_mps=0.0,
             advised_speed_mps=0.0,
             advised_force_n=0.0,
@@ -106,14 +106,14 @@ class Display:
         Speed, force and horizon are those of a standing train, so that a driver who keeps to them does not depart.
         """
         horizon_s = self._settings.display.horizon_s
-        self._show(Mode.STOP, scene.state.now_ns)  # A mode from before the stop is not held.
+        self._show(Regime.STOP, scene.state.now_ns)  # A mode from before the stop is not held.
         moving = self.following(scene, plan)
-        self._show(Mode.DEPART, scene.state.now_ns)
+        self._show(Regime.DEPART, scene.state.now_ns)
         run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
         return replace(
             moving,
-            mode=Mode.DEPART,
-            four_mode=Mode.DEPART,
+            mode=Regime.DEPART,
+            four_mode=Regime.DEPART,
             next_mode=moving.mode,
             next_four_mode=moving.four_mode,
             next_change_m=math.nan,
@@ -137,7 +137,7 @@ class Display:
         available_n = _available_n(planner.section, -1.0, v_mps)
         slowed_n = planner.section.resistance_n(state.s_m, v_mps)
         most_n = max(min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg - slowed_n), 0.0)
-        self._show(Mode.FRICTION_BRAKE if train.friction_force_n > 0 else Mode.FULL_BRAKE, state.now_ns)
+        self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
         allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
         seconds = np.arange(1, self._settings.display.horizon_s + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
@@ -150,8 +150,8 @@ class Display:
             s_m=state.s_m,
             speed_mps=v_mps,
             mode=self._mode,
-            four_mode=Mode.FULL_BRAKE,
-            next_four_mode=Mode.STOP,
+            four_mode=Regime.FULL_BRAKE,
+            next_four_mode=Regime.STOP,
             display_speed_mps=self.displayed(min(v_mps, allowed), allowed),
             reduced_max_speed_mps=top_mps if top_mps <= allowed else 0.0,
             advised_speed_mps=min(v_mps, allowed),
@@ -159,7 +159,7 @@ class Display:
             advised_force_ratio=-most_n / available_n,
             horizon_speed_mps=tuple(np.minimum(speeds, np.minimum(there, allowed)).tolist()),
             horizon_force_n=tuple(np.where(speeds > np.minimum(there, allowed), -most_n, 0.0).tolist()),
-            next_mode=Mode.STOP,
+            next_mode=Regime.STOP,
             source=Source.FALLBACK,
             reason=reason,
             valid_until_ns=self._valid_until_ns(state),
@@ -237,14 +237,14 @@ class Display:
         enough = least_s > self._settings.display.least_for_buffer_s
         return goal.left_s(state.now_ns) / least_s - 1.0 if enough else math.nan
 
-    def _show(self, mode: Mode, now_ns: int) -> None:
+    def _show(self, mode: Regime, now_ns: int) -> None:
         self._mode, self._mode_since_ns = mode, now_ns
 
-    def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Mode:
+    def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Regime:
         """The mode to show, with the force that goes with it: the plan's, or a brake that is needed beyond it."""
         shown_n = float(plan.shown_force_n[place.interval])
         eased = too_fast and shown_n > 0  # The plan begins at the brake curve: above it there is no traction.
-        wanted = Mode.COAST if eased else Mode(int(plan.modes[place.interval]))
+        wanted = Regime.COAST if eased else Regime(int(plan.modes[place.interval]))
         planned, planned_n = wanted, 0.0 if eased else shown_n
         wanted, shown_n = braked_enough(
             planned, planned_n, scene.state, scene.planner, place.speed_mps, too_fast=too_fast
@@ -254,48 +254,50 @@ class Display:
             self._force_n = shown_n
         return mode
 
-    def held_mode(self, wanted: Mode, now_ns: int) -> Mode:
+    def held_mode(self, wanted: Regime, now_ns: int) -> Regime:
         """The mode to show.
 
         A new mode is shown only after the last was held for a while, unless it asks for less traction or more brake.
         """
         urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
         held_s = (now_ns - self._mode_since_ns) * NS
-        settled = self._mode in (Mode.NONE, Mode.STOP, Mode.DEPART) or not 0 <= held_s < self._settings.modes.hold_s
+        settled = (
+            self._mode in (Regime.NONE, Regime.STOP, Regime.DEPART) or not 0 <= held_s < self._settings.modes.hold_s
+        )
         if wanted is not self._mode and (urgent or settled):
             self._show(wanted, now_ns)
         return self._mode
 
-    def _next_change(self, plan: Plan, shown: Mode, state: TrainState, place: Place) -> _Change:
+    def _next_change(self, plan: Plan, shown: Regime, state: TrainState, place: Place) -> _Change:
         """The mode after the shown one."""
         run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
         change = int(plan.next_change[place.interval])
-        mode = Mode(int(plan.modes[change])) if change < len(plan.modes) else Mode.STOP
+        mode = Regime(int(plan.modes[change])) if change < len(plan.modes) else Regime.STOP
         found = _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
         wait_s = max(self._settings.modes.hold_s - (state.now_ns - self._mode_since_ns) * NS, 0.0)
         if shown != planned and wait_s < found.time_s:  # The planned mode is held back for now.
-            return _Change(Mode(planned), wait_s * place.speed_mps, wait_s)
+            return _Change(Regime(planned), wait_s * place.speed_mps, wait_s)
         return found
 
-    def _four_modes(self, plan: Plan, shown: Mode, found: FourModes, following: _Change) -> tuple[Mode, _Change]:
+    def _four_modes(self, plan: Plan, shown: Regime, found: FourModes, following: _Change) -> tuple[Regime, _Change]:
         """What a display of four modes shows: the mode now, and the next one, as far as both are safe."""
         place = plan.at(found.state.s_m)
-        planned = Mode(int(plan.four_modes[place.interval]))
-        if shown == plan.modes[place.interval] or self._four_mode is Mode.NONE:
+        planned = Regime(int(plan.four_modes[place.interval]))
+        if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:
             self._four_mode = planned
-        elif self._four_mode is Mode.FULL_BRAKE and shown in (Mode.CRUISE, Mode.COAST):
+        elif self._four_mode is Regime.FULL_BRAKE and shown in (Regime.CRUISE, Regime.COAST):
             self._four_mode = shown  # Full brakes are not held where the other displays brake no more.
         change = int(plan.next_four_change[place.interval])
-        after = Mode(int(plan.four_modes[change])) if change < len(plan.modes) else Mode.STOP
+        after = Regime(int(plan.four_modes[change])) if change < len(plan.modes) else Regime.STOP
         after_s = float(plan.solution.trajectory.t_s[change]) - place.time_s
         if self._four_mode is not planned:
             after, after_s = planned, following.time_s
         safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
-        if safe is not self._four_mode or safe is Mode.FULL_BRAKE or then is not after:
+        if safe is not self._four_mode or safe is Regime.FULL_BRAKE or then is not after:
             after, after_s = then, max(after_s, self._settings.display.valid_for_s)
         due_s = found.full_brake_due_s(safe)
-        if due_s < after_s or (due_s < math.inf and after is not Mode.FULL_BRAKE):
-            after, after_s = Mode.FULL_BRAKE, due_s
+        if due_s < after_s or (due_s < math.inf and after is not Regime.FULL_BRAKE):
+            after, after_s = Regime.FULL_BRAKE, due_s
         self._four_mode = safe
         return safe, _Change(after, math.nan, after_s)
 

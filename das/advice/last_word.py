@@ -23,7 +23,7 @@ from das.advice.braking_model import BrakingBasis, BrakingModel
 from das.advice.cause import Cause, Withdrawal
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.consequences import LONGEST_S, STOPPED_MPS, Consequences, Doing, Excess
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.units import KMH, NS
 from das.estimate.estimate import Estimate
 
@@ -40,8 +40,8 @@ MAY_BE_UNKNOWN = (
 )
 """Figures of an advice that are not always known (NaN); infinite they are never."""
 
-_STANDS = (Mode.STOP, Mode.DEPART)
-_BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+_STANDS = (Regime.STOP, Regime.DEPART)
+_BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
 
 class Part(StrEnum):
@@ -83,7 +83,7 @@ class LastWord:
 
     def judge(self, advice: Advice, here: Estimate, basis: BrakingBasis) -> tuple[Advice, tuple[Act, ...]]:
         """The advice itself where nothing is wrong with it, else a safe one, and what was replaced."""
-        if advice.mode is Mode.NONE:
+        if advice.mode is Regime.NONE:
             return advice, ()
         if not _finite(here.s_m, here.speed_mps, here.position_sd_m):
             return _withdrawn(advice), (Act(Part.STATE, here.speed_mps, math.nan),)
@@ -148,7 +148,7 @@ class _Judgement:
         advice = self._advice
         speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
         forces = (advice.advised_force_n, *advice.horizon_force_n)
-        holds = advice.mode in (Mode.CRUISE, Mode.STOP)
+        holds = advice.mode in (Regime.CRUISE, Regime.STOP)
         changes_s = advice.next_change_s if _finite(advice.next_change_s) else math.inf
         for k in range(min(math.ceil(self._train.valid_s) + 1, len(speeds) - 1)):
             to_mps, changed = speeds[k + 1], k > 0 and k + 0.5 > changes_s
@@ -169,9 +169,9 @@ class _Judgement:
         self._replace(
             Act(Part.EFFORT, excess.value_mps, excess.bound_mps, instead_n=force_n),
             mode=mode,
-            four_mode=Mode.FULL_BRAKE if mode in _BRAKES else Mode.COAST,
-            next_mode=Mode.STOP,
-            next_four_mode=Mode.STOP,
+            four_mode=Regime.FULL_BRAKE if mode in _BRAKES else Regime.COAST,
+            next_mode=Regime.STOP,
+            next_four_mode=Regime.STOP,
             next_change_m=math.nan,
             next_change_s=math.nan,
             next_four_change_s=math.nan,
@@ -219,7 +219,7 @@ class _Judgement:
     def _judge_four_modes(self) -> None:
         """The mode of the display of four modes, and the next one where it is due before the advice expires."""
         advice = self._advice
-        if advice.four_mode in (Mode.NONE, *_STANDS):
+        if advice.four_mode in (Regime.NONE, *_STANDS):
             return
         due_s = advice.next_four_change_s
         due_s = self._train.valid_s if not _finite(due_s) else due_s
@@ -233,16 +233,16 @@ class _Judgement:
         if excess is None:
             return
         act = Act(Part.FOUR_MODES, *excess, instead_n=-self._model.most_brake_n(self._train.v_mps))
-        changes = {"next_four_mode": Mode.STOP, "next_four_change_s": math.nan}
-        self._replace(act, four_mode=Mode.FULL_BRAKE, **changes)
+        changes = {"next_four_mode": Regime.STOP, "next_four_change_s": math.nan}
+        self._replace(act, four_mode=Regime.FULL_BRAKE, **changes)
 
-    def _one_of_four(self, mode: Mode, until_s: float, held_mps: float) -> Doing:
+    def _one_of_four(self, mode: Regime, until_s: float, held_mps: float) -> Doing:
         model, v_mps = self._model, self._train.v_mps
-        if mode is Mode.FULL_TRACTION:
+        if mode is Regime.FULL_TRACTION:
             return Doing(until_s, model.traction_n(v_mps), math.inf)
-        if mode is Mode.COAST:
+        if mode is Regime.COAST:
             return Doing(until_s, 0.0, 0.0)
-        if mode is Mode.CRUISE:
+        if mode is Regime.CRUISE:
             return Doing(until_s, 0.0, held_mps, True)
         return Doing(until_s, -model.most_brake_n(v_mps), 0.0)
 
@@ -251,7 +251,7 @@ class _Judgement:
     def _judge_coach(self) -> None:
         """The instruction that is due, with its force and that of the reference, and those that are announced."""
         coach = self._advice.coach
-        if coach is None or coach.now.mode in (Mode.NONE, *_STANDS):
+        if coach is None or coach.now.mode in (Regime.NONE, *_STANDS):
             return
         excess = self._excess_of(coach)
         if excess is not None:
@@ -314,7 +314,7 @@ class _Judgement:
         """The speed to reach or to hold is allowed here, or where the instruction is due; of a brake, where it ends."""
         coach, model = self._advice.coach, self._model
         assert coach is not None
-        leads = now.mode in (*_BRAKES, Mode.COAST)
+        leads = now.mode in (*_BRAKES, Regime.COAST)
         ahead_m = self._train.ahead_m, self._told_from_m + now.way_m
         places_m = (self._told_from_m + coach.target_m,) if leads else ahead_m
         bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SHOWN_MPS
@@ -336,7 +336,7 @@ class _Judgement:
                 break  # What comes after it has no place any more.
             at_m = self._told_from_m + one.way_m
             # A speed to reach or to hold counts where it begins, one to coast or to brake to where that ends.
-            ends = k + 1 < len(coach.following) and one.mode in (*_BRAKES, Mode.COAST)
+            ends = k + 1 < len(coach.following) and one.mode in (*_BRAKES, Regime.COAST)
             to_m = self._told_from_m + coach.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
             if one.speed_mps > limit_mps + SHOWN_MPS:
@@ -352,16 +352,16 @@ class _Judgement:
         if not in_s <= LONGEST_S:
             return None
         led = self._led(coach, coach.force_n)[:-1]
-        if coach.now.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+        if coach.now.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             led[-1] = led[-1]._replace(holds=True)  # By then the speed that the train accelerates to is one to hold.
         return self._train.excess(led, in_s, in_s)
 
 
 def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:
     """What a driver does who is told an instruction."""
-    if one.mode is Mode.CRUISE:
+    if one.mode is Regime.CRUISE:
         return Doing(until_s, 0.0, one.speed_mps, True)
-    return Doing(until_s, 0.0, 0.0) if one.mode is Mode.COAST else Doing(until_s, force_n, one.speed_mps)
+    return Doing(until_s, 0.0, 0.0) if one.mode is Regime.COAST else Doing(until_s, force_n, one.speed_mps)
 
 
 def _withdrawn(advice: Advice) -> Advice:

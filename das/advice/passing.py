@@ -20,7 +20,7 @@ from das.domain.trajectory import Trajectory
 from das.solver import tolerances as tol
 from das.solver.fastest import capped, fastest
 from das.solver.front import Front
-from das.solver.journey.hops import build_hops
+from das.solver.journey.sections import build_journey_sections
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_ahead, solve_front
@@ -149,10 +149,10 @@ def _parts(section: Section, at_m: float) -> tuple[Section, Section]:
     end = Call(name="end", position_m=section.end_m, arrival=Window(latest_s=1e9))
     points = (start, Passing(name="target", position_m=at_m), end)
     journey = Journey(id="target", name="target", source="target", points=points)
-    (hop,) = build_hops(
+    (journey_section,) = build_journey_sections(
         journey, section.route, section.vehicle, level=section.level, point_mass=section.train_length_m == 0
     )
-    return _under(section, hop.part(0, 1)), _under(section, hop.part(1, 2))
+    return _under(section, journey_section.part(0, 1)), _under(section, journey_section.part(1, 2))
 
 
 def _under(section: Section, part: Section) -> Section:

@@ -71,7 +71,7 @@ class Outgoing(NamedTuple):
     message: Message
 
 
-def heard(received: Received, heard_ns: int) -> Heard | None:
+def decode(received: Received, heard_ns: int) -> Heard | None:
     """What a message says, heard at a time of the clock (ns since 1970; 0: no clock yet).
 
     None for topics that the cab does not hear; `Unreadable` for messages that are not of their topic's type.
@@ -88,7 +88,7 @@ def heard(received: Received, heard_ns: int) -> Heard | None:
         return Unreadable(told=kind, why=event_wording.unreadable(error), **common)  # type: ignore[arg-type]
 
 
-def told(value: Heard) -> Outgoing:
+def encode_input(value: Heard) -> Outgoing:
     """The message that tells a cab something."""
     return Outgoing(TOPICS_HEARD[value.kind], _ENCODERS[type(value)](value))
 
@@ -111,7 +111,7 @@ def finishes(control: Any) -> bool:
     return bool(control.command == das_pb2.Control.COMMAND_FINISH)
 
 
-def said(output: Output, tick: int = 0) -> Outgoing:
+def encode_output(output: Output, tick: int = 0) -> Outgoing:
     """The message for something the cab says; `tick` is that of the Control message answered (0: none)."""
     if isinstance(output, Advice):
         return Outgoing(ADVICE, advice_message(output, tick))

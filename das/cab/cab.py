@@ -11,7 +11,7 @@ from pathlib import Path
 from das.advice import wording
 from das.advice.advice import Advice
 from das.advice.cause import Cause
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab import event_wording
 from das.cab.fronts import Fronts
@@ -326,12 +326,12 @@ class Cab:
         """The advice, valid until the next one should have come, however rare they are."""
         period_s = self._settings.overdue_periods * self._settings.advice_period_s
         least_ns = advice.time_ns + round(period_s / NS)
-        if advice.mode is Mode.NONE or advice.valid_until_ns >= least_ns:
+        if advice.mode is Regime.NONE or advice.valid_until_ns >= least_ns:
             return advice
         return dataclasses.replace(advice, valid_until_ns=least_ns)
 
     def _state(self, advice: Advice) -> NodeState:
-        if advice.mode is not Mode.NONE:
+        if advice.mode is not Regime.NONE:
             return NodeState.ADVISING
         if self._trust.journey_refused:
             return NodeState.WITHDRAWN

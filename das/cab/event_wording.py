@@ -12,7 +12,7 @@ from typing import Final
 from das.advice import wording
 from das.advice.advice import Source
 from das.advice.cause import Cause, Withdrawal
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.cab.heard import Kind, Target
 from das.domain.conditions import Conditions
 from das.domain.losses import Level
@@ -359,9 +359,9 @@ def tables_not_used(folder: object, error: Exception) -> str:
 # --- advice, position and faults -------------------------------------------------------------------------------------
 
 
-def shown(mode: Mode, reason: str) -> str:
+def shown(mode: Regime, reason: str) -> str:
     """Advice of another mode, or withdrawn for another cause, than before."""
-    return reason if mode is Mode.DEPART else f"{mode_name(mode)}: {reason}"
+    return reason if mode is Regime.DEPART else f"{mode_name(mode)}: {reason}"
 
 
 def position_restarted(s_m: float) -> str:

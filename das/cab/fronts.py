@@ -19,7 +19,7 @@ from das.cab import event_wording
 from das.compiling.sources import SourcesMissingError
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
-from das.solver.calm.calm import CalmFront
+from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import default_ladder, solve_ahead
@@ -80,7 +80,7 @@ class Fronts:
         self.notes: list[str] = []
         self._threads = threads
         self._known = _Kept(kept_bytes, _size)
-        self._calm: _Kept[CalmFront] = _Kept(kept_bytes, lambda calm: calm.nbytes)
+        self._few_switch: _Kept[FewSwitchFront] = _Kept(kept_bytes, lambda few_switch: few_switch.nbytes)
         self._tables = self._listed(tables) if tables is not None else ()
 
     def find(self, section: Section, s_m: float | None = None) -> Found:
@@ -97,17 +97,18 @@ class Fronts:
             return known
         return self._known.put(key, self._from_tables(section, hashes, s_m))
 
-    def find_calm(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> CalmFront:
-        """The calm runs of a section for the coach: found before, or solved now; raises as `solve_calm` does.
+    def find_few_switch(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> FewSwitchFront:
+        """The few-switch trajectories of a section for the coach: found before, or solved now; raises as
+        `solve_few_switch` does.
 
         For a train at a position (m) the way behind it is not solved; the answers are the same.
         """
-        key = f"{combined(hashes_of(section))} {settings.calm}"
-        known = self._calm.get(key)
+        key = f"{combined(hashes_of(section))} {settings.few_switch}"
+        known = self._few_switch.get(key)
         if known is not None:
             known.cover(section.start_m if s_m is None else s_m)
             return known
-        return self._calm.put(key, solve_coach(section, settings, s_m, threads=self._threads))
+        return self._few_switch.put(key, solve_coach(section, settings, s_m, threads=self._threads))
 
     def _from_tables(self, section: Section, hashes: Mapping[str, str], s_m: float) -> Found:
         notes, others = [], []

@@ -26,7 +26,7 @@ from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.estimate.standstill import STANDSTILL_MPS
-from das.solver.calm.calm import CalmFront
+from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.section import Section
 
 LEAST_WAY_M = 2.0
@@ -87,11 +87,11 @@ class Leg:
         self.planner = Planner(basis, self._settings)
         self._lead(None)
 
-    def use_calm(self, front: CalmFront) -> None:
-        """Lead the driver by these calm runs from now on."""
+    def use_few_switch(self, front: FewSwitchFront) -> None:
+        """Lead the driver by these few-switch trajectories from now on."""
         self._lead(front)
 
-    def _lead(self, front: CalmFront | None) -> None:
+    def _lead(self, front: FewSwitchFront | None) -> None:
         """Another coach goes on where the one before ended."""
         if self._coach is not None:
             self._coach = self._coach.successor(self.section, front)

@@ -10,8 +10,8 @@ from enum import IntEnum
 
 from das.advice.advice import Advice
 from das.advice.cause import Cause
-from das.advice.modes import Mode
 from das.advice.plan import Plan
+from das.advice.regimes import Regime
 from das.cab import event_wording
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
@@ -136,7 +136,7 @@ class Reporting:
         """So many advices were given or withdrawn."""
         self._said: list[Output] = []
         self._complaints, self._news = Moderation(), Moderation()
-        self._shown: tuple[Mode, Cause] | None = None
+        self._shown: tuple[Regime, Cause] | None = None
         self._counted, self._rejecting = (0, 0), False
         self._plan: Plan | None = None
         self._plan_ns: int | None = None
@@ -177,13 +177,13 @@ class Reporting:
     def changes(self, advice: Advice) -> None:
         """Say where the mode changes, or the cause of a withdrawal, with the reason."""
         if (advice.mode, advice.cause) != self._shown:
-            severity = Severity.WARNING if advice.mode is Mode.NONE else Severity.INFO
+            severity = Severity.WARNING if advice.mode is Regime.NONE else Severity.INFO
             self.event(advice.time_ns, severity, event_wording.shown(advice.mode, advice.reason))
             self._shown = advice.mode, advice.cause
 
     def note_internal_error(self) -> None:
         """There was no advice because of an internal error, which has been said already."""
-        self._shown = Mode.NONE, Cause.INTERNAL_ERROR
+        self._shown = Regime.NONE, Cause.INTERNAL_ERROR
 
     def rejections(self, here: Estimate) -> None:
         """Say where positions begin to be rejected, and where they are taken up anew elsewhere."""

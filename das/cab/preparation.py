@@ -24,7 +24,7 @@ from das.cab.situation import Situation, difference
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS
-from das.solver.calm.calm import CalmFront
+from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.section import Section
 
 NO_COACH = CoachSettings(enabled=False)
@@ -60,22 +60,23 @@ class _Prepared:
     """The point that the front, or the search under way, serves."""
     ready: bool = False
     search: Future[_Answer] | None = None
-    calm: Future[CalmFront | str] | None = None
-    """The search for the coach's calm runs, after that for the front; it answers with why there are none, if so."""
+    few_switch: Future[FewSwitchFront | str] | None = None
+    """The search for the coach's few-switch trajectories, after that for the front; it answers with why there are
+    none, if so."""
     failed_ns: int | None = None
     """When the last search failed, if it did."""
 
     def give_up(self) -> None:
         """What was prepared or is looked for is not what is wanted any more."""
-        for search in (self.search, self.calm):
+        for search in (self.search, self.few_switch):
             if search is not None:
                 search.cancel()
-        self.ready, self.search, self.calm = False, None, None
+        self.ready, self.search, self.few_switch = False, None, None
 
     @property
     def searches(self) -> list[Future[Any]]:
         """The searches under way."""
-        return [one for one in (self.search, self.calm) if one is not None]
+        return [one for one in (self.search, self.few_switch) if one is not None]
 
 
 class Preparation:
@@ -92,7 +93,7 @@ class Preparation:
         self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
         self._solver = Worker("solve", background=background)
         self.coach_worker = Worker("coach", background=background)
-        """Does what the coach need not be waited for: calm runs and new references."""
+        """Does what the coach need not be waited for: few-switch trajectories and new references."""
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
         self.solve_s = 0.0
@@ -138,16 +139,16 @@ class Preparation:
     def rehearse(self, section: Section) -> None:
         """Look for the front of a section before there is a journey; raises DasError.
 
-        With searches in the background the coach's calm runs are found there, as they are for a leg under way: the
-        front alone is enough to advise.
+        With searches in the background the coach's few-switch trajectories are found there, as they are for a
+        leg under way: the front alone is enough to advise.
         """
         began = self._stopwatch()
         self._fronts.find(section)
         self.solve_s = self._stopwatch() - began
         if self._coach.enabled:
-            calm = self.coach_worker.submit(lambda: self._fronts.find_calm(section, self._coach))
+            few_switch = self.coach_worker.submit(lambda: self._fronts.find_few_switch(section, self._coach))
             if not self.coach_worker.in_background:
-                calm.result()
+                few_switch.result()
 
     def close(self) -> None:
         """End the threads; what they are solving is given up."""
@@ -185,8 +186,8 @@ class Preparation:
             one.search = self._solver.submit(lambda: _answered(self._fronts, question, self._stopwatch))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
-        if one.calm is not None and one.calm.done():
-            self._take_calm(leg, one, one.calm.result())
+        if one.few_switch is not None and one.few_switch.done():
+            self._take_few_switch(leg, one, one.few_switch.result())
 
     def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
         """Use what a search has found; where it failed, for now."""
@@ -208,15 +209,16 @@ class Preparation:
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
         if self._coach.enabled:
             s_m = _Question.of(leg).s_m
-            one.calm = self.coach_worker.submit(lambda: _calm(self._fronts, section, self._coach, s_m))
+            one.few_switch = self.coach_worker.submit(lambda: _few_switch(self._fronts, section, self._coach, s_m))
 
-    def _take_calm(self, leg: Leg, one: _Prepared, answer: CalmFront | str) -> None:
-        """Lead by the calm runs that were found; where there are none, the leg goes on without a coach."""
-        one.calm = None
+    def _take_few_switch(self, leg: Leg, one: _Prepared, answer: FewSwitchFront | str) -> None:
+        """Lead by the few-switch trajectories that were found; where there are none, the leg goes on without a
+        coach."""
+        one.few_switch = None
         if isinstance(answer, str):
             self._news.append(News(event_wording.no_coach(answer), True))
         else:
-            leg.use_calm(answer)
+            leg.use_few_switch(answer)
 
 
 def _heed(leg: Leg, one: _Prepared, wanted: Situation) -> None:
@@ -273,10 +275,10 @@ def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
-def _calm(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> CalmFront | str:
-    """Look for the calm runs of a section; whatever goes wrong is the answer."""
+def _few_switch(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> FewSwitchFront | str:
+    """Look for the few-switch trajectories of a section; whatever goes wrong is the answer."""
     try:
-        return fronts.find_calm(section, coach, s_m)
+        return fronts.find_few_switch(section, coach, s_m)
     except Exception as error:  # Advice without a coach is better than a thread that died in silence.
         return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 

@@ -32,7 +32,7 @@ def warm_up() -> None:
     settings = AdviceSettings(coach=CoachSettings(enabled=True))
     leg = Leg(start, end, section, settings)
     leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
-    leg.use_calm(solve_coach(section, settings.coach))
+    leg.use_few_switch(solve_coach(section, settings.coach))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     vehicle = section.vehicle
     basis = BrakingBasis(section.route, vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m)

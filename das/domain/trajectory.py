@@ -1,4 +1,4 @@
-"""Trajectory: a run over the nodes of a section, its energy ledger, and its energy at any level of losses."""
+"""Trajectory: a run over the nodes of a section, its energy balance, and its energy at any level of losses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ledger:
+class EnergyBalance:
     """Where the energy of a run went, in J.
 
     input = resistance + component_loss + friction_brake + unreturned + kinetic + potential. `input` is the net energy
@@ -45,7 +45,7 @@ class Ledger:
 
     @property
     def residual_ratio(self) -> float:
-        """How far the ledger is from closing, relative to its largest term."""
+        """How far the energy balance is from closing, relative to its largest term."""
         difference = self.input - self.irreversible - self.kinetic - self.potential
         scale = max(abs(self.input), self.resistance, abs(self.potential), abs(self.kinetic), 1.0)
         return abs(difference) / scale
@@ -116,15 +116,15 @@ class Trajectory:
         electric = vehicle.electric_effort_n(total, faster, level, self.supply)
         return replace(self, force_el_n=electric, force_friction_n=total - electric)
 
-    def ledger(self, vehicle: Vehicle, loss: LossModel) -> Ledger:
-        """Energy ledger of the run with this vehicle's masses and resistance and the given losses.
+    def balance(self, vehicle: Vehicle, loss: LossModel) -> EnergyBalance:
+        """Energy balance of the run with this vehicle's masses and resistance and the given losses.
 
         Raises DasError where a loss map does not cover the run.
         """
-        return self.ledger_with(vehicle, self.loss_j(loss))
+        return self.balance_with(vehicle, self.loss_j(loss))
 
-    def ledger_with(self, vehicle: Vehicle, loss_j: Floats) -> Ledger:
-        """The ledger with the component loss of each interval known (J).
+    def balance_with(self, vehicle: Vehicle, loss_j: Floats) -> EnergyBalance:
+        """The energy balance with the component loss of each interval known (J).
 
         Every term is computed on its own, so that its closing is a check.
         """
@@ -133,7 +133,7 @@ class Trajectory:
         running = mean_resistance_n(vehicle.resistance, self.v_mps, self.tunnel_n_per_mps2)
         weight = vehicle.mass_kg * STANDARD_GRAVITY_MPS2 * self.grade_ratio
         fed_back = np.maximum(-(self.force_el_n * step + loss_j), 0.0)
-        return Ledger(
+        return EnergyBalance(
             resistance=float((running + self.grade_and_curve_n - weight) @ step),
             component_loss=float(loss_j.sum()),
             friction_brake=float(-self.force_friction_n @ step),
@@ -145,12 +145,12 @@ class Trajectory:
         )
 
 
-def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> Ledger:
-    """Energy ledger of any motion at any level of losses and with the brakes of that level (cross-evaluation).
+def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> EnergyBalance:
+    """Energy balance of any motion at any level of losses and with the brakes of that level (cross-evaluation).
 
     Raises DasError where the vehicle has no such level or its loss map does not cover the run.
     """
-    return trajectory.braked_as(vehicle, level).ledger(vehicle, vehicle.loss_model(level))
+    return trajectory.braked_as(vehicle, level).balance(vehicle, vehicle.loss_model(level))
 
 
 def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
@@ -158,8 +158,8 @@ def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
 
     At L0 NOREG it is the positive wheel work (eq. 8), which counts the brakes' losses before they occur.
     """
-    ledger = evaluated_at(trajectory, vehicle, level)
-    return ledger.input if level is Level.L0_NOREG else ledger.irreversible
+    balance = evaluated_at(trajectory, vehicle, level)
+    return balance.input if level is Level.L0_NOREG else balance.irreversible
 
 
 def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:

@@ -139,7 +139,7 @@ class Node:
     def take(self, received: Received) -> None:
         """Let the cab hear one message; answer the simulation's clock where it asks."""
         self.look_around()
-        heard = codec.heard(received, self.clock.judged_at_ns())
+        heard = codec.decode(received, self.clock.judged_at_ns())
         if heard is not None:
             self.publish(self.cab.hear(heard))
         self.clock.note(received)
@@ -175,16 +175,16 @@ class Node:
         """Advise once; what no message can carry (a time beyond the end of the clock) is withdrawn as a fault."""
         outputs = self.cab.tick(now_ns, dropped=self.bus.dropped)
         try:
-            messages = [codec.said(output, tick) for output in outputs]
+            messages = [codec.encode_output(output, tick) for output in outputs]
         except ValueError as error:
             outputs = self.cab.fail(now_ns, error)
-            messages = [codec.said(output, tick) for output in outputs]
+            messages = [codec.encode_output(output, tick) for output in outputs]
         self._publish(outputs, messages)
 
     def publish(self, outputs: Iterable[Output]) -> None:
         """Publish what the cab says."""
         said = list(outputs)
-        self._publish(said, [codec.said(output) for output in said])
+        self._publish(said, [codec.encode_output(output) for output in said])
 
     def _publish(self, outputs: Iterable[Output], messages: Iterable[codec.Outgoing]) -> None:
         """Publish messages; with the wall clock, events go to standard error as well."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.solver import tolerances as tol
-from das.solver.kernels.calm_roll_out import run_energy
+from das.solver.kernels.few_switch_roll_out import run_energy
 from das.solver.kernels.roll_out import blend_runs
 from das.solver.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
 from das.solver.solution import Fit, Solution
@@ -127,7 +127,7 @@ class Refinement:
             table_bound_j=given.table_bound_j,
         )
         in_time = found.time_s <= max(given.time_s, self.wanted_s)
-        is_better = in_time and found.feasible and found.ledger.input < given.ledger.input
+        is_better = in_time and found.feasible and found.balance.input < given.balance.input
         return found if is_better else given
 
 
@@ -372,11 +372,11 @@ def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: flo
     if start is None:
         return None
     tangent_j = max(
-        quick.ledger.input - quick.lambda_w * (start.time_s - quick.time_s),
-        slow.ledger.input + slow.lambda_w * (slow.time_s - start.time_s),
+        quick.balance.input - quick.lambda_w * (start.time_s - quick.time_s),
+        slow.balance.input + slow.lambda_w * (slow.time_s - start.time_s),
     )
     return start if start.energy_j - tangent_j <= tangent_ratio * abs(start.energy_j) else None
 
 
 def _as_run(one: Solution) -> TubeRun:
-    return TubeRun(one.trajectory.v_mps, one.ledger.input, one.time_s, one.lambda_w)
+    return TubeRun(one.trajectory.v_mps, one.balance.input, one.time_s, one.lambda_w)

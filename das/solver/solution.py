@@ -1,4 +1,4 @@
-"""A solution: a run for a time, with its ledger and its certificate."""
+"""A solution: a run for a time, with its energy balance and its certificate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
 from das.domain.route import NEUTRAL
-from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
+from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
 
@@ -35,7 +35,7 @@ class Fit(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
-    """A trajectory with its ledger and certificate.
+    """A trajectory with its energy balance and certificate.
 
     `least_time_s` is the time of the fastest run from the same state. `lambda_w` is the price of time at the solution
     (W; inf for the fastest run).
@@ -58,9 +58,9 @@ class Solution:
     proven: Certificate | None = None
 
     @cached_property
-    def ledger(self) -> Ledger:
+    def balance(self) -> EnergyBalance:
         """Where the energy goes, with the section's train and losses (J)."""
-        return self.trajectory.ledger(self.section.vehicle, self.section.loss)
+        return self.trajectory.balance(self.section.vehicle, self.section.loss)
 
     @property
     def time_s(self) -> float:
@@ -100,7 +100,7 @@ class Solution:
         return self._above(self.table_bound_j)
 
     def _above(self, bound_j: float) -> float:
-        return (self.ledger.input - bound_j) / max(abs(self.ledger.input), 1.0)
+        return (self.balance.input - bound_j) / max(abs(self.balance.input), 1.0)
 
 
 def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:

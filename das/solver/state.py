@@ -139,7 +139,7 @@ class State(LineProfile):
         lambda_w: float = math.inf,
         table_bound_j: float | None = None,
     ) -> Solution:
-        """A run from this state with its ledger; a run without a price is the fastest, its own bound."""
+        """A run from this state with its energy balance; a run without a price is the fastest, its own bound."""
         speeds, section = run.speeds_mps, self.section
         trajectory = trajectory_on(section, self, speeds)
         if table_bound_j is None:

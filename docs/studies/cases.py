@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.route import Route, Stretches
-from das.domain.trajectory import Ledger, Trajectory, consumed_j, evaluated_at
+from das.domain.trajectory import EnergyBalance, Trajectory, consumed_j, evaluated_at
 from das.domain.units import KM, KMH, PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
@@ -254,8 +254,8 @@ class Workbench:
         """Energy the paper compares at a level: irreversible, or positive wheel work at L0 NOREG."""
         return consumed_j(trajectory, self.vehicle(variant), variant.level)
 
-    def ledger(self, trajectory: Trajectory, variant: Variant) -> Ledger:
-        """Energy ledger of any run at a level."""
+    def balance(self, trajectory: Trajectory, variant: Variant) -> EnergyBalance:
+        """Energy balance of any run at a level."""
         return evaluated_at(trajectory, self.vehicle(variant), variant.level)
 
     def reference_j(self, case: StudyCase) -> float:

@@ -17,13 +17,13 @@ from das.advice.coach.settings import KeepingSettings
 from das.command_line.loading import load_route, load_vehicle
 from das.domain.route import section_stops
 from das.domain.units import KMH
-from das.solver.calm.calm import solve_calm
-from das.solver.calm.settings import CalmSettings
+from das.solver.few_switch.few_switch import solve_few_switch
+from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.driving import KEEPING, WatchedRun, watched_run
 from docs.studies.output import DOCS, write_table
-from precompute.cli.calm import PRICES_S, calm_rows
+from precompute.cli.few_switch import PRICES_S, few_switch_rows
 from sim.drivers.cab import Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.world.scenario import load_scenario
@@ -118,11 +118,11 @@ def measured(runs: Sequence[WatchedRun]) -> LoopMeasures:
     errors = [_errors_mps(one) for one in runs]
     causes = [cause for one in runs for cause in one.replans.values()]
     return LoopMeasures(
-        changes=sum(one.run.restlessness.changes for one in runs),
-        minutes=sum(one.run.restlessness.shown_s for one in runs) / 60.0,
+        changes=sum(one.run.stability.changes for one in runs),
+        minutes=sum(one.run.stability.shown_s for one in runs) / 60.0,
         replans=len(causes),
         most_in_3_min=max(_most_within(one, 180.0) for one in runs),
-        reversals=sum(one.run.restlessness.reversals for one in runs),
+        reversals=sum(one.run.stability.reversals for one in runs),
         runs=len(runs),
         rms_mps=float(np.sqrt(np.mean(np.concatenate(errors) ** 2))),
         causes={cause.label: causes.count(cause) for cause in set(causes)},
@@ -178,18 +178,18 @@ def keeping_table(
 
 
 def price_table() -> Iterator[str]:
-    """The lines of the table of what calm costs from Zug to Luzern, as `das-precompute calm` finds it."""
+    """The lines of the table of what calm costs from Zug to Luzern, as `das-precompute few-switch` finds it."""
     route = load_route("zurich-luzern")
     start, end = section_stops(route, "Zug", "Luzern")
     section = build_section(route, load_vehicle("re460-ic"), start_m=start.position_m, end_m=end.position_m)
     front = solve_front(section)
     least_s = front.fastest().time_s
     prices = [float(price) for price in PRICES_S.split(",")]
-    calms = [(price, solve_calm(section, CalmSettings(change_s=price))) for price in prices]
+    few_switch_fronts = [(price, solve_few_switch(section, FewSwitchSettings(change_s=price))) for price in prices]
     yield "| buffer | run | changes | a minute | shortest, s | time, s | kWh | more, kWh | more, % |"
     yield "|---:|---|---:|---:|---:|---:|---:|---:|---:|"
     for buffer_percent in BUFFERS_PERCENT:
-        for row in calm_rows(front, calms, least_s * (1.0 + buffer_percent / 100.0)):
+        for row in few_switch_rows(front, few_switch_fronts, least_s * (1.0 + buffer_percent / 100.0)):
             found = row.as_dict()
             name = row.name if row.price_s is None else f"price {row.name}"
             yield (

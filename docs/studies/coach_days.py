@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.command_line.outputs import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, kwh
 from docs.studies.driving import WatchedRun, watched_run
@@ -37,13 +37,13 @@ HEADROOM: Final = 1.1
 INK, LIMIT, DRIVEN, SHOWN = "#222222", "#8c8c8c", "#0072b2", "#d55e00"
 """Colours that people with any kind of colour vision tell apart (Okabe & Ito 2008)."""
 MODES: Final = {
-    Mode.FULL_TRACTION: "#003f6b",
-    Mode.REDUCED_TRACTION: "#56b4e9",
-    Mode.CRUISE: "#c8c8c8",
-    Mode.COAST: "#f0e442",
-    Mode.REDUCED_BRAKE: "#e69f00",
-    Mode.FULL_BRAKE: "#b03a00",
-    Mode.FRICTION_BRAKE: "#111111",
+    Regime.FULL_TRACTION: "#003f6b",
+    Regime.REDUCED_TRACTION: "#56b4e9",
+    Regime.CRUISE: "#c8c8c8",
+    Regime.COAST: "#f0e442",
+    Regime.REDUCED_BRAKE: "#e69f00",
+    Regime.FULL_BRAKE: "#b03a00",
+    Regime.FRICTION_BRAKE: "#111111",
 }
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ class ShownSecond(NamedTuple):
     limit_kmh: float
     driven_kmh: float
     shown_kmh: float
-    mode: Mode
+    mode: Regime
 
 
 def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSecond]:
@@ -72,7 +72,7 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
                 limit_kmh=advice.limit_mps / KMH,
                 driven_kmh=state.speed_mps / KMH,
                 shown_kmh=math.nan if view is None else view.display_speed_mps / KMH,
-                mode=Mode.NONE if view is None else Mode(view.mode),
+                mode=Regime.NONE if view is None else Regime(view.mode),
             )
         )
     return found
@@ -133,7 +133,7 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation) -> None:
     strip.set_ylabel("mode", rotation=0, ha="right", va="center")
 
 
-def _stretches(seconds: list[ShownSecond], mode: Mode) -> list[tuple[float, float]]:
+def _stretches(seconds: list[ShownSecond], mode: Regime) -> list[tuple[float, float]]:
     """Begin and length (km) of every stretch on which a mode was shown."""
     found: list[tuple[float, float]] = []
     for one, after in pairwise(seconds):
@@ -145,7 +145,7 @@ def _stretches(seconds: list[ShownSecond], mode: Mode) -> list[tuple[float, floa
 def _figures(one: WatchedRun) -> tuple[str, str, str]:
     """Changes a minute, kWh, and seconds late at the last stop."""
     came = outcome(one.day, one.run)
-    changes = one.run.restlessness.changes_per_min
+    changes = one.run.stability.changes_per_min
     return f"{changes:.1f}", f"{kwh(came.energies.driven_j):.1f}", f"{came.late_s:+.0f}"
 
 

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.units import KMH
 from docs.studies.driving import driven, human_of, with_interval
 from docs.studies.output import DOCS, write_table
@@ -62,9 +62,9 @@ class Unannounced(ShownAsIs):
     """Does not say what comes next, nor when; but it says how to depart."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
-        if view.mode == Mode.DEPART:
+        if view.mode == Regime.DEPART:
             return view
-        return replace(view, next_mode=Mode.NONE, next_change_s=float("nan"))
+        return replace(view, next_mode=Regime.NONE, next_change_s=float("nan"))
 
 
 class WithoutPreview(ShownAsIs):
@@ -81,10 +81,10 @@ class TargetSpeed(ShownAsIs):
     """
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
-        if view.mode == Mode.DEPART:
+        if view.mode == Regime.DEPART:
             return replace(view, next_effort_ratio=math.nan)
         target_mps = view.shown_speed_mps
-        if view.mode != Mode.CRUISE and view.horizon_speed_mps:
+        if view.mode != Regime.CRUISE and view.horizon_speed_mps:
             last_s = len(view.horizon_speed_mps)
             ahead_s = last_s if math.isnan(view.next_change_s) else min(max(int(view.next_change_s), 1), last_s)
             target_mps = view.horizon_speed_mps[ahead_s - 1]

@@ -61,7 +61,7 @@ LEAST_KINETIC_RATIO = 0.05
 """Stretches that change the kinetic energy by less (of the run's highest) are as well."""
 
 
-class EffortMode(IntEnum):
+class EffortRegime(IntEnum):
     """How the train is driven on an interval."""
 
     OTHER = 0
@@ -123,8 +123,8 @@ def effort(trajectory: Trajectory, vehicle: Vehicle) -> ReducedEffort:
     ratio = force_ratio(trajectory, vehicle)
     modes = driving_modes(trajectory, vehicle)
     return ReducedEffort(
-        acceleration=_reduced(trajectory, ratio, modes == EffortMode.REDUCED_ACCELERATION),
-        braking=_reduced(trajectory, ratio, modes == EffortMode.REDUCED_BRAKING),
+        acceleration=_reduced(trajectory, ratio, modes == EffortRegime.REDUCED_ACCELERATION),
+        braking=_reduced(trajectory, ratio, modes == EffortRegime.REDUCED_BRAKING),
     )
 
 
@@ -148,15 +148,15 @@ def force_ratio(trajectory: Trajectory, vehicle: Vehicle) -> Floats:
 
 
 def driving_modes(trajectory: Trajectory, vehicle: Vehicle) -> NDArray[np.int64]:
-    """The `EffortMode` of each interval."""
+    """The `EffortRegime` of each interval."""
     ratio = force_ratio(trajectory, vehicle)
     change = np.diff(trajectory.v_mps) / trajectory.interval_s()
-    modes = np.full(len(ratio), int(EffortMode.OTHER))
-    modes[(ratio > 0) & (change > 0)] = EffortMode.REDUCED_ACCELERATION
-    modes[(ratio < 0) & (change < 0)] = EffortMode.REDUCED_BRAKING
-    modes[np.abs(ratio) >= FULL_RATIO] = EffortMode.FULL
-    modes[np.abs(ratio) <= COAST_RATIO] = EffortMode.COASTING
-    modes[(np.abs(change) <= CRUISE_MPS2) & (np.abs(ratio) < FULL_RATIO)] = EffortMode.CRUISING
+    modes = np.full(len(ratio), int(EffortRegime.OTHER))
+    modes[(ratio > 0) & (change > 0)] = EffortRegime.REDUCED_ACCELERATION
+    modes[(ratio < 0) & (change < 0)] = EffortRegime.REDUCED_BRAKING
+    modes[np.abs(ratio) >= FULL_RATIO] = EffortRegime.FULL
+    modes[np.abs(ratio) <= COAST_RATIO] = EffortRegime.COASTING
+    modes[(np.abs(change) <= CRUISE_MPS2) & (np.abs(ratio) < FULL_RATIO)] = EffortRegime.CRUISING
     return modes
 
 

@@ -73,14 +73,14 @@ def energy_curve(bench: Workbench, case: StudyCase, variant: Variant) -> EnergyC
     largest = min(LARGEST_DRAWN_PERCENT, slowest.buffer_percent)
     runs = [(float(b), bench.run(case, variant, float(b))) for b in np.linspace(0, largest, CURVE_POINTS)]
     points = [(b, run) for b, run in runs if run is not None]
-    ledgers = [bench.ledger(run, L3) for _, run in points]
+    energy_balances = [bench.balance(run, L3) for _, run in points]
     scale = PERCENT * bench.reference_j(case)
     return EnergyCurve(
         buffer_percent=np.array([b for b, _ in points]),
         own_percent=np.array([bench.percent(case, run, variant) for _, run in points]),
-        l3_percent=np.array([ledger.irreversible for ledger in ledgers]) / scale,
-        resistance_percent=np.array([ledger.resistance for ledger in ledgers]) / scale,
-        loss_percent=np.array([ledger.component_loss for ledger in ledgers]) / scale,
+        l3_percent=np.array([balance.irreversible for balance in energy_balances]) / scale,
+        resistance_percent=np.array([balance.resistance for balance in energy_balances]) / scale,
+        loss_percent=np.array([balance.component_loss for balance in energy_balances]) / scale,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from docs.studies.driving import driven, human_of
 from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView, Presentation
@@ -38,7 +38,7 @@ BELOW_MPS: Final = 3.0
 """So far below what he may or shall drive at, nothing but the advice decides what he sets."""
 MOVES_MPS: Final = 0.5
 """A train slower than this is at a stand."""
-TRACTION: Final = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
+TRACTION: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 
 WITH_MODES: Final = tuple(one for one in Presentation if presenter_of(one).says_mode)
 """The presentations that say how to drive."""
@@ -135,7 +135,7 @@ def braked_under_coast(days: Sequence[WatchedDay]) -> Braked:
     for day in days:
         since_s = coasts_s = 0.0
         for look in day.looks:
-            coasts = look.mode == Mode.COAST and look.speed_mps > MOVES_MPS
+            coasts = look.mode == Regime.COAST and look.speed_mps > MOVES_MPS
             coasts_s = coasts_s + LOOK_S if coasts else 0.0
             since_s = since_s + LOOK_S if coasts and not look.braking else 0.0
             brakes = look.lever_ratio < -SETS_RATIO

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.braking import SiteBraking
 from das.domain.units import kwh
 from docs.studies.driving import driven, human_of, with_interval
@@ -83,7 +83,7 @@ class Coasting:
     def command(self, cab: CabView) -> Command:
         """What the driver sets."""
         command = self.human.command(cab)
-        if cab.speed_mps > 0 and self.human._display.heeded.task == Mode.COAST:
+        if cab.speed_mps > 0 and self.human._display.heeded.task == Regime.COAST:
             self.told += 1
             self.braked += command.value < -SETS_RATIO
         return command
@@ -121,7 +121,7 @@ def _figures(found: DayOutcome, braked_ratio: float) -> BrakingFigures:
     energies = found.energies
     return BrakingFigures(
         energy_kwh=kwh(energies.driven_j),
-        optimum_kwh=kwh(energies.hindsight_j),
+        optimum_kwh=kwh(energies.optimum_as_driven_j),
         profile_kwh=kwh(energies.profile_j),
         late_s=found.late_s,
         over_limit_s=found.drive.violations.over_limit_s,

@@ -108,14 +108,14 @@ def peers_table() -> Iterator[str]:
 
 def _peer_cells(pair: tuple[ReferenceResult, PeerRow]) -> list[str]:
     result, row = pair
-    found_kwh = row.found.ledger.input / KWH
+    found_kwh = row.found.balance.input / KWH
     return [
         result.route,
         result.vehicle,
         result.losses,
         f"{result.time_s:.1f}",
         f"{result.energy_kwh:.2f}",
-        f"{row.given.ledger.input / KWH:.2f}",
+        f"{row.given.balance.input / KWH:.2f}",
         f"{found_kwh:.2f}",
         f"{100 * (found_kwh / result.energy_kwh - 1):+.2f} %",
         f"{row.found.bound_j / KWH:.2f}",
@@ -197,7 +197,7 @@ def hard_table() -> Iterator[str]:
 
 
 def _hard_cells(hard: Hard, level: Level, row: PeerRow, proof: Tight) -> list[str]:
-    given_kwh, found_kwh = row.given.ledger.input / KWH, row.found.ledger.input / KWH
+    given_kwh, found_kwh = row.given.balance.input / KWH, row.found.balance.input / KWH
     tight = (f"{100 * proof.gap_ratio:.3f} %", f"{proof.prove_s:.1f}") if level is Level.L3 else ("", "")
     return [
         hard.kind,

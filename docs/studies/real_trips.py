@@ -24,7 +24,7 @@ from das.domain.units import KM, KWH, kmh, kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
-from sim.drive.attribution.account import Account
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.compared import LikelyRange, likely_range
 from sim.drive.drive import Drive
@@ -56,12 +56,12 @@ PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TripAccount:
+class TripAttribution:
     """One trip accounted for with one train that it may have been driven with."""
 
     trip: str
     train: str
-    account: Account
+    attribution: Attribution
     likely: LikelyRange
     entry_j: float
     """The same less what a forced slow entry explains: above the optimum that is as slow from `ENTRY_M` on (J)."""
@@ -69,15 +69,15 @@ class TripAccount:
     @property
     def possible(self) -> bool:
         """Whether the train could have run in the time of the trip."""
-        return not self.account.above.why_not
+        return not self.attribution.above.why_not
 
     @property
     def above_ratio(self) -> float:
         """The energy above the optimum as a share of the driven energy."""
-        return self.account.difference_j / self.account.driven_j
+        return self.attribution.difference_j / self.attribution.driven_j
 
 
-def trip_accounts(data: Path) -> list[TripAccount]:
+def trip_attributions(data: Path) -> list[TripAttribution]:
     """Replay each trip, and account for it with each train; DasError where a file is missing or a train cannot run."""
     found = []
     route_file = data / "ttobench" / "tracks" / ROUTE
@@ -96,49 +96,51 @@ def trip_accounts(data: Path) -> list[TripAccount]:
                 vehicle = load_vehicle(_train(data, train))
                 level = vehicle.default_level
                 inputs = DriveInputs(route=route, vehicle=vehicle, level=level, source=train)
-                account = Drive(source=recording, given=inputs).any_account
-                likely = likely_range(account.legs)
+                attribution = Drive(source=recording, given=inputs).any_attribution
+                likely = likely_range(attribution.legs)
                 assert likely is not None  # a trip is estimated, and has one leg
-                entry_j = above_slow_entry_j(account)
-                found.append(TripAccount(trip=trip, train=train, account=account, likely=likely, entry_j=entry_j))
+                entry_j = above_slow_entry_j(attribution)
+                found.append(
+                    TripAttribution(trip=trip, train=train, attribution=attribution, likely=likely, entry_j=entry_j)
+                )
     return found
 
 
-def above_slow_entry_j(account: Account) -> float:
+def above_slow_entry_j(attribution: Attribution) -> float:
     """The energy above the optimum (J) that was no faster than the trip from `ENTRY_M` on, as if it had to be slow."""
-    (leg,) = account.legs
+    (leg,) = attribution.legs
     motion, section = leg.leg.motion, leg.optimum.section
     slow_mps = float(motion.speed_mps[motion.s_m >= ENTRY_M].max())
     slow = Restriction(start_m=ENTRY_M, end_m=section.route.length_m, limit_mps=slow_mps)
     other = build_section(section.route.with_restrictions([slow]), section.vehicle, level=section.level)
-    return leg.driven_j - solve_front(other).trajectory(leg.leg.trip_s).ledger.input
+    return leg.driven_j - solve_front(other).trajectory(leg.leg.trip_s).balance.input
 
 
 def _train(data: Path, train: str) -> Path:
     return data / "ttobench" / "trains" / TRAINS[train]
 
 
-def above_table(found: Sequence[TripAccount]) -> Iterator[str]:
+def above_table(found: Sequence[TripAttribution]) -> Iterator[str]:
     """How far above the optimum the trips were, by trip and train."""
     wanted = ("driven", "optimum", "above it", "likely", "if the entry had to be slow", "if friction braked")
     yield f"| trip | train assumed | {' | '.join(wanted)} |"
     yield "|---|---|---:|---:|---:|---:|---:|---:|"
     for one in found:
-        account, likely = one.account, one.likely
+        attribution, likely = one.attribution, one.likely
         if not one.possible:
-            (leg,) = account.legs
+            (leg,) = attribution.legs
             why = f"needs {leg.optimum.least_time_s:.0f} s, the trip took {leg.leg.trip_s:.0f} s"
             yield f"| {one.trip} | {one.train} | it was not this train: it {why} | | | | | |"
             continue
         low, high = kwh(likely.low_j), kwh(likely.high_j)
         friction = "–" if np.isnan(likely.by_friction_j) else f"{kwh(likely.by_friction_j):.0f} kWh"
-        driven, optimum = kwh(account.driven_j), kwh(account.optimum_j)
-        saved = f"{kwh(account.difference_j):.0f} kWh ({one.above_ratio:.0%})"
+        driven, optimum = kwh(attribution.driven_j), kwh(attribution.optimum_j)
+        saved = f"{kwh(attribution.difference_j):.0f} kWh ({one.above_ratio:.0%})"
         cells = (f"{driven:.0f} kWh", f"{optimum:.0f} kWh", saved, f"{low:.0f} to {high:.0f} kWh")
         yield f"| {one.trip} | {one.train} | {' | '.join(cells)} | {kwh(one.entry_j):.0f} kWh | {friction} |"
 
 
-def cause_table(found: Sequence[TripAccount]) -> Iterator[str]:
+def cause_table(found: Sequence[TripAttribution]) -> Iterator[str]:
     """By what: the energy above the optimum by cause, from the least to the most of the trains assumed."""
     yield f"| cause | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
@@ -149,11 +151,11 @@ def cause_table(found: Sequence[TripAccount]) -> Iterator[str]:
         yield f"| {cause.label} | {' | '.join(cells)} |"
 
 
-def _of(one: TripAccount, cause: EnergyCause) -> float:
-    return one.account.by_cause.get(cause, 0.0)
+def _of(one: TripAttribution, cause: EnergyCause) -> float:
+    return one.attribution.by_cause.get(cause, 0.0)
 
 
-def place_table(found: Sequence[TripAccount]) -> Iterator[str]:
+def place_table(found: Sequence[TripAttribution]) -> Iterator[str]:
     """Where: the energy lost above the optimum by part of the way, from the least to the most of the trains assumed."""
     yield f"| part of the way | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
@@ -165,8 +167,8 @@ def place_table(found: Sequence[TripAccount]) -> Iterator[str]:
         yield f"| {name}, km {start_km:g} to {upto:g} | {' | '.join(cells)} |"
 
 
-def _lost_j(one: TripAccount, start_m: float, end_m: float) -> float:
-    (leg,) = one.account.legs
+def _lost_j(one: TripAttribution, start_m: float, end_m: float) -> float:
+    (leg,) = one.attribution.legs
     middle_m = 0.5 * (leg.even.start_m + leg.even.end_m)
     return float(leg.even.lost_more_j[(middle_m >= start_m) & (middle_m < end_m)].sum())
 
@@ -176,11 +178,11 @@ def _ends(energies_j: Sequence[float]) -> str:
     return f"{low} kWh" if low == high else f"{low} to {high} kWh"
 
 
-def trip_figure(found: Sequence[TripAccount]) -> Figure:
+def trip_figure(found: Sequence[TripAttribution]) -> Figure:
     """One trip: speeds with the optima, and the energy lost above them summed from the start, for each train."""
     figure, (speed, lost) = light_figure((2.8, 2.0))
     for i, one in enumerate(found):
-        (leg,) = one.account.legs
+        (leg,) = one.attribution.legs
         run, motion = leg.optimum.trajectory, leg.leg.motion
         if i == 0:
             section = leg.optimum.section
@@ -205,7 +207,7 @@ def _held(values: Any, nodes_m: Any) -> Any:
     return values if len(values) == len(nodes_m) else np.append(values, values[-1])
 
 
-def above_figure(found: Sequence[TripAccount]) -> Figure:
+def above_figure(found: Sequence[TripAttribution]) -> Figure:
     """The energy above the optimum of each trip with each train: the estimate, its likely range, and the worst case."""
     figure, (axis,) = light_figure((2.6,))
     for row, one in enumerate(found[::-1]):
@@ -213,7 +215,7 @@ def above_figure(found: Sequence[TripAccount]) -> Figure:
         first = row == 0
         axis.plot([low, high], [row, row], color=SEVERAL[0], linewidth=5.0, alpha=0.45, solid_capstyle="butt",
                   label="likely" if first else None)  # fmt: skip
-        axis.plot(kwh(one.account.difference_j), row, "o", color=SEVERAL[0], label="estimate" if first else None)
+        axis.plot(kwh(one.attribution.difference_j), row, "o", color=SEVERAL[0], label="estimate" if first else None)
         axis.plot(kwh(one.entry_j), row, "s", markerfacecolor="none", color=SEVERAL[2],
                   label="if the entry had to be slow" if first else None)  # fmt: skip
         if not np.isnan(one.likely.by_friction_j):
@@ -231,7 +233,7 @@ def main() -> None:
     """Make the tables and the pictures again."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.real_trips", description=__doc__)
     parser.add_argument("data", type=Path, help="Folder of the data sets.")
-    found = trip_accounts(parser.parse_args().data)
+    found = trip_attributions(parser.parse_args().data)
     possible = [one for one in found if one.possible]
     for name, lines in (
         ("above", above_table(found)),

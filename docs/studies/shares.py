@@ -22,7 +22,7 @@ from matplotlib.patches import Patch
 
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import EfficiencyLoss, Level
-from das.domain.trajectory import Ledger, Trajectory
+from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KW, PERCENT, kwh
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section, build_section
@@ -99,10 +99,10 @@ def braked_with_friction(run: Trajectory, friction_ratio: float) -> Trajectory:
 def shares(trip: DrivenTrip, friction_ratio: float) -> Shares:
     """The energies of a trip with a share of friction braking."""
     loss = trip.vehicle.loss_model(Level.L3)
-    ledgers = [braked_with_friction(run, friction_ratio).ledger(trip.vehicle, loss) for run in trip.runs]
+    energy_balances = [braked_with_friction(run, friction_ratio).balance(trip.vehicle, loss) for run in trip.runs]
 
-    def total(pick: Callable[[Ledger], float]) -> float:
-        return sum(pick(ledger) for ledger in ledgers)
+    def total(pick: Callable[[EnergyBalance], float]) -> float:
+        return sum(pick(balance) for balance in energy_balances)
 
     return Shares(
         friction_ratio=friction_ratio,

@@ -260,13 +260,13 @@ def gradients(bench: Workbench, output: Output) -> dict[str, Any]:
 
 
 def _gradient_json(bench: Workbench, case: StudyCase, runs: dict[str, Trajectory], found: list[Cell]) -> dict[str, Any]:
-    ledger = bench.ledger(runs["fastest"], L3)
+    balance = bench.balance(runs["fastest"], L3)
     return {
         "gradient_permille": case.gradient_ratio / PERMILLE,
         "least_time_s": runs["fastest"].time_s,
-        "fastest_l3_kwh": kwh(ledger.irreversible),
-        "fastest_l3_input_kwh": kwh(ledger.input),
-        "potential_kwh": kwh(ledger.potential),
+        "fastest_l3_kwh": kwh(balance.irreversible),
+        "fastest_l3_input_kwh": kwh(balance.input),
+        "potential_kwh": kwh(balance.potential),
         "gains": {variant.name: gains(found, variant) for variant in ALL_VARIANTS[-2:]},
         "reduced_effort": {
             variant.name: effort(runs[variant.name], bench.vehicle(variant)).as_json() for variant in ALL_VARIANTS

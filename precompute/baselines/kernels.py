@@ -91,7 +91,7 @@ def coasting_speed(v0, h, g, q, p):
 
 @kernel
 def interval_cost(v0, v1, h, g, q, p, c):
-    """Time (s) and energy at the collector (J) of an interval of a trajectory, as its ledger counts them."""
+    """Time (s) and energy at the collector (J) of an interval of a trajectory, as its energy balance counts them."""
     mid = 0.5 * (v0 + v1)
     dt = h / mid
     f = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * h) + mean_resistance(v0, v1, q, p) + g

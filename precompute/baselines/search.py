@@ -91,7 +91,7 @@ class Driving:
     def energy_j(self, run: BaselineRun) -> float:
         """Net energy at the current collector."""
         section = self.section
-        return trajectory_on(section, section, run.speeds_mps).ledger(section.vehicle, section.loss).input
+        return trajectory_on(section, section, run.speeds_mps).balance(section.vehicle, section.loss).input
 
     def _start(self) -> Floats:
         speeds = np.empty(len(self.section.node_m))

@@ -1,7 +1,7 @@
 """Baseline strategies: what trains drive without the optimum – fastest, reduced maximum speed, four modes.
 
 All are runs on the integration grid of any section (gradients, limits, any loss level) and are answered as the front
-answers: with trajectory, ledger and how the time was met.
+answers: with trajectory, energy balance and how the time was met.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
-from das.domain.trajectory import Ledger, Trajectory
+from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import trip_time
@@ -38,7 +38,7 @@ class Baseline:
 
     strategy: Strategy
     trajectory: Trajectory
-    ledger: Ledger
+    balance: EnergyBalance
     fit: Fit
     least_time_s: float
     requested_s: float
@@ -175,7 +175,7 @@ def _baseline(
     return Baseline(
         strategy=strategy,
         trajectory=trajectory,
-        ledger=trajectory.ledger(section.vehicle, section.loss),
+        balance=trajectory.balance(section.vehicle, section.loss),
         fit=Fit.ON_TIME if abs(miss_s) <= tol.TIME_TOLERANCE_S else Fit.LATE if miss_s > 0 else Fit.EARLY,
         least_time_s=least_time_s,
         requested_s=requested_s,

@@ -175,7 +175,7 @@ def short_steps(reference: Reference) -> list[Figure]:
         rounds=reference.effort.rounds,
     )
     time_s = reference.front.fastest().time_s * (1 + RESOLVED_BUFFER)
-    usual_j, fine_j = (front.trajectory(time_s).ledger.input for front in (reference.front, solve_front(fine)))
+    usual_j, fine_j = (front.trajectory(time_s).balance.input for front in (reference.front, solve_front(fine)))
     return [
         times.figure(
             Subject(

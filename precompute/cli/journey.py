@@ -112,7 +112,7 @@ def journey(
     from das.domain.files.trajectory_csv import write_trajectory
     from precompute.cli import report
 
-    title = f"{asked.name}: {train.id}, {planner.hops[0].section.level}"
+    title = f"{asked.name}: {train.id}, {planner.sections[0].whole.level}"
     if files.out is not None:
         write_trajectory(files.out, plan.trajectory())
     if files.plot is not None:

@@ -26,12 +26,12 @@ COMMANDS = (
         ),
     ),
     Entry(
-        name="calm",
-        where="precompute.cli.calm:calm",
+        name="few-switch",
+        where="precompute.cli.few_switch:few_switch",
         summary="Show what few changes of the controller cost: energy for each of a list of prices of a change.",
         examples=(
-            "das-precompute calm zurich-luzern re460-ic --from Zug --buffers 4,7",
-            "das-precompute calm flat-6km re460-ic --prices 0,0.03,0.3 --json",
+            "das-precompute few-switch zurich-luzern re460-ic --from Zug --buffers 4,7",
+            "das-precompute few-switch flat-6km re460-ic --prices 0,0.03,0.3 --json",
         ),
     ),
     Entry(
@@ -93,10 +93,12 @@ COMMANDS = (
 )
 """Every command with the first line of its docstring, which a test compares."""
 GONE = {
+    "calm": "das-precompute few-switch",
     "calibrate": "uv run python -m docs.studies.calibrate (in a clone of the project)",
     "study": "uv run python -m docs.studies.paper (in a clone of the project)",
 }
-"""Commands that made figures of the documentation, which are scripts beside it now: what to run instead."""
+"""Commands with another name now, or that made figures of the documentation, which are scripts beside it now: what to
+run instead."""
 
 app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 

@@ -14,9 +14,9 @@ from rich.table import Table
 from das.command_line.outputs import offscreen_pyplot, save_figure
 from das.command_line.printing import print_table, tell
 from das.domain.journey import Held, Window, clock
-from das.domain.trajectory import Ledger, Trajectory
+from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KMH, KN, KW, PERMILLE, kmh, kwh
-from das.solver.journey.plan import HopPlan, JourneyPlan, PlannedTime
+from das.solver.journey.plan import JourneyPlan, PlannedTime, SectionPlan
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from precompute.baselines import Strategy
@@ -29,7 +29,7 @@ class Answer(Protocol):
     @property
     def trajectory(self) -> Trajectory: ...
     @property
-    def ledger(self) -> Ledger: ...
+    def balance(self) -> EnergyBalance: ...
     @property
     def fit(self) -> Fit: ...
     @property
@@ -42,10 +42,10 @@ class Answer(Protocol):
     def feasible(self) -> bool: ...
 
 
-def ledger_kwh(ledger: Ledger) -> dict[str, float]:
-    """Every term of the energy ledger in kWh."""
+def balance_kwh(balance: EnergyBalance) -> dict[str, float]:
+    """Every term of the energy balance in kWh."""
     names = ("resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort")
-    return {name: kwh(getattr(ledger, name)) for name in names}
+    return {name: kwh(getattr(balance, name)) for name in names}
 
 
 def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str, Any]:
@@ -57,10 +57,10 @@ def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str
         "requested_time_s": answer.requested_s,
         "fit": str(answer.fit),
         "feasible": answer.feasible,
-        "energy_input_kwh": kwh(answer.ledger.input),
-        "energy_irreversible_kwh": kwh(answer.ledger.irreversible),
-        "ledger_kwh": ledger_kwh(answer.ledger),
-        "ledger_residual_ratio": answer.ledger.residual_ratio,
+        "energy_input_kwh": kwh(answer.balance.input),
+        "energy_irreversible_kwh": kwh(answer.balance.irreversible),
+        "ledger_kwh": balance_kwh(answer.balance),
+        "ledger_residual_ratio": answer.balance.residual_ratio,
         **_certificate(answer),
         **_parameters(answer),
         "solve_s": solve_s,
@@ -109,7 +109,7 @@ def draw_solution(path: Path, section: Section, answer: Answer) -> None:
     speed.legend(loc="lower center", ncols=2)
     speed.set_title(
         f"{section.route.name}, {section.vehicle.name}, level {section.level}, {_strategy(answer)}\n"
-        f"{answer.time_s:.1f} s, {kwh(answer.ledger.input):.2f} kWh at the current collector"
+        f"{answer.time_s:.1f} s, {kwh(answer.balance.input):.2f} kWh at the current collector"
     )
     altitude.fill_between(x_km, _altitude(section, run.s_m), color="0.8", step=None)
     low, high = _altitude(section, run.s_m).min(), _altitude(section, run.s_m).max()
@@ -204,28 +204,28 @@ def journey_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) 
         "gap_ratio": _finite(plan.gap_ratio),
         "gap_reason": plan.gap_reason,
         "others_kwh": {name: kwh(energy_j) for name, energy_j in others_j.items()},
-        "feasible": all(hop.feasible for hop in plan.hops),
+        "feasible": all(section.feasible for section in plan.sections),
         "solve_s": solve_s,
-        "hops": [_hop_json(hop) for hop in plan.hops],
+        "hops": [_section_json(section) for section in plan.sections],
     }
 
 
-def _hop_json(hop: HopPlan) -> dict[str, Any]:
+def _section_json(section: SectionPlan) -> dict[str, Any]:
     return {
-        "from": hop.start.name,
-        "to": hop.end.name,
-        "departure": _timing_json(hop.departure),
-        "arrival": _timing_json(hop.arrival),
-        "time_s": hop.trajectory.time_s,
-        "min_time_s": hop.least_time_s,
-        "buffer_ratio": hop.buffer_ratio,
-        "lambda_kw": [_finite(price_w / KW) for price_w in hop.lambda_w],
-        "energy_input_kwh": kwh(hop.ledger.input),
-        "ledger_kwh": ledger_kwh(hop.ledger),
-        "feasible": hop.feasible,
+        "from": section.start.name,
+        "to": section.end.name,
+        "departure": _timing_json(section.departure),
+        "arrival": _timing_json(section.arrival),
+        "time_s": section.trajectory.time_s,
+        "min_time_s": section.least_time_s,
+        "buffer_ratio": section.buffer_ratio,
+        "lambda_kw": [_finite(price_w / KW) for price_w in section.lambda_w],
+        "energy_input_kwh": kwh(section.balance.input),
+        "ledger_kwh": balance_kwh(section.balance),
+        "feasible": section.feasible,
         "passings": [
             {"name": x.passing.name, "s_m": x.passing.position_m, "speed_mps": x.speed_mps, **_timing_json(x.timing)}
-            for x in hop.passings
+            for x in section.passings
         ],
     }
 
@@ -235,23 +235,23 @@ def _timing_json(timing: PlannedTime) -> dict[str, Any]:
 
 
 def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> None:
-    """Hops and passings as a table, then the totals."""
+    """Sections and passings as a table, then the totals."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("section")
     for name in ("departs", "arrives", "km/h", "run\ns", "buffer\n%", "input\nkWh", "λ\nkW"):
         table.add_column(name, justify="right", no_wrap=True)
-    for hop in plan.hops:
+    for section in plan.sections:
         table.add_row(
-            f"{hop.start.name} – {hop.end.name}",
-            _shown(hop.departure),
-            _shown(hop.arrival),
+            f"{section.start.name} – {section.end.name}",
+            _shown(section.departure),
+            _shown(section.arrival),
             "",
-            f"{hop.trajectory.time_s:.1f}",
-            f"{100 * hop.buffer_ratio:.2f}",
-            f"{kwh(hop.ledger.input):.2f}",
-            "/".join(f"{price_w / KW:.0f}" if math.isfinite(price_w) else "∞" for price_w in hop.lambda_w),
+            f"{section.trajectory.time_s:.1f}",
+            f"{100 * section.buffer_ratio:.2f}",
+            f"{kwh(section.balance.input):.2f}",
+            "/".join(f"{price_w / KW:.0f}" if math.isfinite(price_w) else "∞" for price_w in section.lambda_w),
         )
-        for x in hop.passings:
+        for x in section.passings:
             table.add_row(f"  {x.passing.name}", "", _shown(x.timing), f"{kmh(x.speed_mps):.1f}")
     print_table(table, JOURNEY_LEGEND)
     for line in _totals(plan, others_j):
@@ -274,7 +274,7 @@ def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
 def draw_journey(path: Path, plan: JourneyPlan, title: str) -> None:
     """Draw speed with limit, and time with its windows, over the line."""
     pyplot = offscreen_pyplot()
-    run, begin_s = plan.trajectory(), plan.hops[0].departure.time_s
+    run, begin_s = plan.trajectory(), plan.sections[0].departure.time_s
     x_km = run.s_m / KM
     figure, (speed, time) = pyplot.subplots(2, 1, figsize=(12, 8), sharex=True, layout="constrained")
     speed.step(x_km[:-1], run.limit_mps / KMH, where="post", color="0.45", linewidth=1, label="limit over the train")
@@ -297,8 +297,8 @@ def draw_journey(path: Path, plan: JourneyPlan, title: str) -> None:
 
 def _windows(plan: JourneyPlan) -> Iterator[tuple[float, Window, str]]:
     """Position, window and colour of everything that is timed."""
-    for hop in plan.hops:
-        yield hop.start.position_m, hop.start.departure, "tab:green"
-        yield hop.end.position_m, hop.end.arrival, "tab:red"
-        for x in hop.passings:
+    for section in plan.sections:
+        yield section.start.position_m, section.start.departure, "tab:green"
+        yield section.end.position_m, section.end.arrival, "tab:red"
+        for x in section.passings:
             yield x.passing.position_m, x.passing.window, "tab:orange"

@@ -155,7 +155,7 @@ def outcome_row(outcome: VariationOutcome) -> dict[str, Any]:
 def _run(prefix: str, run: Followed | Solution | None) -> dict[str, float | None]:
     return {
         f"{prefix}time_s": run.time_s if run else None,
-        f"{prefix}energy_input_kwh": kwh(run.ledger.input) if run else None,
+        f"{prefix}energy_input_kwh": kwh(run.balance.input) if run else None,
     }
 
 
@@ -228,7 +228,7 @@ def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[
     energy.set_ylim(len(pairs) - 0.4, -0.6)
     figure.suptitle(
         f"{section.route.name}, {section.vehicle.name}, level {section.level}: driven by a plan of "
-        f"{plan.time_s:.1f} s, {kwh(plan.ledger.input):.2f} kWh"
+        f"{plan.time_s:.1f} s, {kwh(plan.balance.input):.2f} kWh"
     )
     figure.legend(handles=_handles(), loc="outside lower center", ncols=3, frameon=False)
     save_figure(path, figure)

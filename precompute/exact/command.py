@@ -181,7 +181,7 @@ def _summary(exact: ExactFront) -> dict[str, Any]:
 def _point(exact: ExactFront, fast: Front, buffer_percent: float) -> dict[str, float]:
     index = exact.index_at(exact.least_time_s * (1 + buffer_percent / 100))
     time_s, energy_j = float(exact.time_s[index]), float(exact.energy_j[index])
-    fast_j = fast.trajectory(time_s).ledger.input
+    fast_j = fast.trajectory(time_s).balance.input
     return {
         "buffer_percent": buffer_percent,
         "time_s": time_s,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InfeasibleError
-from das.domain.trajectory import Ledger, Trajectory
+from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KMH, PERCENT, PERMILLE
 from das.solver import tolerances as tol
 from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope
@@ -176,7 +176,7 @@ class Followed:
     """A plan as driven in another world. `off_plan_ratio`: share of the way driven off the planned speed."""
 
     trajectory: Trajectory
-    ledger: Ledger
+    balance: EnergyBalance
     off_plan_ratio: float
 
     @property
@@ -230,10 +230,10 @@ class VariationOutcome:
         return effect / self.variation.step if effect is not None and self.variation.step else None
 
     def _ratio(self, run: Followed | Solution | None, base: Solution | None) -> float | None:
-        planned_j = abs(self.plan.ledger.input)
+        planned_j = abs(self.plan.balance.input)
         if run is None or base is None or planned_j < LEAST_ENERGY_J:
             return None
-        return (run.ledger.input - base.ledger.input) / planned_j
+        return (run.balance.input - base.balance.input) / planned_j
 
 
 def assess(plan: Solution, variation: Variation, world: World) -> VariationOutcome:
@@ -277,7 +277,7 @@ def follow(plan: Trajectory, section: Section) -> Followed:
     off = np.abs(speeds - planned) > OFF_PLAN_MPS
     return Followed(
         trajectory=trajectory,
-        ledger=trajectory.ledger(section.vehicle, section.loss),
+        balance=trajectory.balance(section.vehicle, section.loss),
         off_plan_ratio=float((off[:-1] | off[1:]) @ line.step_m / line.step_m.sum()),
     )
 

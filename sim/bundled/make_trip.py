@@ -73,7 +73,7 @@ def write_trip(path: Path, plan: TripPlan, states: list[HurriedState], command: 
     file = RecordingFile(path)
 
     def tell(value: Heard, time_ns: int) -> None:
-        topic, message = codec.told(value)
+        topic, message = codec.encode_input(value)
         file.add(topic, topic.key(plan.train), message, time_ns)
 
     try:

@@ -27,7 +27,7 @@ from sim.cli.options import (
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 
 if TYPE_CHECKING:
-    from sim.drive.attribution.account import Account
+    from sim.drive.attribution.attribution import Attribution
     from sim.drive.comparison.aligned import AlignedDrives
     from sim.drive.drive import Drive
 
@@ -176,43 +176,43 @@ def energy(
         from sim.drive.drive import Drive
 
     with busy(f"reading {file} and solving its sections …"):
-        account = Drive.read(file).known_account
+        attribution = Drive.read(file).known_attribution
     if as_json:
-        print(json.dumps(as_dict(account)))
+        print(json.dumps(as_dict(attribution)))
         return
-    _print_causes(account)
-    _print_places(account)
-    if not account.measured:
+    _print_causes(attribution)
+    _print_places(attribution)
+    if not attribution.measured:
         tell("The energies are estimates by inverse dynamics from positions: nobody measured them.")
 
 
-def _print_causes(account: Account) -> None:
+def _print_causes(attribution: Attribution) -> None:
     from rich.table import Table
 
     from das.domain.units import kwh
-    from sim.drive.attribution.account import OTHER_TRAIN
+    from sim.drive.attribution.attribution import OTHER_TRAIN
     from sim.drive.attribution.causes import EnergyCause
 
-    columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in account.legs]
+    columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in attribution.legs]
     table = Table(title="energy at the current collector, kWh", title_justify="left")
     table.add_column("")
     for name, _, _ in columns:
         table.add_column(name, justify="right")
     table.add_column("all", justify="right", no_wrap=True)
-    told = dict(account.by_cause)
-    if account.against_timetable is not None and account.timetable_j is not None:
+    told = dict(attribution.by_cause)
+    if attribution.against_timetable is not None and attribution.timetable_j is not None:
         due = [kwh(leg.timetable_j or 0.0) for _, _, leg in columns]
-        table.add_row("optimum for the timetable", *(f"{x:.1f}" for x in due), f"{kwh(account.timetable_j):.1f}")
+        table.add_row("optimum for the timetable", *(f"{x:.1f}" for x in due), f"{kwh(attribution.timetable_j):.1f}")
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
-            told[cause] = account.against_timetable[cause]
+            told[cause] = attribution.against_timetable[cause]
             cells = (f"{kwh((leg.against_timetable or {}).get(cause, 0.0)):+.1f}" for _, _, leg in columns)
             table.add_row(f"  {cause.label}", *cells, f"{kwh(told[cause]):+.1f}")
-        if account.other_train_j:
+        if attribution.other_train_j:
             other = (f"{kwh(leg.other_train_j):+.1f}" for _, _, leg in columns)
-            table.add_row(f"  {OTHER_TRAIN}", *other, f"{kwh(account.other_train_j):+.1f}")
+            table.add_row(f"  {OTHER_TRAIN}", *other, f"{kwh(attribution.other_train_j):+.1f}")
     best = [kwh(leg.optimum_j) for _, _, leg in columns]
     table.add_row("optimum for the same times", *(f"{x:.1f}" for x in best), f"{sum(best):.1f}")
-    for cause, energy_j in account.by_cause.items():
+    for cause, energy_j in attribution.by_cause.items():
         cells = (f"{kwh(parts.get(cause, 0.0)):+.1f}" for _, parts, _ in columns)
         table.add_row(f"  {cause.label}", *cells, f"{kwh(energy_j):+.1f}")
     driven = [kwh(leg.driven_j) for _, _, leg in columns]
@@ -220,11 +220,11 @@ def _print_causes(account: Account) -> None:
     print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
 
 
-def _print_places(account: Account) -> None:
+def _print_places(attribution: Attribution) -> None:
     from das.domain.units import kwh
     from sim.drive.attribution.rows import worst_places
 
-    worst = worst_places(account)
+    worst = worst_places(attribution)
     if worst:
         told = "; ".join(
             f"{one.where}: {kwh(one.more_j):.1f} kWh, {' and '.join(cause.label for cause in one.causes)}"

@@ -229,7 +229,7 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
     from sim.world.in_process import InProcess
     from sim.world.loop import World
     from sim.world.outcome import RecordedFigures
-    from sim.world.over_bus import How, make_crew, run_over_bus
+    from sim.world.over_bus import How, make_processes, run_over_bus
 
     if isinstance(options.driver, External):
         driver: Driver = _external(day, options)
@@ -247,7 +247,7 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
         bus=options.bus,
         driver_at=options.driver_at,
     )
-    run, traffic = run_over_bus(day, driver, options.advice, make_crew(day, how, options.out), tick)
+    run, traffic = run_over_bus(day, driver, options.advice, make_processes(day, how, options.out), tick)
     return run, RecordedFigures(
         file=str(options.out),
         messages_sent=sum(traffic.sent.values()),

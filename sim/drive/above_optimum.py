@@ -61,7 +61,7 @@ class SectionEnergy:
             end=end,
             trip_s=trip_s,
             driven_j=driven_j,
-            optimum_j=best.ledger.input,
+            optimum_j=best.balance.input,
             late_s=best.time_s - trip_s if best.fit is Fit.LATE else 0.0,
         )
 

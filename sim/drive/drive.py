@@ -24,14 +24,14 @@ from sim.drive.events.chronicle import events_of
 from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
 from sim.drive.limits import TemporaryLimit, Violations, limit_in_force, temporary_limits, violations_of
-from sim.drive.stability import Restlessness, recorded_restlessness
+from sim.drive.stability import AdviceStability, recorded_stability
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse, Floats
 from sim.recording.inputs import DriveInputs, inputs_of
 from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # they import the solver, which events, notes and stops do not need
-    from sim.drive.attribution.account import Account
+    from sim.drive.attribution.attribution import Attribution
     from sim.drive.attribution.compared import LikelyRange
     from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion
 
@@ -45,7 +45,7 @@ class RunFigures:
     calls: tuple[KeptCall, ...]
     above: AboveOptimum
     violations: Violations
-    stability: Restlessness
+    stability: AdviceStability
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,9 +163,9 @@ class Drive(DrivenWay):
         return ShownAdvice.of(self.recording)
 
     @cached_property
-    def stability(self) -> Restlessness:
+    def stability(self) -> AdviceStability:
         """How stable the advice was that the driver was shown."""
-        return recorded_restlessness(self.recording) if self.run is None else self.run.stability
+        return recorded_stability(self.recording) if self.run is None else self.run.stability
 
     @cached_property
     def events(self) -> tuple[DriveEvent, ...]:
@@ -204,48 +204,49 @@ class Drive(DrivenWay):
 
     @property
     def above(self) -> AboveOptimum | None:
-        """What the drive took above the optimum: of a run just driven, of its account, else as recorded; or None."""
+        """What the drive took above the optimum: of a run just driven, of its energy attribution, else as
+        recorded; or None."""
         if self.run is not None:
             return self.run.above
-        return self.said if self.account is None else self.account.above
+        return self.said if self.attribution is None else self.attribution.above
 
     @cached_property
-    def _any_account(self) -> Account | DasError:
-        from sim.drive.attribution.account import account_of
+    def _any_attribution(self) -> Attribution | DasError:
+        from sim.drive.attribution.attribution import attribution_of
 
-        return _or_error(lambda: account_of(self.recording, self.inputs, self.legs, self.shown, self.said))
+        return _or_error(lambda: attribution_of(self.recording, self.inputs, self.legs, self.shown, self.said))
 
     @property
-    def any_account(self) -> Account:
+    def any_attribution(self) -> Attribution:
         """Where the energy went, by cause and place, also where drive and optimum cannot be compared.
 
         Raises DasError for a recording that has no journey, no positions, or whose line and train are not known.
         """
-        return _raised(self._any_account)
+        return _raised(self._any_attribution)
 
     @property
-    def known_account(self) -> Account:
+    def known_attribution(self) -> Attribution:
         """Where the energy went, by cause and by place.
 
-        Raises DasError as `any_account`, and for a drive that cannot be compared with its optimum, here or in the
+        Raises DasError as `any_attribution`, and for a drive that cannot be compared with its optimum, here or in the
         replay that recorded it.
         """
-        found = self.any_account
+        found = self.any_attribution
         why = found.above.why_not or ("" if self.said is None else self.said.why_not)
         if why:
             raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {why}")
         return found
 
     @property
-    def account(self) -> Account | None:
-        """Where the energy went; None where that is not known (`why_no_account`)."""
-        found = _or_error(lambda: self.known_account)
+    def attribution(self) -> Attribution | None:
+        """Where the energy went; None where that is not known (`why_no_attribution`)."""
+        found = _or_error(lambda: self.known_attribution)
         return None if isinstance(found, DasError) else found
 
     @property
-    def why_no_account(self) -> str:
+    def why_no_attribution(self) -> str:
         """Why it is not known where the energy went; empty where it is."""
-        found = _or_error(lambda: self.known_account)
+        found = _or_error(lambda: self.known_attribution)
         if not isinstance(found, DasError):
             return ""
         return str(found) if self.source is None else str(found).removeprefix(f"{self.source.path}: ")
@@ -258,9 +259,9 @@ class Drive(DrivenWay):
         """
         from sim.drive.attribution.compared import likely_range
 
-        if self.account is None or self.account.measured:
+        if self.attribution is None or self.attribution.measured:
             return None
-        found = likely_range(self.account.legs)
+        found = likely_range(self.attribution.legs)
         if found is None or self.said is None or self.said.likely is None:
             return found
         return replace(found, low_j=self.said.likely.low_j, high_j=self.said.likely.high_j)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.recording import Recording
 from sim.drivers.messages import recorded_view
@@ -21,12 +21,12 @@ REVERSAL_S: Final = 10.0
 A_SECOND_NS: Final = 1_000_000_000
 GAP_S: Final = 3.0
 """Two looks at the display further apart than this have nothing to do with each other."""
-TRACTION: Final = frozenset({Mode.FULL_TRACTION, Mode.REDUCED_TRACTION})
-BRAKE: Final = frozenset({Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE})
+TRACTION: Final = frozenset({Regime.FULL_TRACTION, Regime.REDUCED_TRACTION})
+BRAKE: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Restlessness:
+class AdviceStability:
     """How often what was shown changed while the train moved.
 
     `shown_s` is the time in which the train moved and advice was shown, and `changes` the number of seconds of it that
@@ -92,9 +92,9 @@ class ShownWatch:
         self._effort_side, self._neither_since_s = 0, math.inf
 
     @property
-    def found(self) -> Restlessness:
+    def found(self) -> AdviceStability:
         """The measures so far."""
-        return Restlessness(
+        return AdviceStability(
             shown_s=self._shown_s,
             changes=self._changes,
             reversals=self._reversals,
@@ -103,7 +103,7 @@ class ShownWatch:
 
     def look(self, time_s: float, speed_mps: float, shown: Shown | None) -> None:
         """Take note of what is shown (None: nothing) at a time to the driver of a train with a speed."""
-        under_way = speed_mps > 0 and shown is not None and shown.mode is not Mode.DEPART
+        under_way = speed_mps > 0 and shown is not None and shown.mode is not Regime.DEPART
         shown = shown if under_way else None
         before, span_s = self._before, time_s - self._before_s
         self._before, self._before_s = shown, time_s
@@ -119,13 +119,13 @@ class ShownWatch:
                 self._mode_ended(time_s, before.mode, shown.mode)
         self._note_effort(time_s, shown.mode)
 
-    def _mode_ended(self, time_s: float, ended: Mode | None, now: Mode | None) -> None:
+    def _mode_ended(self, time_s: float, ended: Regime | None, now: Regime | None) -> None:
         """A mode was followed by another one; that the train stops or goes on, or brakes, says nothing of either."""
-        if Mode.STOP not in (ended, now) and not {ended, now} & BRAKE:
+        if Regime.STOP not in (ended, now) and not {ended, now} & BRAKE:
             self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
         self._mode_since_s = time_s
 
-    def _note_effort(self, time_s: float, mode: Mode | None) -> None:
+    def _note_effort(self, time_s: float, mode: Regime | None) -> None:
         """Count a reversal, and remember which of traction and brake was shown last, and until when."""
         side = (mode in TRACTION) - (mode in BRAKE)
         if side == 0:
@@ -136,7 +136,7 @@ class ShownWatch:
         self._effort_side, self._neither_since_s = side, math.inf
 
 
-def recorded_restlessness(recording: Recording) -> Restlessness:
+def recorded_stability(recording: Recording) -> AdviceStability:
     """The measures of a recorded run, by its messages `cab` and, for whether the train moved, `truth`.
 
     Without those messages nothing was shown. In a recording without the shown speed, the advised one is rounded. Of the

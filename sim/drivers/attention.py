@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, CabView, Diary
 from sim.drivers.handling import HEEDING
 from sim.drivers.parameters import HumanParameters
@@ -45,13 +45,13 @@ class ReactionTimes:
 
 
 _KINDS: dict[int, str] = {
-    Mode.FULL_TRACTION: "traction",
-    Mode.REDUCED_TRACTION: "traction",
-    Mode.CRUISE: "hold",
-    Mode.COAST: "coast",
-    Mode.REDUCED_BRAKE: "brake",
-    Mode.FULL_BRAKE: "brake",
-    Mode.FRICTION_BRAKE: "brake",
+    Regime.FULL_TRACTION: "traction",
+    Regime.REDUCED_TRACTION: "traction",
+    Regime.CRUISE: "hold",
+    Regime.COAST: "coast",
+    Regime.REDUCED_BRAKE: "brake",
+    Regime.FULL_BRAKE: "brake",
+    Regime.FRICTION_BRAKE: "brake",
 }
 """The kind of advice by its mode."""
 
@@ -68,7 +68,7 @@ def advice_kind(view: AdviceView) -> str | None:
 
 def _shown_mode(view: AdviceView) -> int:
     """The mode that an advice asks for: without a mode (a highest speed, a deviation) it asks to hold another speed."""
-    return view.mode if says_mode(view) else int(Mode.CRUISE)
+    return view.mode if says_mode(view) else int(Regime.CRUISE)
 
 
 class Lapses:
@@ -122,7 +122,7 @@ class Heeded(NamedTuple):
 class Announced(NamedTuple):
     """The change that the display announced last: the mode, and when it is due (s on the cab's clock)."""
 
-    mode: int = Mode.NONE
+    mode: int = Regime.NONE
     due_s: float = math.inf
 
 
@@ -183,7 +183,7 @@ class DisplayReading:
 
     def _expect(self, view: AdviceView | None, now_s: float) -> None:
         """Remember the next change that the display announces, and look again when it is due."""
-        if view is None or view.next_mode == Mode.NONE or not math.isfinite(view.next_change_s):
+        if view is None or view.next_mode == Regime.NONE or not math.isfinite(view.next_change_s):
             return
         self._announced = Announced(view.next_mode, view.time_s + view.next_change_s)
         if self._announced.due_s >= now_s + self._human.glance_least_s:
@@ -203,7 +203,7 @@ class DisplayReading:
         self._diary.note(now_s, "noticed", self._noticed)
         if view is None or kind is None:
             self._pending = False
-            self._act_s = now_s + self._reaction_s(Mode.NONE, now_s) if self.heeded.follows else now_s
+            self._act_s = now_s + self._reaction_s(Regime.NONE, now_s) if self.heeded.follows else now_s
             return
         follow = bool(self._chance.choices.random() < self._followed_ratio(view, kind))
         self._diary.note(now_s, "followed" if follow else "refused", self._noticed)

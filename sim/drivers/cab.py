@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from sim.drivers.kinds import Presentation
@@ -73,7 +73,7 @@ class AdviceView:
     force_n: float = math.nan
     horizon_speed_mps: tuple[float, ...] = ()
     horizon_force_n: tuple[float, ...] = ()
-    next_mode: int = Mode.NONE
+    next_mode: int = Regime.NONE
     next_change_s: float = math.nan
     next_speed_mps: float = math.nan
     next_effort_ratio: float = math.nan
@@ -93,7 +93,7 @@ class AdviceView:
 
         A display that says nothing of how to drive, but a top speed at most, says nothing of how to depart either.
         """
-        if self.mode != Mode.DEPART or self.next_mode == Mode.NONE:
+        if self.mode != Regime.DEPART or self.next_mode == Regime.NONE:
             return self
         known = not math.isnan(self.next_speed_mps)
         return replace(
@@ -105,7 +105,7 @@ class AdviceView:
             force_n=math.nan,
             horizon_speed_mps=(),
             horizon_force_n=(),
-            next_mode=Mode.NONE,
+            next_mode=Regime.NONE,
         )
 
     def foreseen_mps(self, now_s: float) -> float:

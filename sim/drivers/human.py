@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.attention import Chance, DisplayReading, Lapses, ReactionTimes, advice_kind
 from sim.drivers.cab import AdviceView, CabView, Diary, DriverEvent, Efforts
 from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, HumanSettings, StopMark
@@ -159,15 +159,15 @@ class HumanDriver:
         if math.isnan(effort):
             brakes = advice_kind(view) == "brake"
             effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
-        if view.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+        if view.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s
             if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, effort, target):
                 return self.set_effort(effort)
             self._display.reach()
             return self.handling.held(cab, outlook, target)
-        if view.mode == Mode.CRUISE:
+        if view.mode == Regime.CRUISE:
             return self.handling.held(cab, outlook, target)
-        if view.mode == Mode.COAST:
+        if view.mode == Regime.COAST:
             return 0.0
         if cab.speed_mps <= target:
             return min(self.handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0

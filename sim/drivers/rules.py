@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
@@ -115,7 +115,7 @@ class PerfectDriver:
         if (cab.restrictions or cab.signal_m < cab.stop_m) and self._must_mind(cab):
             return self._minding.command(cab)
         outlook = self._alone.foresight.outlook(cab)
-        if view.mode == Mode.DEPART:
+        if view.mode == Regime.DEPART:
             self._followers.clear()
             return stand(cab) or self._depart(cab, view.departure, outlook)
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)

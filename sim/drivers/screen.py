@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.errors import DasError, InputError
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import Shown
 
-BRAKES: Final = frozenset({Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE})
+BRAKES: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
 """Advice to brake, which is never held back."""
 ROUNDING_S: Final = 1e-6
 """Times of ticks are compared with this margin."""
@@ -59,7 +59,7 @@ class Screen:
     def show(self, view: AdviceView | None, now_s: float, *, stands: bool) -> AdviceView | None:
         """What is on the display when it is given `view` at a time (s on the cab's clock)."""
         view = None if view is None else self._cut(view)
-        departs = self._shown is not None and self._shown.mode == Mode.DEPART
+        departs = self._shown is not None and self._shown.mode == Regime.DEPART
         if view is None or self._shown is None or stands or departs:
             self._take(view, now_s)
         elif now_s - self._refreshed_s >= self._settings.update_interval_s - ROUNDING_S:
@@ -98,7 +98,7 @@ class Screen:
             horizon_force_n=view.horizon_force_n[:seconds],
         )
         if view.next_change_s > settings.preview_s:
-            view = replace(view, next_mode=int(Mode.NONE), next_change_s=math.nan)
+            view = replace(view, next_mode=int(Regime.NONE), next_change_s=math.nan)
         return view
 
 

@@ -24,7 +24,7 @@ LEAST_FORCE_N: Final = 1000.0
 LEAST_MOVE_RATIO: Final = 1e-9
 """A controller that moves less than this between two looks stands still."""
 NOLD: Final = "as in Nold & Corman (2024)"
-LEDGER: Final = "energy balance of the simulated train (docs/reference/plant.md)"
+BALANCE: Final = "energy balance of the simulated train (docs/reference/plant.md)"
 OWN: Final = "own definition"
 
 
@@ -196,8 +196,8 @@ def _energy(name: str) -> Callable[[Driven], float | None]:
     return of
 
 
-def _ledger(name: str) -> Callable[[Driven], float | None]:
-    return lambda driven: kwh(float(getattr(driven.outcome.ledger, name)))
+def _balance(name: str) -> Callable[[Driven], float | None]:
+    return lambda driven: kwh(float(getattr(driven.outcome.balance, name)))
 
 
 def _known(value: float) -> float | None:
@@ -219,7 +219,7 @@ _LISTED: Final = (
         "the optimum if every section had taken its time by the timetable",
     ),
     Measure(
-        name="energy_kwh", title="Energy", unit="kWh", source=LEDGER, of=_energy("energy_kwh"),
+        name="energy_kwh", title="Energy", unit="kWh", source=BALANCE, of=_energy("energy_kwh"),
         formula="E: energy at the current collector from departure to arrival, summed over the sections",
     ),
     Measure(
@@ -229,7 +229,7 @@ _LISTED: Final = (
     ),
     Measure(
         name="energy_blending_kwh", title="Lost to friction brakes where the motors could brake", unit="kWh",
-        source=LEDGER, of=_energy("energy_blending_kwh"),
+        source=BALANCE, of=_energy("energy_blending_kwh"),
         formula="part of E − E_opt: what would not have been needed if the motors had given all braking that they "
         "could",
     ),
@@ -239,16 +239,16 @@ _LISTED: Final = (
         formula="the rest of E − E_opt",
     ),
     Measure(
-        name="component_loss_kwh", title="Losses of the train", unit="kWh", source=LEDGER,
-        of=_ledger("component_loss"),
+        name="component_loss_kwh", title="Losses of the train", unit="kWh", source=BALANCE,
+        of=_balance("component_loss"),
         formula="∫ of the losses of the traction chain from the first departure to the last arrival",
     ),
     Measure(
-        name="resistance_kwh", title="Running resistance", unit="kWh", source=LEDGER, of=_ledger("resistance"),
+        name="resistance_kwh", title="Running resistance", unit="kWh", source=BALANCE, of=_balance("resistance"),
         formula="∫ resistance · v dt, tunnels and curves included",
     ),
     Measure(
-        name="friction_brake_kwh", title="Friction brakes", unit="kWh", source=LEDGER, of=_ledger("friction_brake"),
+        name="friction_brake_kwh", title="Friction brakes", unit="kWh", source=BALANCE, of=_balance("friction_brake"),
         formula="∫ force of the friction brakes · v dt",
     ),
     Measure(

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from das import __version__
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.domain.levels import Level
 from das.domain.units import NS
 from sim.drive.export.tables import Column, DataTable, as_parquet
@@ -363,7 +363,7 @@ def _series(driven: Driven) -> DataTable:
         row = (
             *(state.time_s, utc_ns - began_ns, utc_ns, state.s_m, state.speed_mps, state.acceleration_mps2),
             *(look.limit_mps, state.force_el_n, state.force_friction_n, state.input_j, _number(look.lever_ratio)),
-            None if view is None else mode_name(Mode(view.mode)),
+            None if view is None else mode_name(Regime(view.mode)),
             None if view is None else _number(view.shown_speed_mps),
             None if view is None else _number(view.lever_ratio),
         )

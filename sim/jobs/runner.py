@@ -35,7 +35,7 @@ from sim.progress import progress_bar
 from sim.world.day import Day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
-from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import Scenario
 from sim.world.service import Service, prepare_service
 
@@ -302,7 +302,7 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None) -> Run:
     if out is None:
         link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)
         return World(day, driver, how.advice, link, how.screen).run()
-    run, traffic = run_over_bus(day, driver, how.advice, make_crew(day, how, out), screen=how.screen)
+    run, traffic = run_over_bus(day, driver, how.advice, make_processes(day, how, out), screen=how.screen)
     if traffic.lost:
         raise DasError(f"{out}: {traffic.lost} messages were lost")
     return run

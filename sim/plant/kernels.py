@@ -247,7 +247,8 @@ def step(x, u, began, into, dt, line, p, a, c):
 
     Midpoint rule (second order); the acceleration is constant within the step.
     Line forces are exact means over train and way; supply and weather are taken where the step begins (a neutral
-    section from the step that reaches it). Braking energy is booked where it goes, so the ledger closes by itself.
+    section from the step that reaches it). Braking energy is booked where it goes, so the energy balance closes by
+    itself.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)

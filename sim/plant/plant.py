@@ -18,7 +18,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.formulary import curve_resistance_mps2
 from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel, outside_map
 from das.domain.route import Floats, Route, Stretches
-from das.domain.trajectory import Ledger
+from das.domain.trajectory import EnergyBalance
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from sim.plant import kernels, line_kernels
@@ -210,14 +210,14 @@ class Plant:
         rail, wind = line_kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.train_length_m)
         return float(rail) * self._train.rail_ratio, float(wind)
 
-    def ledger(self, before: PlantState, after: PlantState) -> Ledger:
+    def balance(self, before: PlantState, after: PlantState) -> EnergyBalance:
         """Where the energy went between two states; kinetic and potential energy come from the states, as a check."""
         vehicle, weight_n = self.vehicle, self.vehicle.mass_kg * STANDARD_GRAVITY_MPS2
 
         def used(name: str) -> float:
             return float(getattr(after, name) - getattr(before, name))
 
-        return Ledger(
+        return EnergyBalance(
             resistance=used("resistance_j"),
             component_loss=used("component_loss_j") + used("auxiliary_j"),
             friction_brake=used("friction_brake_j"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.recorder import message_time_ns
 from das.bus.recording import Recording
@@ -186,7 +186,7 @@ def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
 def _stale(recording: Recording) -> Iterator[CheckFinding]:
     data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
     age_s = (data["time_ns"] - data["position_time_ns"]) * NS
-    stale = np.nonzero((data["mode"] != Mode.NONE) & (data["position_time_ns"] > 0) & (age_s > STALE_AFTER_S))[0]
+    stale = np.nonzero((data["mode"] != Regime.NONE) & (data["position_time_ns"] > 0) & (age_s > STALE_AFTER_S))[0]
     if len(stale):
         text = f"{len(stale)} advices were given on a position older than {STALE_AFTER_S:g} s"
         text += f", the oldest of {age_s[stale].max():.1f} s"
@@ -197,7 +197,7 @@ def _expired(recording: Recording) -> Iterator[CheckFinding]:
     """Advice that was not valid any more when the next one came: the display had nothing to show."""
     data = recording.columns(topics.ADVICE, "time_ns", "valid_until_ns", "mode")
     late_s = (data["time_ns"][1:] - data["valid_until_ns"][:-1]) * NS
-    expired = np.nonzero((data["mode"][:-1] != Mode.NONE) & (late_s > 0))[0]
+    expired = np.nonzero((data["mode"][:-1] != Regime.NONE) & (late_s > 0))[0]
     if len(expired):
         text = f"{len(expired)} times advice had run out before the next came, by up to {late_s[expired].max():.1f} s"
         yield CheckFinding(kind=CheckKind.EXPIRED, text=text, time_ns=int(data["valid_until_ns"][expired[0]]))

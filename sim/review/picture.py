@@ -87,7 +87,7 @@ COSTS: Final = {
 
 def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
     """The picture of a recording as a matplotlib figure; DasError for a recording without positions."""
-    scene = ReviewScene.of(Drive(source=recording)).with_account()
+    scene = ReviewScene.of(Drive(source=recording)).with_attribution()
     day = [*on_this_day(recording), *filter(None, [scene.filled_from])]
     above = [Panel(QUANTITIES[name].title, height) for name, height in zip(OVER_DISTANCE, DISTANCE_IN, strict=True)]
     above[0] = above[0]._replace(above_in=NAMES_IN + TITLE_IN + LINE_IN * len(day))
@@ -126,7 +126,7 @@ def _lanes_of(scene: ReviewScene) -> list[Lane]:
 
 def _costs_of(scene: ReviewScene) -> list[CostSpan]:
     """The spans of time that have a price."""
-    return [] if scene.account is None else [span for span in scene.account.spans if span.worth]
+    return [] if scene.attribution is None else [span for span in scene.attribution.spans if span.worth]
 
 
 def _over_distance(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:

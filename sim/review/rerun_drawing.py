@@ -29,7 +29,7 @@ from sim.review.words import cards, summary
 DRIVE_CLOCK, TIME_OF_DAY, POSITION = "drive_clock", "time_of_day", "position_m"
 """Names of the timelines: time on the drive's clock, time of day (UTC), position on the route (m)."""
 ENERGY, CAB_CARD, BOOKMARKS = "account", "cab", "bookmarks"
-"""Entities of the account of the energy, of what the driver saw, and of the list that jumps."""
+"""Entities of the energy attribution, of what the driver saw, and of the list that jumps."""
 MARKDOWN: Final = rr.MediaType.MARKDOWN
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
 
@@ -95,7 +95,7 @@ class Timelines:
 
 
 def send(out: rr.RecordingStream, scene: ReviewScene, *, with_map: bool) -> None:
-    """Send everything that is shown to rerun, but the account of the energy."""
+    """Send everything that is shown to rerun, but the energy attribution."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
     lines = Timelines(trip=scene.trip, clock=scene.clock)
     for name, (time_ns, values) in scene.series.items():
@@ -112,10 +112,10 @@ def send(out: rr.RecordingStream, scene: ReviewScene, *, with_map: bool) -> None
     out.log("summary", rr.TextDocument(summary(scene.drive, scene.filled_from), media_type=MARKDOWN), static=True)
 
 
-def send_account(out: rr.RecordingStream, scene: ReviewScene) -> None:
-    """Send where the energy went in a scene with its account, or why it is not known."""
-    lines, shown = Timelines(trip=scene.trip, clock=scene.clock), scene.account
-    why_not = f"Where the energy went is not known: {scene.drive.why_no_account}."
+def send_attribution(out: rr.RecordingStream, scene: ReviewScene) -> None:
+    """Send where the energy went in a scene with its energy attribution, or why it is not known."""
+    lines, shown = Timelines(trip=scene.trip, clock=scene.clock), scene.attribution
+    why_not = f"Where the energy went is not known: {scene.drive.why_no_attribution}."
     out.log(ENERGY, rr.TextDocument(why_not if shown is None else shown.text, media_type=MARKDOWN), static=True)
     if shown is not None:
         for name in shown.series:

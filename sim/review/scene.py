@@ -16,7 +16,7 @@ import numpy as np
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KMH, NS, kwh
-from sim.drive.attribution.account import Account, LegAccount
+from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
@@ -122,12 +122,12 @@ class ReviewScene:
     """The way on the map; None where neither places nor the line's geometry are known."""
     filled_from: str = ""
     """What is estimated because it was not recorded, in a sentence; empty where nothing is."""
-    account: AccountView | None = None
-    """Where the energy went; None until `with_account` has found it, and where it is not known."""
+    attribution: AttributionView | None = None
+    """Where the energy went; None until `with_attribution` has found it, and where it is not known."""
 
     @classmethod
     def of(cls, drive: Drive) -> ReviewScene:
-        """The scene of a recorded drive, without its account; DasError if it has no position at all."""
+        """The scene of a recorded drive, without its energy attribution; DasError if it has no position at all."""
         recording, trip, clock = drive.recording, drive.course, drive.clock
         filled = filled_in(drive)
         happened = happenings(recording, trip, drive.silences)
@@ -149,13 +149,13 @@ class ReviewScene:
             filled_from=filled.source,
         )
 
-    def with_account(self) -> ReviewScene:
+    def with_attribution(self) -> ReviewScene:
         """The scene with where the energy went, which takes a while to find; the same scene where that is not known."""
-        if self.drive.account is None:
+        if self.drive.attribution is None:
             return self
-        shown = AccountView.of(self.drive.account)
+        shown = AttributionView.of(self.drive.attribution)
         within = {name: on_trip(self.trip, *one, held=False) for name, one in shown.series.items()}
-        return replace(self, series={**self.series, **within}, account=shown)
+        return replace(self, series={**self.series, **within}, attribution=shown)
 
     @property
     def recording(self) -> Recording:
@@ -280,7 +280,7 @@ class CostSpan(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AccountView:
+class AttributionView:
     """Where the energy went, as it is shown: a text (Markdown), series by the names of `STYLES`, and spans of cost."""
 
     text: str
@@ -288,12 +288,12 @@ class AccountView:
     spans: tuple[CostSpan, ...]
 
     @classmethod
-    def of(cls, account: Account) -> AccountView:
-        """The view of an account."""
+    def of(cls, attribution: Attribution) -> AttributionView:
+        """The view of an energy attribution."""
         return cls(
-            text=_account_text(account),
-            series=_account_series(account),
-            spans=tuple(span for leg in account.legs for span in spans_of(leg)),
+            text=_attribution_text(attribution),
+            series=_attribution_series(attribution),
+            spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
         )
 
     @property
@@ -311,7 +311,7 @@ class AccountView:
         return Lane(COST, tuple(changes), colors)
 
 
-def spans_of(leg: LegAccount) -> Iterator[CostSpan]:
+def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
     """The times of a leg with one cause each, in order of time."""
     time_ns = leg.leg.motion.time_ns[leg.committed.sample]
     open_: CostSpan | None = None
@@ -327,11 +327,11 @@ def spans_of(leg: LegAccount) -> Iterator[CostSpan]:
         yield open_
 
 
-def _account_series(account: Account) -> Found:
+def _attribution_series(attribution: Attribution) -> Found:
     """Energy above the optimum over time: all that the driving cost, and what was other than advised; the optimum's."""
     rises = [
         (int(leg.leg.motion.time_ns[leg.committed.sample][rise.last]), rise.cause, rise.energy_j)
-        for leg in account.legs
+        for leg in attribution.legs
         for rise in leg.committed.rises()
     ]
     at_ns = np.array([time_ns for time_ns, _, _ in rises], dtype=np.int64)
@@ -339,7 +339,7 @@ def _account_series(account: Account) -> Found:
     other_j = np.cumsum([energy_j if cause in OTHER_THAN_ADVISED else 0.0 for _, cause, energy_j in rises])
     best: tuple[list[int], list[float]] = [], []
     before_j = 0.0
-    for leg in account.legs:
+    for leg in attribution.legs:
         run = leg.optimum.trajectory
         drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(leg.optimum.section.loss)))))
         start_ns = int(leg.leg.motion.time_ns[0])
@@ -347,29 +347,29 @@ def _account_series(account: Account) -> Found:
         best[1].extend((before_j + drawn_j).tolist())
         before_j += float(drawn_j[-1])
     # Of the true train the energy of the optimum is known, not its way: the planned train's curve leads to that energy.
-    to_known = account.optimum_j / before_j if before_j > 0.0 else 1.0
+    to_known = attribution.optimum_j / before_j if before_j > 0.0 else 1.0
     found = {
         "lost/driving": (at_ns, kwh(lost_j)),
         "lost/advice": (at_ns, kwh(other_j)),
         "energy/optimum": (np.array(best[0], dtype=np.int64), to_known * kwh(np.array(best[1]))),
     }
-    return found if account.advice_shown else {name: one for name, one in found.items() if name != "lost/advice"}
+    return found if attribution.advice_shown else {name: one for name, one in found.items() if name != "lost/advice"}
 
 
-def _account_text(account: Account) -> str:
-    """The account as a table (Markdown)."""
-    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in account.by_cause.items()]
-    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in account.by_cause]
-    source = "measured by the simulator" if account.measured else "estimated from positions; nobody measured it"
+def _attribution_text(attribution: Attribution) -> str:
+    """The energy attribution as a table (Markdown)."""
+    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
+    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
+    source = "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured it"
     return "\n".join(
         [
-            f"### Above the optimum for the same times: {account.above.words}",
+            f"### Above the optimum for the same times: {attribution.above.words}",
             "",
             "| | kWh |",
             "|---|---:|",
-            f"| optimum for the same times | {kwh(account.optimum_j):.1f} |",
+            f"| optimum for the same times | {kwh(attribution.optimum_j):.1f} |",
             *rows,
-            f"| **as driven** | **{kwh(account.driven_j):.1f}** |",
+            f"| **as driven** | **{kwh(attribution.driven_j):.1f}** |",
             "",
             f"Energy at the current collector, {source}.",
             "",

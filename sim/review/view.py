@@ -52,13 +52,13 @@ def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -
 
 def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> None:
     """Write a rerun file with our layout; what is there is lost, and stays half written where this fails."""
-    from sim.review.rerun_drawing import send, send_account
+    from sim.review.rerun_drawing import send, send_attribution
 
     scene = _scene_of(recording)
     with _stream(scene) as out:
         out.save(path, default_blueprint=_blueprint(scene, with_map=with_map))
         send(out, scene, with_map=with_map)
-        send_account(out, scene.with_account())
+        send_attribution(out, scene.with_attribution())
         out.flush()
         out.disconnect()
 
@@ -92,18 +92,19 @@ def open_view(recording: Recording, *, with_map: bool = False) -> None:
 
 
 def _feed_viewer(scene: ReviewScene, port: int, *, with_map: bool) -> None:
-    """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the account.
+    """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
+    attribution.
 
     A viewer that is closed meanwhile is no error; rerun's own words about it are kept from the terminal.
     """
     os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
-    from sim.review.rerun_drawing import send, send_account
+    from sim.review.rerun_drawing import send, send_attribution
 
     with _stream(scene) as out:
         out.connect_grpc(_viewer_address(port), default_blueprint=_blueprint(scene, with_map=with_map))
         send(out, scene, with_map=with_map)
         out.flush()
-        send_account(out, scene.with_account())
+        send_attribution(out, scene.with_attribution())
         out.flush()
 
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from textwrap import wrap
 from typing import Any, Final, NamedTuple
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, PERCENT, kwh
@@ -141,7 +141,7 @@ def _of_cab(cab: Any) -> str:
             ("next", _next(view.next_mode, view.next_change_s)),
             ("why", view.reason),
         ]
-    if view is not None and view.mode == Mode.DEPART:
+    if view is not None and view.mode == Regime.DEPART:
         rows[:2] = [("when cleared", _departure(view.next_mode, view.next_speed_mps, view.next_effort_ratio))]
         rows.append(("display", view.presentation.value))
     if math.isfinite(cab.signal_m) and cab.signal_m > 0:
@@ -150,14 +150,14 @@ def _of_cab(cab: Any) -> str:
 
 
 def _of_advice(advice: Any) -> str:
-    if advice.mode == Mode.NONE:
+    if advice.mode == Regime.NONE:
         return _text(f"## No advice: {advice.reason}", [], NODE_ALONE)
     rows = [
         ("effort advised", _share(advice.advised_force_ratio)),
         ("next", _next(advice.next_mode, advice.next_change_s)),
         ("limit", speed_words(advice.limit_mps)),
     ]
-    if advice.mode == Mode.DEPART:
+    if advice.mode == Regime.DEPART:
         how = _departure(advice.next_mode, advice.departure_speed_mps, advice.departure_force_ratio)
         return _text(f"## {DEPART}", [("when cleared", how), *rows[2:]], NODE_ALONE)
     return _text(f"## {mode_words(advice.mode)}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from das.domain.conditions import Conditions
 from das.domain.losses import LossMap
 from das.domain.route import Floats
-from das.domain.trajectory import Ledger, Trajectory, mean_resistance_n
+from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
@@ -60,7 +60,7 @@ class DrivenEstimate:
     """
 
     trajectory: Trajectory
-    ledger: Ledger
+    balance: EnergyBalance
     energy_input_j: Floats
     index: NDArray[np.intp]
     beyond_ratio: float
@@ -107,7 +107,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     loss = section.loss.loss_w(_in_map(section, electric, mean), _speed_in_map(section, mean)) * np.diff(t)
     return DrivenEstimate(
         trajectory=trajectory,
-        ledger=trajectory.ledger_with(vehicle, loss),
+        balance=trajectory.balance_with(vehicle, loss),
         energy_input_j=np.concatenate(([0.0], np.cumsum(trajectory.input_j(loss)))),
         index=index,
         beyond_ratio=float(np.diff(t)[beyond].sum() / max(t[-1] - t[0], 1e-9)),
@@ -251,7 +251,7 @@ def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[DrivenCas
     def driven_j(case: DrivenCase) -> float:
         run = smooth(case.jerk_psd_m2ps5)
         other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
-        return estimate_run(other, run.time_s, run.s_m, run.speed_mps).ledger.input
+        return estimate_run(other, run.time_s, run.s_m, run.speed_mps).balance.input
 
     return driven_j
 

@@ -23,7 +23,7 @@ LEGEND: Final = {
     "from, to": "what the energy may have been at least and at most, whatever the unknowns are",
 }
 """What is said below the table of energies."""
-LEDGER_WORDS = {
+BALANCE_WORDS = {
     "resistance": "running resistance",
     "component_loss": "losses of the train and auxiliaries",
     "friction_brake": "friction brake",
@@ -31,7 +31,7 @@ LEDGER_WORDS = {
     "kinetic": "speed gained from start to end",
     "potential": "height gained from start to end",
 }
-"""The shares of a ledger in words; shares that round to 0 are not shown."""
+"""The shares of an energy balance in words; shares that round to 0 are not shown."""
 PANEL_HEIGHTS = (3, 1, 2)
 FORCES_SHOWN_RATIO = 1.3
 """Forces are drawn up to this many times the strongest held force, so that no spike of a second sets the scale."""
@@ -104,11 +104,11 @@ def _energy(trip: Trip, section: Section) -> dict[str, Any]:
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
     spread = energy_range(section, trip.matched)
     traction_n, braking_n = strongest_held_n(driven)
-    ledger = {name: kwh(value) for name, value in vars(driven.ledger).items()}
+    balance = {name: kwh(value) for name, value in vars(driven.balance).items()}
     return {
         "vehicle": section.vehicle.name,
         "level": str(section.level),
-        **{f"{name}_kwh": value for name, value in ledger.items()},
+        **{f"{name}_kwh": value for name, value in balance.items()},
         "input_low_kwh": kwh(spread.low_j),
         "input_high_kwh": kwh(spread.high_j),
         "unknowns": unknowns(spread),
@@ -262,7 +262,7 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     table.add_row("net input", f"{energy['input_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
     for u in energy["unknowns"]:
         table.add_row(f"  by {u['name']} ({u['assumed']})", "", f"{u['low_kwh']:.1f}", f"{u['high_kwh']:.1f}")
-    for name, words in LEDGER_WORDS.items():
+    for name, words in BALANCE_WORDS.items():
         share = f"{energy[f'{name}_kwh']:z.1f}"
         if float(share):
             table.add_row(f"  of it {words}", share, "", "")

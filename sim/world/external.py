@@ -93,7 +93,8 @@ class ExternalDriver:
         answers = lockstep.answers
         if not lockstep.hear(lambda: answers.controls is not None, AWAITED_S):
             raise DasError(
-                f"--driver external: no driver has published sim/{lockstep.crew.train}/controls in {AWAITED_S:.0f} s"
+                f"--driver external: no driver has published sim/{lockstep.processes.train}/controls "
+                f"in {AWAITED_S:.0f} s"
             )
         self._lockstep, self._due = lockstep, self._clock()
 

@@ -20,13 +20,13 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 from mcap.reader import make_reader
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import codec
 from das.bus.topics import ADVICE, CONTROLS, RECORDER, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.heard import Heard, JourneyHeard
 from das.cab.outputs import NodeState
 from das.domain.errors import DasError
-from sim.world.processes import Crew, Stations
+from sim.world.processes import Processes, Stations
 
 
 def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> LocationFix:
@@ -130,9 +130,9 @@ class Traffic:
 class Lockstep:
     """Node and recorder as processes on a bus of their own; use with `with`. Raises DasError where one fails."""
 
-    def __init__(self, crew: Crew) -> None:
-        self.crew, self.traffic = crew, Traffic()
-        self._stations, self.answers = Stations(crew), Answers()
+    def __init__(self, processes: Processes) -> None:
+        self.processes, self.traffic = processes, Traffic()
+        self._stations, self.answers = Stations(processes), Answers()
         self._stack = ExitStack()
         self._asked_tick = 0
         self._told_ns = {RESTRICTION.name: 0, TARGET.name: 0}
@@ -178,7 +178,7 @@ class Lockstep:
 
     def tell(self, value: Heard) -> None:
         """Tell the node something that it can hear."""
-        self.send(*codec.told(value))
+        self.send(*codec.encode_input(value))
 
     def send(self, topic: Topic, message: Message) -> None:
         """Publish a message and count it."""
@@ -210,7 +210,7 @@ class Lockstep:
         )
         self._node.stop()
         self._recorder.finish()
-        self.traffic.recorded = recorded_counts(self.crew.out)
+        self.traffic.recorded = recorded_counts(self.processes.out)
 
     def _ask(self, now_ns: int, tick: int, *, finish: bool = False) -> None:
         """Send a Control message; the node answers it when it has heard what was told before, which comes by a way of
@@ -241,7 +241,7 @@ class Lockstep:
 
     def _count(self, advice: Any) -> None:
         self.traffic.ticks += 1
-        if advice.mode == Mode.NONE:
+        if advice.mode == Regime.NONE:
             self.traffic.advices_withdrawn += 1
             return
         self.traffic.advices_given += 1

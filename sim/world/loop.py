@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.cab.heard import Heard
 from das.domain.errors import DasError
 from sim.drive.calls import KeptCall
 from sim.drive.limits import Violations
-from sim.drive.stability import Restlessness, ShownWatch
+from sim.drive.stability import AdviceStability, ShownWatch
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, Presentation, kept_by
 from sim.drivers.presentations.presenter import Shown, present
 from sim.drivers.screen import Screen, ScreenSettings
@@ -84,7 +84,7 @@ class Counts:
         """The counts with one more tick: an advice, or None where nothing was heard."""
         if advice is None:
             return replace(self, unheard=self.unheard + 1)
-        if advice.mode == Mode.NONE:
+        if advice.mode == Regime.NONE:
             return replace(self, withdrawn=self.withdrawn + 1)
         above = advice.advised_speed_mps > advice.limit_mps + 1e-6
         return replace(self, advised=self.advised + 1, above_limit=self.above_limit + int(above))
@@ -102,7 +102,7 @@ class Run:
     legs: tuple[tuple[PlantState, PlantState], ...]
     counts: Counts
     violations: Violations
-    restlessness: Restlessness
+    stability: AdviceStability
     decisions: tuple[DriverEvent, ...] = ()
 
     @property
@@ -155,7 +155,7 @@ class World:
             legs=tuple(legs),
             counts=self._counts,
             violations=self._around.violations,
-            restlessness=self._watch.found,
+            stability=self._watch.found,
             decisions=tuple(kept_by(self.driver)),
         )
 

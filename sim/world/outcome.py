@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from das.domain.braking import ServiceBraking
-from das.domain.trajectory import Ledger
+from das.domain.trajectory import EnergyBalance
 from das.domain.units import kmh, kwh
 from das.solver.front import Front
 from das.solver.section import build_section, with_braking
@@ -22,7 +22,7 @@ from sim.world.day import Day
 from sim.world.loop import Counts, Run
 
 
-def hindsight(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
+def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
     """The run of least energy of each section in the time that it really took, or the fastest where it took less."""
     return tuple(
         front.trajectory(arrived.time_s - departed.time_s)
@@ -32,11 +32,11 @@ def hindsight(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
 
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
     """What a run took above the optimum of its true train, section by section; DasError as `true_fronts`."""
-    sections = zip(pairwise(day.service.stops), run.legs, hindsight(true_fronts(day), run), strict=True)
+    sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
     return AboveOptimum.measured_on(
         [
             SectionEnergy.of(
-                start.name, end.name, arrived.time_s - departed.time_s, day.plant.ledger(departed, arrived).input, best
+                start.name, end.name, arrived.time_s - departed.time_s, day.plant.balance(departed, arrived).input, best
             )
             for (start, end), (departed, arrived), best in sections
         ]
@@ -109,14 +109,14 @@ class RunEnergies:
         return self.above.driven_j
 
     @property
-    def hindsight_j(self) -> float:
+    def optimum_as_driven_j(self) -> float:
         """Least energy of the true train for the times that the sections really took (J)."""
         return self.above.optimum_j
 
     @property
     def profile_j(self) -> float:
         """What the run took above its optimum other than for brakes that the motors could have been."""
-        return self.driven_j - self.hindsight_j - self.blending_j
+        return self.driven_j - self.optimum_as_driven_j - self.blending_j
 
     def as_dict(self) -> dict[str, Any]:
         """The energies (kWh), for programs."""
@@ -124,7 +124,7 @@ class RunEnergies:
             "energy_kwh": kwh(self.driven_j),
             "energy_at_stops_kwh": kwh(self.at_stops_j),
             "energy_planned_kwh": kwh(self.planned_j),
-            "energy_hindsight_kwh": kwh(self.hindsight_j),
+            "energy_hindsight_kwh": kwh(self.optimum_as_driven_j),
             "hindsight_faster_than_possible": self.above.too_fast,
             "above_optimum_ratio": self.above.ratio,
             "energy_blending_kwh": kwh(self.blending_j),
@@ -139,7 +139,7 @@ class DayOutcome:
 
     `drive` has the figures that a recording of the run has as well: stops, energy above the optimum, what must not
     happen and did, and how often what was shown changed. `running_time_s` is the time between departures and arrivals,
-    `simulated_s` the whole time of the run. `ledger` is where the energy went from the first departure to the last
+    `simulated_s` the whole time of the run. `balance` is where the energy went from the first departure to the last
     arrival (J), comfort systems included. `counts` say how the advice fared.
     """
 
@@ -149,7 +149,7 @@ class DayOutcome:
     drive: Drive
     running_time_s: float
     energies: RunEnergies
-    ledger: Ledger
+    balance: EnergyBalance
     counts: Counts
     simulated_s: int
 
@@ -169,8 +169,8 @@ class DayOutcome:
             "stops": as_rows(self.drive.calls),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
-            **_parts(self.ledger),
-            "ledger_residual_ratio": self.ledger.residual_ratio,
+            **_parts(self.balance),
+            "ledger_residual_ratio": self.balance.residual_ratio,
             "advices_given": self.counts.advised,
             "advices_withdrawn": self.counts.withdrawn,
             "advices_unheard": self.counts.unheard,
@@ -187,44 +187,42 @@ class DayOutcome:
 def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     """What a run of a day came to, also against the optimum of who brakes as a human driver does, or as advised."""
     service = day.service
-    whole = day.plant.ledger(run.legs[0][0], run.legs[-1][1])
+    whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
-    braking = hindsight(fronts_of_braking(day, driver), run)
+    braking = optimum_as_driven(fronts_of_braking(day, driver), run)
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
         level=str(service.level),
-        drive=Drive(
-            run=RunFigures(calls=run.calls, above=above, violations=run.violations, stability=run.restlessness)
-        ),
+        drive=Drive(run=RunFigures(calls=run.calls, above=above, violations=run.violations, stability=run.stability)),
         running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
         energies=RunEnergies(
             above=above,
             at_stops_j=whole.input - above.driven_j,
-            planned_j=sum(solution.ledger.input for solution in service.planned),
+            planned_j=sum(solution.balance.input for solution in service.planned),
             blending_j=sum(arrived.blending_j - departed.blending_j for departed, arrived in run.legs),
-            own_braking_j=sum(solution.ledger.input for solution in braking),
+            own_braking_j=sum(solution.balance.input for solution in braking),
         ),
-        ledger=whole,
+        balance=whole,
         counts=run.counts,
         simulated_s=len(run.states) - 1,
     )
 
 
-def shares(ledger: Ledger) -> dict[str, tuple[float, float]]:
+def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
     """Energy (J) and share (0 to 1) of each way in which energy is lost for good, by the names in `SHARES`."""
-    parts = {name: float(getattr(ledger, name)) for name in SHARES}
+    parts = {name: float(getattr(balance, name)) for name in SHARES}
     total = sum(parts.values())
     return {name: (energy_j, energy_j / total) for name, energy_j in parts.items()}
 
 
-def _parts(ledger: Ledger) -> dict[str, float]:
+def _parts(balance: EnergyBalance) -> dict[str, float]:
     """Energy and share of each way in which energy is lost for good, and the potential energy."""
-    parts = shares(ledger)
+    parts = shares(balance)
     return {
         **{f"{name}_kwh": kwh(energy_j) for name, (energy_j, _) in parts.items()},
         **{f"{name}_ratio": ratio for name, (_, ratio) in parts.items()},
-        "potential_kwh": kwh(ledger.potential),
+        "potential_kwh": kwh(balance.potential),
     }
 
 

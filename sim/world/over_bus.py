@@ -18,7 +18,7 @@ from das.cab.heard import PositionHeard
 from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
-from sim.drive.stability import Restlessness
+from sim.drive.stability import AdviceStability
 from sim.drivers.cab import KINDS, Driver, DriverEvent, Presentation
 from sim.drivers.kinds import DriverName, FrictionPolicy
 from sim.drivers.messages import CabLook, cab_message
@@ -32,7 +32,7 @@ from sim.world.external import ExternalDriver
 from sim.world.lockstep import Lockstep, Traffic, happened, location
 from sim.world.loop import BEFORE_S, Progress, Run, Tick, Told, World
 from sim.world.outcome import above_optimum
-from sim.world.processes import Crew
+from sim.world.processes import Processes
 from sim.world.service import Service, scenario_files
 
 
@@ -86,21 +86,21 @@ def run_over_bus(
     day: Day,
     driver: Driver,
     presentation: Presentation,
-    crew: Crew,
+    processes: Processes,
     progress: Progress | None = None,
     *,
     screen: ScreenSettings | None = None,
 ) -> Recorded:
     """Drive a day with node and recorder as processes; DasError where one fails or the train does not get there."""
-    with Lockstep(crew) as lockstep:
-        lockstep.begin(day.service.journey(crew.train, day.service.moment_ns(-BEFORE_S)))
+    with Lockstep(processes) as lockstep:
+        lockstep.begin(day.service.journey(processes.train, day.service.moment_ns(-BEFORE_S)))
         outside = isinstance(driver, ExternalDriver)
         if isinstance(driver, ExternalDriver):
             driver.begin(lockstep)
         link = OverBus(day, lockstep, shows_cab=not outside)
         run = World(day, driver, presentation, link, screen).run(progress)
         end_ns = day.service.moment_ns(run.states[-1].time_s)
-        lockstep.send(MEASURES, _measures(end_ns, run.restlessness))
+        lockstep.send(MEASURES, _measures(end_ns, run.stability))
         with contextlib.suppress(DasError):  # the losses do not cover what the true train can do; the outcome says so
             lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
         lockstep.finish(end_ns)
@@ -121,7 +121,7 @@ class How:
     screen: ScreenSettings = field(default_factory=ScreenSettings)
 
 
-def make_crew(day: Day, how: How, out: Path) -> Crew:
+def make_processes(day: Day, how: How, out: Path) -> Processes:
     """Node and recorder for a day; the recording says how it was made and holds the files it was made from."""
     service, scenario = day.service, day.service.scenario
     files = scenario_files(scenario)
@@ -144,7 +144,7 @@ def make_crew(day: Day, how: How, out: Path) -> Crew:
         "level": str(service.level),
         **{f"{name}_sha256": sha256(path) for name, path in files.items()},
     }
-    return Crew(
+    return Processes(
         train=how.train,
         node_arguments=(*_node_arguments(service), "--coach" if presenter_of(how.advice).needs_coach else "--no-coach"),
         out=out,
@@ -210,7 +210,7 @@ def _truth(day: Day, now_ns: int, told: Told) -> Message:
     )
 
 
-def _measures(now_ns: int, found: Restlessness) -> Message:
+def _measures(now_ns: int, found: AdviceStability) -> Message:
     return das_pb2.Measures(
         time_ns=now_ns,
         shown_s=found.shown_s,

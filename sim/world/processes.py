@@ -82,7 +82,7 @@ class Process:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Crew:
+class Processes:
     """How node and recorder of a run are started.
 
     `driver_at` is the endpoint where an external driver finds the simulator; None where there is no such driver. With a
@@ -102,44 +102,46 @@ class Crew:
 class Stations:
     """The places on the bus of simulator, node and recorder: free ports of this machine, or those of a bus folder."""
 
-    def __init__(self, crew: Crew) -> None:
-        self._crew = crew
+    def __init__(self, processes: Processes) -> None:
+        self._processes = processes
         self._ports = [endpoint(port) for port in free_ports(3)]
-        if crew.driver_at is not None:
-            self._ports[0] = crew.driver_at
+        if processes.driver_at is not None:
+            self._ports[0] = processes.driver_at
 
     def open_bus(self) -> Bus:
         """Open the simulator's own session, which hears what node, recorder and an external driver say."""
-        driver = () if self._crew.driver_at is None else (CONTROLS,)
-        hear, files = (ADVICE, STATUS, RECORDER, *driver), self._crew.bus
+        driver = () if self._processes.driver_at is None else (CONTROLS,)
+        hear, files = (ADVICE, STATUS, RECORDER, *driver), self._processes.bus
         if files is not None:
-            return Bus(self._crew.train, hear=hear, file=files.file(Role.SIMULATOR))
-        return Bus(self._crew.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
+            return Bus(self._processes.train, hear=hear, file=files.file(Role.SIMULATOR))
+        return Bus(self._processes.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
 
     def start_recorder(self) -> Process:
         """Start the recorder of the run."""
-        crew = self._crew
+        processes = self._processes
         arguments = [
             *self._place(1, Role.RECORDER),
             "--out",
-            str(crew.out),
+            str(processes.out),
             "--overwrite",
             "--metadata",
-            json.dumps({**crew.metadata, NODE_ARGUMENTS: json.dumps(crew.node_arguments)}),
+            json.dumps({**processes.metadata, NODE_ARGUMENTS: json.dumps(processes.node_arguments)}),
         ]
-        arguments += ["--start-ns", str(crew.start_ns)]
-        for path in crew.attachments:
+        arguments += ["--start-ns", str(processes.start_ns)]
+        for path in processes.attachments:
             arguments += ["--attach", str(path)]
         return Process("recorder", "das.recorder", arguments)
 
     def start_node(self) -> Process:
         """Start a node that goes by the simulation's clock."""
-        return Process("node", "das.node", [*self._place(2, Role.NODE), "--clock", "bus", *self._crew.node_arguments])
+        return Process(
+            "node", "das.node", [*self._place(2, Role.NODE), "--clock", "bus", *self._processes.node_arguments]
+        )
 
     def _place(self, own: int, role: Role) -> Sequence[str]:
         """Train and endpoints of the process that listens on port `own`, or its role's bus file."""
-        if self._crew.bus is not None:
-            return ["--train", self._crew.train, *self._crew.bus.file(role).arguments()]
+        if self._processes.bus is not None:
+            return ["--train", self._processes.train, *self._processes.bus.file(role).arguments()]
         others = [port for i, port in enumerate(self._ports) if i != own]
         connect = [word for port in others for word in ("--connect", port)]
-        return ["--train", self._crew.train, "--listen", self._ports[own], *connect]
+        return ["--train", self._processes.train, "--listen", self._ports[own], *connect]

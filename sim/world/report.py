@@ -77,13 +77,13 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     rows = [
         ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
         ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
-        ("  optimum for the times as driven", f"{kwh(energies.hindsight_j):.1f} kWh"),
+        ("  optimum for the times as driven", f"{kwh(energies.optimum_as_driven_j):.1f} kWh"),
         ("  above that optimum", energies.above.words),
         ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
         ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
         (f"  optimum braking as {braking}", f"{kwh(energies.own_braking_j):.1f} kWh"),
     ]
-    parts = shares(found.ledger)
+    parts = shares(found.balance)
     rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
     counts, recorded = found.counts, result.recorded
     rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))

@@ -138,10 +138,10 @@ def test_a_follower_on_late_days_arrives_in_time_for_the_least_energy(
         fronts = fronts_of_braking(day, None)
         for front, table, (departed, arrived) in zip(fronts, service.timetables, run.legs, strict=True):
             left_s = service.clock_s(table.arrival_ns) - departed.time_s
-            optimum_j += front.trajectory(left_s).ledger.input
+            optimum_j += front.trajectory(left_s).balance.input
             if left_s > front.fastest().time_s + FEASIBLE_S:
                 late_s.append(arrived.time_s - service.clock_s(table.arrival_ns))
-        excess.append(sum(day.plant.ledger(*leg).input for leg in run.legs) / optimum_j - 1.0)
+        excess.append(sum(day.plant.balance(*leg).input for leg in run.legs) / optimum_j - 1.0)
     with capsys.disabled():
         told = f"{LATE_DAYS} days: energy {100 * min(excess):+.2f} … {100 * max(excess):+.2f} %, mean"
         print(

@@ -26,7 +26,7 @@ from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.lockstep import Lockstep
 from sim.world.loop import Link, Tick, Told, World
-from sim.world.over_bus import How, OverBus, make_crew
+from sim.world.over_bus import How, OverBus, make_processes
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import prepare_service
 
@@ -100,10 +100,10 @@ def advices_in_process(day: Day, hostile: bool, shown: Presentation = Presentati
 
 def advices_over_bus(day: Day, hostile: bool, out: Path, shown: Presentation = Presentation.VECTOR) -> list[bytes]:
     how = How(driver=DriverKind.HUMAN, advice=shown, train="T1", command="test")
-    crew = make_crew(day, how, out)
+    processes = make_processes(day, how, out)
     driver = make_driver(DriverKind.HUMAN, day.service.line, seed=SEED)
-    with Lockstep(crew) as lockstep:
-        lockstep.begin(day.service.journey(crew.train, crew.start_ns))
+    with Lockstep(processes) as lockstep:
+        lockstep.begin(day.service.journey(processes.train, processes.start_ns))
         link: Link = OverBus(day, lockstep)
         run = World(day, driver, shown, Hostile(link) if hostile else link).run()
         lockstep.finish(day.service.moment_ns(run.states[-1].time_s))

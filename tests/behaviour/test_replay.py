@@ -241,7 +241,7 @@ def test_estimate_of_an_optimal_run_finds_its_energy() -> None:
     s = np.interp(t, run.t_s, run.s_m)
     v = np.interp(t, run.t_s, run.v_mps)
     estimate = estimate_run(section, t, s, v)
-    assert estimate.ledger.input == pytest.approx(solution.ledger.input, rel=5e-3)
+    assert estimate.balance.input == pytest.approx(solution.balance.input, rel=5e-3)
     assert estimate.beyond_ratio < 0.01
 
 

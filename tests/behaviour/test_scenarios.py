@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.advice.settings import DEFAULT
 from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
@@ -211,7 +211,7 @@ def test_restriction_is_kept_by_the_advice_from_the_tick_it_is_told() -> None:
     assert advices[0].time_ns == told_ns
     assert any(a.s_m > one.to_m for a in advices)
     for advice in advices:
-        assert advice.mode is not Mode.NONE
+        assert advice.mode is not Regime.NONE
         s_m, before_mps = advice.s_m, advice.advised_speed_mps
         for after_mps in advice.horizon_speed_mps:
             s_m, before_mps = s_m + 0.5 * (before_mps + after_mps), after_mps
@@ -318,7 +318,7 @@ def test_gps_dropouts_withdraw_the_advice_with_the_reason() -> None:
     driven = drive("gps-dropouts")
     clock_s = driven.day.service.clock_s
     faults = driven.day.of(SensorOutage)
-    withdrawn = [a for a in driven.said.advices if a.mode is Mode.NONE]
+    withdrawn = [a for a in driven.said.advices if a.mode is Regime.NONE]
     for fault in faults:
         inside = [a for a in withdrawn if fault.from_s <= clock_s(a.time_ns) <= fault.from_s + fault.for_s + 1]
         if fault.fault is SensorFault.DROPOUT:
@@ -330,7 +330,7 @@ def test_gps_dropouts_withdraw_the_advice_with_the_reason() -> None:
             assert len(inside) >= fault.for_s - STALE_AFTER_S - 1
             assert all("frozen" in a.reason for a in inside)
     true_m = {state.time_s: state.s_m for state in driven.run.states}
-    off_m = [abs(a.s_m - true_m[round(clock_s(a.time_ns))]) for a in driven.said.advices if a.mode is not Mode.NONE]
+    off_m = [abs(a.s_m - true_m[round(clock_s(a.time_ns))]) for a in driven.said.advices if a.mode is not Regime.NONE]
     assert max(off_m) < 20.0
     begun = [fault.from_s for fault in faults]
     assert all(any(0 <= clock_s(a.time_ns) - b <= 70 for b in begun) for a in withdrawn)
@@ -354,7 +354,7 @@ def test_bus_outage_shows_no_advice_and_the_run_arrives() -> None:
             assert not (DEFAULT.display.valid_for_s <= into_s < outage.for_s and told.cab.shown is not None)
         # What was heard is out of date at once when it is over, and advice is back.
         back = next(a for a in driven.said.advices if driven.day.service.clock_s(a.time_ns) >= outage.from_s + 30)
-        assert back.mode is not Mode.NONE
+        assert back.mode is not Regime.NONE
     assert driven.events().count("bus outage, 30 s") == 2
     assert -5 <= driven.late_s()[-1] < 60
 
@@ -368,7 +368,7 @@ def test_node_restart_leaves_the_driver_without_advice_for_seconds() -> None:
     gap = times[:-1][np.diff(times) > 1.5]
     assert gap.tolist() == pytest.approx([restart.at_s - 1])
     after = driven.said.advices[int(np.argmax(times > restart.at_s))]
-    assert after.mode is not Mode.NONE
+    assert after.mode is not Regime.NONE
     assert "the node is killed and started anew" in driven.events()
     assert abs(driven.late_s()[-1]) <= 2.0
 

@@ -108,7 +108,7 @@ def test_a_run_tells_its_time_its_energy_and_its_gap(front: das.Front) -> None:
     assert run.time_s == pytest.approx(wanted_s, abs=0.02)
     assert 0.0 <= run.gap_ratio < 0.05
     assert abs(run.table_gap_ratio) < 0.005
-    terms = run.ledger.as_dict()
+    terms = run.balance.as_dict()
     gone = ("resistance_j", "component_loss_j", "friction_brake_j", "unreturned_j")
     assert terms["irreversible_j"] == pytest.approx(sum(terms[name] for name in gone))
     assert terms["input_j"] == pytest.approx(terms["irreversible_j"] + terms["kinetic_j"] + terms["potential_j"])
@@ -129,7 +129,7 @@ def test_points_of_a_front(front: das.Front) -> None:
     np.testing.assert_allclose(points["time_s"][0], front.fastest().time_s)
     for time_s, energy_j, bound_j in zip(points["time_s"], points["energy_j"], points["table_bound_j"], strict=True):
         run = front.trajectory(time_s)
-        assert (energy_j, bound_j) == pytest.approx((run.ledger.input, run.table_bound_j), rel=1e-3)
+        assert (energy_j, bound_j) == pytest.approx((run.balance.input, run.table_bound_j), rel=1e-3)
     assert (np.diff(points["energy_j"]) < 0).all()
     assert (np.diff(points["lambda_w"]) < 0).all()
 
@@ -147,7 +147,7 @@ def test_a_table_gives_the_front_back(section: das.Section, front: das.Front, tm
     wanted_s = 1.07 * front.fastest().time_s
     from_table, solved = das.read_table(str(folder), section).trajectory(wanted_s), front.trajectory(wanted_s)
     assert from_table.time_s == pytest.approx(wanted_s, abs=0.02)
-    assert from_table.ledger.input == pytest.approx(solved.ledger.input, rel=2e-3)
+    assert from_table.balance.input == pytest.approx(solved.balance.input, rel=2e-3)
     other = das.build_section(section.route, section.vehicle, level="l3")
     with pytest.raises(das.DasError, match="not the table of"):
         das.read_table(folder, other)
@@ -158,12 +158,12 @@ def test_a_table_gives_the_front_back(section: das.Section, front: das.Front, tm
         das.read_table(folder, section)
 
 
-def test_columns_and_ledgers_become_data_frames(front: das.Front) -> None:
+def test_columns_and_energy_balances_become_data_frames(front: das.Front) -> None:
     run = front.fastest()
     table = das.to_pandas(run.trajectory.columns())
     assert list(table) == list(run.trajectory.columns())
     assert len(table) == len(run.trajectory.s_m)
-    assert das.to_pandas(run.ledger.as_dict())["input_j"].tolist() == [run.ledger.input]
+    assert das.to_pandas(run.balance.as_dict())["input_j"].tolist() == [run.balance.input]
     with pytest.raises(das.DasError, match="columns of different lengths: a has 1, b has 2"):
         das.to_pandas({"a": [1], "b": [1, 2]})
 
@@ -270,7 +270,7 @@ def test_the_other_values_of_the_front_door() -> None:
     windy = das.build_section(wind.line(route), wind.train(train), level="l1")
     fastest = [das.solve(one).fastest() for one in (plain, held, windy)]
     assert fastest[0].time_s < fastest[2].time_s < fastest[1].time_s
-    assert fastest[2].ledger.resistance > fastest[0].ledger.resistance
+    assert fastest[2].balance.resistance > fastest[0].balance.resistance
     assert "restriction: limit_mps = nan" in refused(
         lambda: das.Restriction(start_m=0.0, end_m=1.0, limit_mps=float("nan"))
     )

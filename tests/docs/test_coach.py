@@ -64,7 +64,7 @@ def test_a_run_keeps_what_was_said_and_the_driver_is_measured_against_the_refere
     errors = errors[np.isfinite(errors)]
     assert found.rms_mps == pytest.approx(math.sqrt(float((errors**2).mean())))
     assert found.rms_mps < 10.0 * KMH
-    assert found.changes == coached.run.restlessness.changes
+    assert found.changes == coached.run.stability.changes
     assert ReplanCause.START not in coached.replans.values()
     assert sum(found.causes.values()) == found.replans == len(coached.replans)
 
@@ -87,7 +87,7 @@ def test_the_pictures_show_what_the_driver_saw(service: Service, presentation: P
     assert [x.at_km for x in seconds] == sorted(x.at_km for x in seconds)
     assert max(x.driven_kmh for x in seconds) <= 165.0
     changes = sum(a.mode is not b.mode for a, b in pairwise(seconds))
-    assert 0 < changes <= one.run.restlessness.changes + 2
+    assert 0 < changes <= one.run.stability.changes + 2
 
 
 @pytest.mark.more

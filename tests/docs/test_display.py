@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.units import KMH
 from docs.studies.display import (
     AS_IT_IS,
@@ -30,8 +30,8 @@ from sim.world.service import prepare_service
 
 def view(time_s: float, lever_ratio: float = 0.33) -> AdviceView:
     return AdviceView(
-        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=Mode.CRUISE, speed_mps=20.0,
-        lever_ratio=lever_ratio, horizon_speed_mps=(21.0, 22.0), next_mode=Mode.COAST, next_change_s=7.0,
+        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=Regime.CRUISE, speed_mps=20.0,
+        lever_ratio=lever_ratio, horizon_speed_mps=(21.0, 22.0), next_mode=Regime.COAST, next_change_s=7.0,
     )  # fmt: skip
 
 
@@ -39,18 +39,18 @@ def test_each_display_changes_one_thing() -> None:
     assert Steps().show(view(0.0), 0.0).lever_ratio == pytest.approx(0.4)
     assert WithoutPreview().show(view(0.0), 0.0).horizon_speed_mps == ()
     silent = Unannounced().show(view(0.0), 0.0)
-    assert (silent.next_mode, silent.lever_ratio) == (Mode.NONE, 0.33)
+    assert (silent.next_mode, silent.lever_ratio) == (Regime.NONE, 0.33)
     assert math.isnan(silent.next_change_s)
 
 
 def test_each_display_says_how_to_depart() -> None:
     """In steps, or without the effort; but none of them leaves it out."""
     told = replace(
-        view(0.0), mode=Mode.DEPART, next_mode=Mode.FULL_TRACTION, next_speed_mps=25.0, next_effort_ratio=0.93,
+        view(0.0), mode=Regime.DEPART, next_mode=Regime.FULL_TRACTION, next_speed_mps=25.0, next_effort_ratio=0.93,
         next_change_s=math.nan,
     )  # fmt: skip
     assert Steps().show(told, 0.0).departure.lever_ratio == pytest.approx(1.0)
-    assert Unannounced().show(told, 0.0).departure.mode == Mode.FULL_TRACTION
+    assert Unannounced().show(told, 0.0).departure.mode == Regime.FULL_TRACTION
     target = TargetSpeed().show(told, 0.0).departure
     assert target.shown_speed_mps == pytest.approx(25.0)
     assert math.isnan(target.lever_ratio)
@@ -65,7 +65,7 @@ def test_a_display_that_is_refreshed_every_ten_seconds_stands_in_between() -> No
 
 
 def test_a_target_speed_is_the_one_at_the_next_change_and_no_effort_is_shown() -> None:
-    accelerates = replace(view(0.0), mode=Mode.FULL_TRACTION, horizon_speed_mps=(21.0, 22.0, 23.0), next_change_s=2.4)
+    accelerates = replace(view(0.0), mode=Regime.FULL_TRACTION, horizon_speed_mps=(21.0, 22.0, 23.0), next_change_s=2.4)
     shown = TargetSpeed().show(accelerates, 0.0)
     assert shown.shown_speed_mps == pytest.approx(22.0, abs=0.5 * KMH)
     assert math.isnan(shown.lever_ratio)

@@ -132,7 +132,12 @@ def test_effort_is_full_from_the_threshold_on_and_where_it_is_none_or_blended(
 def test_modes_are_seen_in_their_order(vehicle: Vehicle) -> None:
     run = driven(vehicle, four, 1.0, 4500)
     seen = effort.driving_modes(run, vehicle)
-    order = [effort.EffortMode.FULL, effort.EffortMode.CRUISING, effort.EffortMode.COASTING, effort.EffortMode.FULL]
+    order = [
+        effort.EffortRegime.FULL,
+        effort.EffortRegime.CRUISING,
+        effort.EffortRegime.COASTING,
+        effort.EffortRegime.FULL,
+    ]
     assert [int(seen[i]) for i in (50, 200, 300, 400)] == [int(mode) for mode in order]
 
 
@@ -161,7 +166,7 @@ def test_reduced_braking_is_found(vehicle: Vehicle) -> None:
 def test_a_friction_brake_counts_as_brake(vehicle: Vehicle) -> None:
     run = driven(vehicle, lambda _s, _v: -1.0, 40.0, 800)
     friction = replace(run, force_el_n=np.zeros(len(run.force_el_n)), force_friction_n=run.force_el_n)
-    assert (effort.driving_modes(friction, vehicle) == effort.EffortMode.FULL).all()
+    assert (effort.driving_modes(friction, vehicle) == effort.EffortRegime.FULL).all()
 
 
 @pytest.mark.more

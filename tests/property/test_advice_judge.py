@@ -10,7 +10,7 @@ import pytest
 
 from das.advice.advice import Advice
 from das.advice.coach.coaching import Coaching, Instruction
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.kinds import Presentation
 from sim.plant.plant import PlantState
 from tests.support.advice_judge import DayJudge, Judge
@@ -32,14 +32,14 @@ def coached() -> Drawn:
 
 def sound() -> Seen:
     """A train at a moderate speed that is told to hold it, far enough from its stop."""
-    hold = Instruction(mode=Mode.CRUISE, speed_mps=SPEED_MPS)
-    brake = Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=0.0, effort_ratio=-0.5, way_m=300.0, in_s=30.0)
+    hold = Instruction(mode=Regime.CRUISE, speed_mps=SPEED_MPS)
+    brake = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=0.0, effort_ratio=-0.5, way_m=300.0, in_s=30.0)
     coach = Coaching(now=hold, following=(brake,), target_m=300.0, force_n=10e3, reference_force_n=10e3)
     advice = Advice(
         time_ns=1,
         s_m=AT_M,
         speed_mps=SPEED_MPS,
-        mode=Mode.CRUISE,
+        mode=Regime.CRUISE,
         advised_speed_mps=SPEED_MPS,
         advised_force_n=10e3,
         horizon_speed_mps=(SPEED_MPS,) * 20,
@@ -79,12 +79,12 @@ FAULTS = {
     "coach-force": coach_changed(force_n=400e3),
     "coach-reference-force": coach_changed(reference_force_n=-900e3),
     "coach-held-force": coach_changed(reference_force_n=900e3),
-    "coach-speed": coach_changed(now=Instruction(mode=Mode.CRUISE, speed_mps=60.0)),
+    "coach-speed": coach_changed(now=Instruction(mode=Regime.CRUISE, speed_mps=60.0)),
     "coach-speed-limit": coach_changed(
-        now=Instruction(mode=Mode.FULL_TRACTION, speed_mps=60.0, effort_ratio=1.0), target_m=300.0
+        now=Instruction(mode=Regime.FULL_TRACTION, speed_mps=60.0, effort_ratio=1.0), target_m=300.0
     ),
-    "coach-effort": coach_changed(now=Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=5.0, effort_ratio=0.5)),
-    "coach-announced": coach_changed(following=(Instruction(mode=Mode.CRUISE, speed_mps=60.0, way_m=200.0),)),
+    "coach-effort": coach_changed(now=Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=5.0, effort_ratio=0.5)),
+    "coach-announced": coach_changed(following=(Instruction(mode=Regime.CRUISE, speed_mps=60.0, way_m=200.0),)),
 }
 
 

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from das.advice.advice import Advice, Source, Timetable
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.advice.settings import DEFAULT
 from das.cab.fronts import onboard_ladder
 from das.cab.situation import Situation
@@ -165,7 +165,7 @@ def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
         for _ in range(STATES_OF_A_WORLD):
             s_m, v_mps, left_s = drawn(random, section)
             advice = asked(front, Source.SOLVED, s_m, v_mps, left_s).update(ns(0))
-            assert advice.mode is not Mode.NONE, advice.reason
+            assert advice.mode is not Regime.NONE, advice.reason
             check(advice, allowed, v_mps)
             given += 1
             if restrictions and given % 5 == 0:
@@ -197,7 +197,7 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: ra
                 advisor.set_front(front_of(section), Source.SOLVED)
             advisor.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
             advice = advisor.update(ns(second))
-            assert advice.mode is not Mode.NONE, advice.reason
+            assert advice.mode is not Regime.NONE, advice.reason
             if advice.reason.startswith("arrived"):
                 break
             if second > 30:  # too fast for what it has just been told of at the most until then

@@ -140,7 +140,7 @@ def test_any_multipliers_prove_a_bound(posed: Posed, seed: int) -> None:
         bound_j = proven_bound(point, multipliers, program) * scale_n
         for run in runs:
             if run.feasible and run.time_s <= task.allowed_s:
-                assert bound_j <= run.ledger.input + 1e-6 * abs(bound_j)
+                assert bound_j <= run.balance.input + 1e-6 * abs(bound_j)
 
 
 @pytest.mark.more
@@ -185,6 +185,6 @@ def test_no_run_undercuts_the_cells_of_speeds(posed: Posed, factor: float) -> No
     same_end = [run for run in runs if run.feasible and run.trajectory.v_mps[-1] == slowest.trajectory.v_mps[-1]]
     wide = [values_behind(all_cells(task, width), line, rows) for width in (0.25, 0.08)]
     for run in same_end:
-        least_j = run.ledger.input + lambda_w * run.time_s
+        least_j = run.balance.input + lambda_w * run.time_s
         near_j = values_behind(cells_near(run.trajectory.v_mps, all_cells(task, 0.004)), line, rows)
         assert max(*wide, near_j) <= least_j + 1e-7 * abs(least_j), run.section.name

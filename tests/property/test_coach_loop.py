@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.units import KMH
 from sim.drive.stability import ShownWatch
 from sim.drivers.cab import Presentation
@@ -93,7 +93,7 @@ def optimum(service: Service) -> tuple[int, int]:
     forces = np.interp(seconds, run.t_s[:-1], run.force_el_n)
     least_n = 0.03 * service.fronts[0].section.train.traction_force_n
     for second, force in zip(seconds.tolist(), forces.tolist(), strict=True):
-        mode = Mode.COAST if abs(force) < least_n else Mode.FULL_TRACTION if force > 0 else Mode.FULL_BRAKE
+        mode = Regime.COAST if abs(force) < least_n else Regime.FULL_TRACTION if force > 0 else Regime.FULL_BRAKE
         watch.look(second, 20.0, Shown(mode=mode))
     return watch.found.reversals, swings(run.v_mps)
 
@@ -122,7 +122,7 @@ def drawn(number: int) -> Found:
 
 def problems(run: Run, replans: int, service: Service) -> list[str]:
     """What is restless about a run."""
-    calm, minutes = run.restlessness, run.restlessness.shown_s / 60.0
+    calm, minutes = run.stability, run.stability.shown_s / 60.0
     reversals, turns = optimum(service)
     bounds = {
         "reversals": (calm.reversals, reversals + MORE_REVERSALS),
@@ -141,7 +141,7 @@ def test_no_driver_is_made_to_oscillate(numbers: range) -> None:
     drivers = zip(numbers, found, strict=True)
     restless = {(number, *one.section, one.human): one.problems for number, one in drivers if one.problems}
     assert not restless, "\n".join(f"{who}: {what}" for who, what in restless.items())
-    assert np.mean([one.run.restlessness.changes_per_min for one in found]) <= MEAN_CHANGES_PER_MIN
+    assert np.mean([one.run.stability.changes_per_min for one in found]) <= MEAN_CHANGES_PER_MIN
 
 
 def test_swings_are_counted_where_a_speed_turns() -> None:

@@ -16,9 +16,9 @@ from das.advice.coach.coaching import Coaching, ReplanCause
 from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
 from das.advice.coach.shown_brakes import BRAKES, TRACTION
-from das.advice.modes import Mode
 from das.advice.passing import PassingTarget
 from das.advice.planner import PlanBasis
+from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import onboard_ladder
 from das.cab.leg import Leg
@@ -39,7 +39,7 @@ SECTIONS = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zuric
 SHOWN_MPS = 0.3
 """What was shown before may stand above the limit by so much: the display shows the same."""
 OVER_MPS = SETTINGS.coach.showing.limit.overspeed_mps
-SLOWING = {Mode.COAST, Mode.STOP, *BRAKES}
+SLOWING = {Regime.COAST, Regime.STOP, *BRAKES}
 
 
 def ns(seconds: float) -> int:
@@ -65,13 +65,13 @@ class World:
         self.section = situation.section(self.start_m, self.end_m)
         front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
         self.basis = PlanBasis(section=self.section, front=front)
-        self.calm = solve_coach(self.section, SETTINGS.coach)
+        self.few_switch = solve_coach(self.section, SETTINGS.coach)
 
     def leg(self) -> Leg:
         """A leg with a coach, with a random time left, and in every third case with a window at a point."""
         leg = Leg(self.start, self.end, self.section, SETTINGS)
         leg.use(self.basis)
-        leg.use_calm(self.calm)
+        leg.use_few_switch(self.few_switch)
         arrival_s = float((self.end_m - self.start_m) / 25.0 * self.random.uniform(0.2, 3.0))
         leg.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))
         if self.random.random() < 0.33:
@@ -112,14 +112,14 @@ def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None
     allowed = world.highest_mps(s_m, s_m)
     assert math.isfinite(now.speed_mps)
     assert now.speed_mps <= world.limit_mps(s_m) + SHOWN_MPS + 1e-9
-    if now.mode in TRACTION or now.mode is Mode.CRUISE:
+    if now.mode in TRACTION or now.mode is Regime.CRUISE:
         assert now.speed_mps <= world.highest_mps(s_m, s_m + coach.target_m) + SHOWN_MPS, "cannot be reached safely"
     if v_mps > allowed + OVER_MPS + 0.05:
         # Where coasting would not slow the train down, it is told to hold what is allowed.
-        held = now.mode is Mode.CRUISE and now.speed_mps <= allowed + SHOWN_MPS
+        held = now.mode is Regime.CRUISE and now.speed_mps <= allowed + SHOWN_MPS
         assert held or now.mode in SLOWING, (v_mps, allowed)
     if v_mps > allowed + SETTINGS.coach.showing.limit.braked_mps + 0.05:
-        assert now.mode in BRAKES or now.mode is Mode.STOP
+        assert now.mode in BRAKES or now.mode is Regime.STOP
     if now.mode in TRACTION:
         assert coach.force_n >= 0.0
         assert 0.0 < now.effort_ratio <= 1.0
@@ -129,9 +129,9 @@ def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None
     assert all(math.isfinite(one.speed_mps) and one.way_m > -1.0 for one in coach.following)
     assert all(a.in_s <= b.in_s for a, b in pairwise(coach.following))
     assert math.isfinite(coach.worth_j)
-    creeps = now.mode is Mode.CRUISE and now.speed_mps <= SETTINGS.coach.showing.brake.creep_mps
-    assert coach.replan.cause is not ReplanCause.NONE or now.mode in (Mode.STOP, *BRAKES) or creeps
-    assert advice.mode is not Mode.NONE
+    creeps = now.mode is Regime.CRUISE and now.speed_mps <= SETTINGS.coach.showing.brake.creep_mps
+    assert coach.replan.cause is not ReplanCause.NONE or now.mode in (Regime.STOP, *BRAKES) or creeps
+    assert advice.mode is not Regime.NONE
 
 
 @pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_STATES", 1000))

@@ -241,7 +241,7 @@ def test_without_regeneration_the_friction_brake_does_it_all() -> None:
     # Without losses, what is driven without regeneration is level L0 NOREG with the friction brake alone.
     alone = replace(train, electric_brake=EffortEnvelope(max_force_n=0.0, max_power_w=0.0))
     noreg = solved(flat(3000.0, 30.0), alone, level=Level.L0_NOREG).trajectory(150.0)
-    assert solution.ledger.input == pytest.approx(noreg.ledger.input, rel=1e-3)
+    assert solution.balance.input == pytest.approx(noreg.balance.input, rel=1e-3)
     steep = replace(make_route(3000.0, [(0.0, 30.0)], [(0.0, -0.01)]), no_regeneration=zone)
     with pytest.raises(InfeasibleError, match="cannot brake on the descent"):
         build_section(steep, make_train())
@@ -256,19 +256,19 @@ def test_the_line_takes_a_share_of_what_is_fed_back(share: float) -> None:
     fastest = front.fastest()
     top = fastest.trajectory.v_mps.max()
     kinetic = 0.5 * 1e5 * top**2
-    assert fastest.ledger.input == pytest.approx((1 - share) * kinetic, rel=1e-6, abs=1.0)
-    assert fastest.ledger.unreturned == pytest.approx((1 - share) * kinetic, rel=1e-6, abs=1.0)
+    assert fastest.balance.input == pytest.approx((1 - share) * kinetic, rel=1e-6, abs=1.0)
+    assert fastest.balance.unreturned == pytest.approx((1 - share) * kinetic, rel=1e-6, abs=1.0)
     solution = front.trajectory(150.0)
-    assert solution.ledger.residual_ratio < 1e-6
+    assert solution.balance.residual_ratio < 1e-6
     if share == 0.0:
         noreg = solved(flat(3000.0, 30.0), train, level=Level.L0_NOREG).trajectory(150.0)
-        assert solution.ledger.input == pytest.approx(noreg.ledger.input, rel=2e-3)
+        assert solution.balance.input == pytest.approx(noreg.balance.input, rel=2e-3)
     if share == 1.0:
-        assert solution.ledger.unreturned == 0
+        assert solution.balance.unreturned == 0
 
 
 def test_baselines_keep_to_the_supply_too() -> None:
-    """No force in neutral sections, no forbidden regeneration, a closed ledger, and never below the optimum."""
+    """No force in neutral sections, no forbidden regeneration, a closed energy balance, and never below the optimum."""
     route = replace(
         flat(4000.0, 30.0),
         neutral_sections=NEUTRAL_ZONES,
@@ -288,8 +288,8 @@ def test_baselines_keep_to_the_supply_too() -> None:
         run = baselines.baseline(strategy, section, time_s)
         assert (run.trajectory.force_el_n[section.supply == NEUTRAL] == 0).all()
         assert (run.trajectory.force_el_n[section.supply < 0] >= 0).all()
-        assert run.ledger.residual_ratio < 1e-9
-        assert best.ledger.input <= run.ledger.input * 1.002
+        assert run.balance.residual_ratio < 1e-9
+        assert best.balance.input <= run.balance.input * 1.002
     other = evaluated_at(best.trajectory, train, Level.L0_REG)
     assert other.residual_ratio < 1e-9
 
@@ -301,8 +301,8 @@ def test_auxiliary_power_is_drawn_all_the_way_and_comfort_stays_beside() -> None
     with_aux = replace(plain, auxiliary_power_w=5e4, comfort_power_w=3e4)
     a, b = solved(flat(5000.0), plain).trajectory(250.0), solved(flat(5000.0), with_aux).trajectory(250.0)
     # A constant power is a constant energy at a given time: the optimum stays, its energy rises by power × time.
-    assert b.ledger.input == pytest.approx(a.ledger.input + 5e4 * 250.0, rel=2e-4)
-    assert b.ledger.comfort == pytest.approx(3e4 * b.time_s)
+    assert b.balance.input == pytest.approx(a.balance.input + 5e4 * 250.0, rel=2e-4)
+    assert b.balance.comfort == pytest.approx(3e4 * b.time_s)
     chain = replace(
         plain,
         default_level=Level.L3,

@@ -100,7 +100,7 @@ def solve_and_verify(case: Case) -> Answer:
             findings = case.findings(front, least_s * (1 + buffer_ratio), ends_m, driven=not creeping)
             assert findings == [], (ends_m, buffer_ratio, [str(finding) for finding in findings])
         times_s.append(least_s)
-        energies_kwh.append(front.trajectory(least_s * 1.05).ledger.input / 3.6e6)
+        energies_kwh.append(front.trajectory(least_s * 1.05).balance.input / 3.6e6)
     return Answer(len(times_s), sum(times_s), sum(energies_kwh))
 
 

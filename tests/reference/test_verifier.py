@@ -169,8 +169,8 @@ def test_a_constant_force_without_resistance_is_uniform_acceleration(simple: Cal
     assert speeds[-1] == pytest.approx([20.0], abs=1e-12)
     assert places[-1] == pytest.approx([150.0], abs=1e-11)
     assert drive.balance_n == pytest.approx([0.0], abs=1e-6)
-    assert drive.ledger_j["input"] == pytest.approx(1.5e7, rel=1e-12)
-    assert drive.ledger_j["kinetic"] == pytest.approx(1.5e7, rel=1e-12)
+    assert drive.balance_j["input"] == pytest.approx(1.5e7, rel=1e-12)
+    assert drive.balance_j["kinetic"] == pytest.approx(1.5e7, rel=1e-12)
 
 
 def test_coasting_against_the_air_follows_the_closed_form(simple: Callable[..., Drive]) -> None:
@@ -188,7 +188,7 @@ def test_resistance_of_an_accelerated_way_by_hand(simple: Callable[..., Drive]) 
     drive = simple(
         [[0, 0, 10, 0, 0, 0, 30], [150, 10, 20, 0, 0, 0, 30]], r0_n=1e3, r1_n_per_mps=20.0, r2_n_per_mps2=4.0
     )
-    assert drive.ledger_j["resistance"] == pytest.approx(1e3 * 150 + 20 * 7000 / 3 + 4 * 37500, rel=1e-12)
+    assert drive.balance_j["resistance"] == pytest.approx(1e3 * 150 + 20 * 7000 / 3 + 4 * 37500, rel=1e-12)
 
 
 def test_a_profile_under_the_train_is_its_mean_over_the_length() -> None:
@@ -265,7 +265,7 @@ def test_a_limit_between_the_rows_is_kept_between_them(simple: Callable[..., Dri
 def test_nothing_is_wrong_with_what_the_solver_plans(
     tmp_path: Path, true: tuple[Line, Train], buffer_ratio: float
 ) -> None:
-    """Two programs that share no code agree: limits, forces, motion, ledger."""
+    """Two programs that share no code agree: limits, forces, motion, energy balance."""
     assert found(planned(tmp_path, buffer_ratio=buffer_ratio), true) == []
 
 
@@ -385,9 +385,9 @@ def test_nothing_is_wrong_with_a_plan_under_conditions(tmp_path: Path, supplied:
     """Two programs that share no code agree on supply, adhesion, auxiliaries, load and wind."""
     plan = planned(tmp_path, texts=SUPPLY, here=HERE)
     assert found(plan, supplied) == []
-    ledger = plan[1]["ledger_kwh"]
-    assert ledger["unreturned"] > 0.05 * ledger["input"]
-    assert ledger["friction_brake"] > 0
+    balance = plan[1]["ledger_kwh"]
+    assert balance["unreturned"] > 0.05 * balance["input"]
+    assert balance["friction_brake"] > 0
 
 
 SUPPLIED_OTHERWISE = [
@@ -475,7 +475,7 @@ def test_a_spoilt_row_is_found(
 
 @pytest.mark.parametrize("name", ["resistance", "component_loss", "friction_brake", "potential", "input"])
 def test_an_energy_said_wrong_by_a_thousandth_is_found(good: Planned, true: tuple[Line, Train], name: str) -> None:
-    """The verifier notices a wrong term of the stated ledger, and names only that term."""
+    """The verifier notices a wrong term of the stated energy balance, and names only that term."""
     rows, claim = good[0], copy.deepcopy(good[1])
     largest = max(map(abs, claim["ledger_kwh"].values()))
     claim["ledger_kwh"][name] += 1e-3 * largest
@@ -493,7 +493,7 @@ def test_forces_that_lead_elsewhere_are_found_by_driving_them(simple: Callable[.
     drive = simple([[0, 0, 20, 0, 0, 0, 30], [100, 5, 20, 0, 0, 0, 30]], r0_n=1e3)
     findings = verify(drive.rows, drive.line, drive.train, drive.loss, ends_m=(0, 100), end_speeds_mps=(20, 20))
     assert_found(findings, "the forces do not lead to the next speed")
-    assert_found(findings, "the ledger does not close")
+    assert_found(findings, "the energy balance does not close")
 
 
 def test_a_dip_between_two_rows_is_driven_through(simple: Callable[..., Drive]) -> None:
@@ -512,4 +512,4 @@ def test_a_steep_slope_is_weight(simple: Callable[..., Drive]) -> None:
     uphill = replace(drive.line, gradients=Steps(np.zeros(1), np.full(1, 0.01)))
     climbing = Drive(drive.rows, uphill, drive.train, drive.loss)
     assert climbing.balance_n == pytest.approx([1e5 * G * 0.01])
-    assert climbing.ledger_j["potential"] == pytest.approx(1e5 * G * 1.0)
+    assert climbing.balance_j["potential"] == pytest.approx(1e5 * G * 1.0)

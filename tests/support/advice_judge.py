@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from das.advice.advice import Advice
 from das.advice.coach.coaching import Coaching, Instruction
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.cab import Presentation
 from tests.support.assessed_day import AT_STOP_M, Seen, Stood
 from tests.support.drawn_day import Drawn, Style
@@ -76,7 +76,7 @@ class DayJudge:
         self._excuse(seen)
         self._allowed = self._judge.allowed(seen.places, seen.stop_m)
         advice = seen.advice
-        if advice.mode is Mode.NONE:
+        if advice.mode is Regime.NONE:
             return
         self._off_m = SDS * advice.position_sd_m + SLACK_M
         if self._misled(seen):
@@ -84,7 +84,7 @@ class DayJudge:
             return
         if seen.obeyed:
             yield from self._driven(seen)
-        if advice.mode in (Mode.STOP, Mode.DEPART):
+        if advice.mode in (Regime.STOP, Regime.DEPART):
             return
         yield from self._shown(seen)
         if self._drawn.presentation is Presentation.COACH and advice.coach is not None:
@@ -168,9 +168,9 @@ class DayJudge:
     def _coached(self, seen: Seen, advice: Advice, coach: Coaching) -> Iterator[Problem]:
         """Speeds, efforts and forces of the coach."""
         now, true_m, off_m = coach.now, seen.state.s_m, self._off_m
-        if now.mode in (Mode.NONE, Mode.STOP, Mode.DEPART):
+        if now.mode in (Regime.NONE, Regime.STOP, Regime.DEPART):
             return
-        ahead_m = 0.0 if now.mode is Mode.CRUISE else coach.target_m
+        ahead_m = 0.0 if now.mode is Regime.CRUISE else coach.target_m
         bound = self._allowed.curve(true_m - off_m, true_m + ahead_m + off_m) + SLACK_MPS
         yield from self._above("coach-speed", seen, now.speed_mps, bound)
         yield from self._above("coach-speed-limit", seen, _wanted(now), self._allowed_limit(true_m, off_m))
@@ -189,7 +189,7 @@ class DayJudge:
         for after, end_m in zip(coach.following, ends_m, strict=False):
             at_m = seen.state.s_m + after.way_m
             reach_m = self._off_m + WAY_RATIO * after.way_m
-            to_m = at_m if after.mode is Mode.CRUISE else seen.state.s_m + end_m
+            to_m = at_m if after.mode is Regime.CRUISE else seen.state.s_m + end_m
             bound = self._allowed.limit(at_m - reach_m, min(to_m, self.line.length_m) + reach_m) + SLACK_MPS
             if after.speed_mps > bound:
                 text = f"announced {after.mode.name} {after.speed_mps:.2f} m/s at {at_m:.0f} m, allowed {bound:.2f}"
@@ -218,7 +218,7 @@ class DayJudge:
                 return min(now.effort_ratio * train.pulling_n(v_mps), keeps_n)
             if now.mode in BRAKES:
                 return now.effort_ratio * train.electric_n(v_mps) if v_mps > now.speed_mps else keeps_n
-            return max(min(keeps_n, 0.0), 0.0) if now.mode is Mode.COAST else keeps_n
+            return max(min(keeps_n, 0.0), 0.0) if now.mode is Regime.COAST else keeps_n
 
         return force_n
 
@@ -262,4 +262,4 @@ class DayJudge:
 
 def _wanted(now: Instruction) -> float:
     """The speed that an instruction sends the train to; a brake or coasting leads down to its own."""
-    return now.speed_mps if now.mode in TRACTION or now.mode is Mode.CRUISE else 0.0
+    return now.speed_mps if now.mode in TRACTION or now.mode is Regime.CRUISE else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from das.advice.advice import Advice
 from das.advice.coach.settings import CoachSettings
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab, CabSettings
 from das.cab.fronts import Fronts
@@ -169,7 +169,7 @@ class AssessedDay:
 
     def _has_arrived(self, state: PlantState, advice: Advice, stop_m: float) -> bool:
         """Whether the train stands at its stop; the cab may see this at a speed that is within the measured noise."""
-        near_m, slow_mps = (AT_STOP_M, 0.1 + SPEED_SD_MPS) if advice.mode is Mode.STOP else (10.0, 0.0)
+        near_m, slow_mps = (AT_STOP_M, 0.1 + SPEED_SD_MPS) if advice.mode is Regime.STOP else (10.0, 0.0)
         return state.speed_mps <= slow_mps and stop_m - state.s_m <= near_m
 
     def _view(self, state: PlantState, next_stop: int) -> CabView:

@@ -11,9 +11,9 @@ from das.advice.coach.planning import elapsed_s, solve_coach
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.planner import Goal, TrainState
 from das.domain.units import NS
-from das.solver.calm.calm import CalmFront
-from das.solver.calm.schedule import Prospect, Schedule
-from tests.support.calm import Which, asked_s, section_of
+from das.solver.few_switch.few_switch import FewSwitchFront
+from das.solver.few_switch.schedule import Prospect, Schedule
+from tests.support.few_switch import Which, asked_s, section_of
 
 T0 = 1_800_000_000_000_000_000
 
@@ -24,8 +24,8 @@ def ns(seconds: float) -> int:
 
 
 @cache
-def coach_front(which: Which) -> CalmFront:
-    """The calm runs that the coach of a bundled section chooses from."""
+def coach_front(which: Which) -> FewSwitchFront:
+    """The few-switch trajectories that the coach of a bundled section chooses from."""
     return solve_coach(section_of(which), DEFAULT)
 
 

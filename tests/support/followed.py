@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 
 DEPARTS_MPS = 0.5
 """The speed of a train one second after it has departed."""
@@ -12,4 +12,4 @@ DEPARTS_MPS = 0.5
 
 def after_a_second_mps(advice: Any) -> float:
     """The speed in one second of a train that is cleared and does what an advice says."""
-    return DEPARTS_MPS if advice.mode == Mode.DEPART else float(advice.horizon_speed_mps[0])
+    return DEPARTS_MPS if advice.mode == Regime.DEPART else float(advice.horizon_speed_mps[0])

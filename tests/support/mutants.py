@@ -1,9 +1,9 @@
 # ruff: noqa: E501 (lines of the product are quoted whole)
 """`python -m tests.support.mutants`: change the product in one place at a time, and see whether a test notices.
 
-Each mutant is one text in one file of the advice, the cab, the calm solver or the kernels, put in the place of another
-(a sign, a constant, a comparison). It is tried on a copy of the working tree with the tests that are nearest to it. A
-mutant that no test notices survives; the command names the survivors and returns 1 if there are any.
+Each mutant is one text in one file of the advice, the cab, the few-switch solver or the kernels, put in the place of
+another (a sign, a constant, a comparison). It is tried on a copy of the working tree with the tests that are nearest to
+it. A mutant that no test notices survives; the command names the survivors and returns 1 if there are any.
 
     python -m tests.support.mutants                # all of them: about an hour on one core
     python -m tests.support.mutants --only named   # those whose name has this in it
@@ -31,7 +31,9 @@ DAYS = "50"
 
 BRAKES = "tests/das/advice/test_braking.py tests/das/advice/test_planner.py tests/das/advice/coach tests/das/advice/test_advice.py"
 LAST = "tests/das/advice/test_last_word.py"
-CALM = "tests/das/solver/calm tests/das/advice/coach/test_planning.py tests/das/advice/coach/test_showing.py"
+FEW_SWITCH = (
+    "tests/das/solver/few_switch tests/das/advice/coach/test_planning.py tests/das/advice/coach/test_showing.py"
+)
 CAB = "tests/das/cab tests/das/advice/test_advice.py"
 SOLVER = "tests/das/solver tests/das/cab/test_own_braking.py"
 ASSESSED = "tests/property/test_assessment.py"
@@ -85,7 +87,7 @@ MUTANTS = [
     *_of(
         "das/advice/coach/showing.py",
         BRAKES,
-        ("coasting above its end stands", "ends_mps) if shown.mode is Mode.COAST else", "place.limit_mps) if shown.mode is Mode.COAST else"),
+        ("coasting above its end stands", "ends_mps) if shown.mode is Regime.COAST else", "place.limit_mps) if shown.mode is Regime.COAST else"),
         ("harder brakes wait", "braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)", "braked = less and too_fast"),
         ("brakes are shown late", "soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)", "soon_m = state.s_m - state.v_mps * leads.get(after.kind, 0.0)"),
         ("rolls back where it never slows", "* limit.rolls_back_in_s >= away_mps:", "* limit.rolls_back_in_s >= -9.0:"),
@@ -142,7 +144,7 @@ MUTANTS = [
         ("speeds pass", "if not shown_mps <= self._bound_mps + SHOWN_MPS:", "if not shown_mps <= self._bound_mps + 20.0:"),
         ("the reference force is not looked at", "for force_n in {coach.force_n, coach.reference_force_n}:", "for force_n in {coach.force_n}:"),
         ("announcements pass", "if one.speed_mps > limit_mps + SHOWN_MPS:", "if one.speed_mps > limit_mps + 20.0:"),
-        ("four modes are trusted", "if advice.four_mode in (Mode.NONE, *_STANDS):", "if True:"),
+        ("four modes are trusted", "if advice.four_mode in (Regime.NONE, *_STANDS):", "if True:"),
     ),
     *_of(
         "das/advice/consequences.py",
@@ -191,19 +193,19 @@ MUTANTS = [
         ("service deceleration is no bound", "rate = min(loss, largest)", "rate = max(loss, largest)"),
     ),
     *_of(
-        "das/solver/kernels/calm_follow.py",
-        CALM,
+        "das/solver/kernels/few_switch_follow.py",
+        FEW_SWITCH,
         ("named: brakes go unsaid", "UNSAID_MPS = 0.05", "UNSAID_MPS = 1.0"),
         ("unsaid brakes of a coasting train", "and v[i + 1] < v[i]", "and v[i + 1] > v[i]"),
     ),
     *_of(
-        "das/solver/calm/schedule.py",
-        CALM,
+        "das/solver/few_switch/schedule.py",
+        FEW_SWITCH,
         ("unsaid brakes are taken", "MOST_UNSAID_S = 0.5", "MOST_UNSAID_S = 50.0"),
     ),
     *_of(
-        "das/solver/calm/as_run.py",
-        CALM,
+        "das/solver/few_switch/as_run.py",
+        FEW_SWITCH,
         ("brakes by limits are not seen", "met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)", "met = np.isfinite(speeds) & (speeds > envelope + 1.0)"),
         ("early brakes begin late", "later_m = (squares[met] - squares[end]) * m_per_square - (node_m[end] - node_m[met])", "later_m = 0.0 * m_per_square"),
         ("another effort does not wait", "run.lasts_s(begin, risen) < WAITS_S", "run.lasts_s(begin, risen) < 0.0"),

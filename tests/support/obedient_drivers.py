@@ -11,7 +11,7 @@ import numpy as np
 
 from das.advice.advice import Advice
 from das.advice.coach.coaching import Instruction
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.cab import CabView, Presentation
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import FrictionPolicy
@@ -23,8 +23,8 @@ from sim.plant.plant import COAST, Command, PlantState, force, speed
 from tests.support.drawn_day import Style
 from tests.support.raw_witness import RawLine
 
-TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
-BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
+BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 REACHED_MPS = 0.1
 """A speed is reached this near to it."""
 TOO_FAST_MPS = 0.3
@@ -106,11 +106,11 @@ class ObedientDriver:
 
     def obeys(self, advice: Advice) -> bool:
         """Whether an advice shows something on this display."""
-        if advice.mode is Mode.NONE:
+        if advice.mode is Regime.NONE:
             return False
         if self._presentation is Presentation.RMS:
             return not math.isnan(advice.reduced_max_speed_mps)
-        is_coached = advice.coach is not None and advice.coach.now.mode is not Mode.NONE
+        is_coached = advice.coach is not None and advice.coach.now.mode is not Regime.NONE
         return is_coached or self._presentation is not Presentation.COACH
 
     def command(self, scene: Scene) -> Command:
@@ -131,9 +131,9 @@ class ObedientDriver:
             return self._under_top(scene, advice)
         if state.speed_mps <= 0 and now_s < scene.departure_s:
             return COAST
-        if advice.mode is Mode.DEPART and state.speed_mps < CREEPS_MPS:
+        if advice.mode is Regime.DEPART and state.speed_mps < CREEPS_MPS:
             return force(CREEP_SHARE * self._raw.train.pulling_n(0.0))
-        if advice.mode in (Mode.STOP, Mode.DEPART):
+        if advice.mode in (Regime.STOP, Regime.DEPART):
             return self._brake(state)
         return self._obeyed(state, advice, now_s - shown_s)
 
@@ -158,12 +158,12 @@ class ObedientDriver:
         train, mode = self._raw.train, advice.mode
         if self._presentation is Presentation.FOUR_MODE:
             mode = advice.four_mode
-            if mode is Mode.CRUISE:
+            if mode is Regime.CRUISE:
                 return self._hold(state, advice.display_speed_mps)
             if mode in BRAKES:
                 return self._brake(state)
             return force(train.pulling_n(state.speed_mps)) if mode in TRACTION else COAST
-        if mode is Mode.CRUISE:
+        if mode is Regime.CRUISE:
             return self._hold(state, advice.display_speed_mps)
         if mode in BRAKES and advice.advised_force_ratio <= -0.999:
             return self._brake(state)
@@ -199,7 +199,7 @@ class ObedientDriver:
         elif card.mode in BRAKES:
             self._reached = self._reached or v <= card.speed_mps + REACHED_MPS
             asked_n = card.effort_ratio * train.electric_n(v)
-        elif card.mode is Mode.COAST:
+        elif card.mode is Regime.COAST:
             self._reached = self._reached or v <= card.speed_mps + REACHED_MPS
             asked_n = 0.0
         else:

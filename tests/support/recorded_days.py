@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import codec
 from das.bus.recording import Recording, Stamped
 from das.bus.topics import CAB, LOG, TRUTH
@@ -31,7 +31,8 @@ class KeptInProcess(InProcess):
         self.messages: dict[str, list[Stamped]] = {}
         super().__init__(day.service, coach=coach)
         self._keep(
-            *codec.told(day.service.journey(TRAIN, day.service.moment_ns(-BEFORE_S))), day.service.moment_ns(-BEFORE_S)
+            *codec.encode_input(day.service.journey(TRAIN, day.service.moment_ns(-BEFORE_S))),
+            day.service.moment_ns(-BEFORE_S),
         )
 
     def exchange(self, tick: Tick) -> Any:
@@ -39,7 +40,7 @@ class KeptInProcess(InProcess):
             self._keep_told(heard, tick.now_ns)
         advice = super().exchange(tick)
         for output in (*self.said, advice):
-            self._keep(*codec.said(output, tick.number), tick.now_ns)
+            self._keep(*codec.encode_output(output, tick.number), tick.now_ns)
         return advice
 
     def tell(self, now_ns: int, told: Told) -> None:
@@ -50,7 +51,7 @@ class KeptInProcess(InProcess):
             self._keep(LOG, happened(now_ns, text), now_ns)
 
     def _keep_told(self, heard: Heard, now_ns: int) -> None:
-        self._keep(*codec.told(heard), now_ns)
+        self._keep(*codec.encode_input(heard), now_ns)
 
     def _keep(self, topic: Any, message: Any, now_ns: int) -> None:
         self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
@@ -84,13 +85,13 @@ class CoastsLate:
     def command(self, cab: CabView) -> Command:
         wanted = self._follower.command(cab)
         view = cab.shown
-        if view is None or view.mode not in (Mode.COAST, Mode.REDUCED_BRAKE):
+        if view is None or view.mode not in (Regime.COAST, Regime.REDUCED_BRAKE):
             self._since_s = None
             return wanted
         if self._since_s is None:
-            self._since_s = cab.time_s if view.mode == Mode.COAST else -1e9
+            self._since_s = cab.time_s if view.mode == Regime.COAST else -1e9
             self._held_mps = cab.speed_mps
-        late = cab.time_s - self._since_s < self._late_s and view.mode == Mode.COAST
+        late = cab.time_s - self._since_s < self._late_s and view.mode == Regime.COAST
         return speed(min(self._held_mps, cab.limit_mps)) if late else wanted
 
 
@@ -112,7 +113,7 @@ class DrivesFaster:
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
-        if view is None or view.mode not in (Mode.CRUISE, Mode.REDUCED_TRACTION) or view.speed_mps < self._from_mps:
+        if view is None or view.mode not in (Regime.CRUISE, Regime.REDUCED_TRACTION) or view.speed_mps < self._from_mps:
             return self._follower.command(cab)
         return self._follower.command(cab._replace(advice=self._raised(view)))
 

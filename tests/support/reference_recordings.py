@@ -30,7 +30,7 @@ from sim.runs.replay.job import prepare
 from sim.runs.replay.replay import replay
 from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
 from sim.world.day import make_day
-from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import prepare_service
 from tests.support.making import REPOSITORY
@@ -81,7 +81,7 @@ def make(name: str, out: Path) -> None:
             day = make_day(prepare_service(read_scenario(bundled_scenarios()[name])), SEED)
             shown = Presentation.COACH if name in COACHED else Presentation.VECTOR
             how = How(driver=DriverKind.HUMAN, advice=shown, train="T1", command=COMMAND)
-            run_over_bus(day, day.driver(DriverKind.HUMAN), shown, make_crew(day, how, whole))
+            run_over_bus(day, day.driver(DriverKind.HUMAN), shown, make_processes(day, how, whole))
         shorten(whole, out, SPANS_S[name])
 
 

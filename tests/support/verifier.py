@@ -39,7 +39,7 @@ BALANCE_RATIO = 1e-3
 """The forces of an interval balance to within this part of the largest traction force (the plan takes the mean of a
 tunnel's term and of v² over an interval, not of their product; elsewhere it is 1e-8)."""
 ENERGY_RATIO = 2e-4
-"""The ledger closes, and its terms are as said, to within this part of its largest term."""
+"""The energy balance closes, and its terms are as said, to within this part of its largest term."""
 KWH = 3.6e6
 
 
@@ -164,8 +164,8 @@ class Drive:
         return (kinetic_j + potential_j + self.resistance_j) / self.step_m - self.electric_n - self.friction_n
 
     @cached_property
-    def ledger_j(self) -> dict[str, float]:
-        """Every term of the energy ledger, each on its own, by quadrature."""
+    def balance_j(self) -> dict[str, float]:
+        """Every term of the energy balance, each on its own, by quadrature."""
         _, v = self.stated
         way = self.over_time(v)
         loss_w = self.loss(np.broadcast_to(self.electric_n, v.shape), v) + self.train.auxiliary_w
@@ -203,7 +203,7 @@ def verify(
     if findings:
         return findings
     drive = Drive(rows, line, train, loss)
-    checks = (_speeds, _forces, _brakes, _accelerations, _motion, _ledger) + ((_driven,) if driven else ())
+    checks = (_speeds, _forces, _brakes, _accelerations, _motion, _balance) + ((_driven,) if driven else ())
     for check in checks:
         findings += check(drive)
     findings += _ends(drive, ends_m, end_speeds_mps)
@@ -333,23 +333,23 @@ def _driven(drive: Drive) -> list[Finding]:
     ]
 
 
-def _ledger(drive: Drive) -> list[Finding]:
-    ledger = drive.ledger_j
-    used = sum(value for name, value in ledger.items() if name != "input")
-    open_ratio = abs(ledger["input"] - used) / _scale(ledger)
-    return _over("the ledger does not close", drive.s[-1], open_ratio, ENERGY_RATIO)
+def _balance(drive: Drive) -> list[Finding]:
+    balance = drive.balance_j
+    used = sum(value for name, value in balance.items() if name != "input")
+    open_ratio = abs(balance["input"] - used) / _scale(balance)
+    return _over("the energy balance does not close", drive.s[-1], open_ratio, ENERGY_RATIO)
 
 
 def _claims(drive: Drive, claim: Mapping[str, Any]) -> list[Finding]:
     """Time and energies as the command says them."""
-    end, ledger = drive.s[-1], drive.ledger_j
+    end, balance = drive.s[-1], drive.balance_j
     off_s = abs(claim["time_s"] - drive.rows[-1, 1])
     findings = _over("the time said is not the trajectory's", end, off_s, ROUNDING * claim["time_s"])
-    for name, value in ledger.items():
-        off_ratio = abs(claim["ledger_kwh"].get(name, 0.0) * KWH - value) / _scale(ledger)
+    for name, value in balance.items():
+        off_ratio = abs(claim["ledger_kwh"].get(name, 0.0) * KWH - value) / _scale(balance)
         findings += _over(f"{name} is not what is said", end, off_ratio, ENERGY_RATIO)
     return findings
 
 
-def _scale(ledger: Mapping[str, float]) -> float:
-    return max(1.0, *(abs(value) for value in ledger.values()))
+def _scale(balance: Mapping[str, float]) -> float:
+    return max(1.0, *(abs(value) for value in balance.values()))

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.shown_brakes import BRAKES, SAME_MPS, TRACTION, ShownBrakes, announced_brake
-from das.advice.modes import FULL_RATIO, Mode
 from das.advice.planner import TrainState
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.schedule import Schedule
+from das.advice.regimes import FULL_RATIO, Regime
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Announcing:
         for k, in_s in zip(range(number + 1, len(phases)), begins_s, strict=False):
             one, before = phases[k], phases[k - 1]
             same = abs(one.target_mps - before.target_mps) < SAME_MPS
-            if one.kind is NotchKind.HOLD and before.kind is NotchKind.TRACTION and same:
+            if one.kind is NotchRegime.HOLD and before.kind is NotchRegime.TRACTION and same:
                 continue
             shown = self.announced(schedule, k)
             way_m = schedule.begin_m(k) - s_m
@@ -90,7 +90,7 @@ def in_time(
     speeds_mps = ahead.rolling_mps(from_m, v_mps)
     if now.mode in BRAKES:
         speeds_mps = brakes.slowing_mps(now, state, from_m)
-    elif now.mode is not Mode.COAST:
+    elif now.mode is not Regime.COAST:
         speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     before_m = state.s_m + following[0].way_m if following else math.inf
@@ -135,7 +135,7 @@ def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) ->
     """The next changes, none to a speed above the limit where it leads: of a brake or of coasting, where that ends."""
     kept = []
     for k, one in enumerate(following):
-        ends = k + 1 < len(following) and one.mode in (*BRAKES, Mode.COAST)
+        ends = k + 1 < len(following) and one.mode in (*BRAKES, Regime.COAST)
         ways_m = one.way_m, following[k + 1].way_m if ends else one.way_m
         nodes = np.searchsorted(section.node_m, s_m + BEGUN_M + np.array(ways_m), side="right")
         first, last = np.clip(nodes - 1, 0, len(section.limit_mps) - 1)
@@ -149,13 +149,13 @@ def _announced(schedule: Schedule, number: int) -> Instruction:
     one = schedule.phases[number]
     # It leads to no higher speed than the limit where it begins, even if a higher one is allowed before it ends.
     target = min(aim_mps(schedule, number, schedule.begin_m(number)), float(schedule.section.limit_mps[one.begin]))
-    if one.kind is NotchKind.TRACTION:
+    if one.kind is NotchRegime.TRACTION:
         return traction(one.share, target)
-    if one.kind is NotchKind.BRAKE:
+    if one.kind is NotchRegime.BRAKE:
         return announced_brake(schedule, number, target)
-    if one.kind is NotchKind.COAST:
-        return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-    return Instruction(mode=Mode.CRUISE, speed_mps=target)
+    if one.kind is NotchRegime.COAST:
+        return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
+    return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
 
 def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
@@ -166,12 +166,12 @@ def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
     first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
-    slows = one.kind in (NotchKind.BRAKE, NotchKind.COAST)
+    slows = one.kind in (NotchRegime.BRAKE, NotchRegime.COAST)
     highest = section.envelope_mps[end] if slows else section.envelope_mps[first : end + 1].max()
     return float(min(one.target_mps, highest))
 
 
 def traction(share: float, target_mps: float) -> Instruction:
     """An acceleration with a share of the traction."""
-    mode = Mode.FULL_TRACTION if share >= FULL_RATIO else Mode.REDUCED_TRACTION
+    mode = Regime.FULL_TRACTION if share >= FULL_RATIO else Regime.REDUCED_TRACTION
     return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)

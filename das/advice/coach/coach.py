@@ -12,15 +12,15 @@ from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import BRAKES, TRACTION, SpeedsAllowed
-from das.advice.modes import Mode
 from das.advice.planner import Goal, TrainState
+from das.advice.regimes import Regime
 from das.advice.wording import departs_when_cleared
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.calm.calm import CalmFront
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.schedule import Schedule
+from das.solver.few_switch.few_switch import FewSwitchFront
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 NEAR_M = 4000.0
@@ -36,14 +36,14 @@ class Coach:
     def __init__(
         self,
         section: Section,
-        front: CalmFront | None,
+        front: FewSwitchFront | None,
         settings: CoachSettings = DEFAULT,
         worker: Worker = AT_ONCE,
     ) -> None:
         self._section, self._settings, self._worker = section, settings, worker
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
 
-    def successor(self, section: Section, front: CalmFront | None) -> Coach:
+    def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
         """The coach that goes on where this one ends, on another front or under other limits."""
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
@@ -90,7 +90,7 @@ class Coach:
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
         """The train stands at a stop, for so much longer (s)."""
         self._showing.forget()
-        now = Instruction(mode=Mode.STOP, speed_mps=0.0, effort_ratio=0.0)
+        now = Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Coaching(now=now, target_s=departs_in_s)
 
     @property
@@ -118,7 +118,7 @@ class Coach:
         if found is None or found.now.mode in BRAKES:
             return None
         ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan
-        now = Instruction(mode=Mode.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
+        now = Instruction(mode=Regime.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
         reason = departs_when_cleared(found.reason)
         return replace(found, now=now, force_n=0.0, reference_force_n=0.0, worth_j=0.0, reason=reason)
 
@@ -137,7 +137,7 @@ class Coach:
         """The limit or stop that the next brake leads to, if it is near."""
         phases = schedule.phases
         for k in range(number, min(number + 3, len(phases))):
-            if phases[k].kind is not NotchKind.BRAKE:
+            if phases[k].kind is not NotchRegime.BRAKE:
                 continue
             at_m = schedule.begin_m(k + 1)
             if at_m - state.s_m > NEAR_M:

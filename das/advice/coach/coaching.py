@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 
 
 class ReplanCause(IntEnum):
@@ -46,7 +46,7 @@ class Instruction:
     a speed to hold. `way_m` and `in_s` lead from the train to where the instruction begins; 0: it is due.
     """
 
-    mode: Mode = Mode.NONE
+    mode: Regime = Regime.NONE
     speed_mps: float = math.nan
     effort_ratio: float = math.nan
     way_m: float = 0.0

@@ -16,8 +16,8 @@ from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS
-from das.solver.calm.calm import CalmFront
-from das.solver.calm.schedule import Prospect, Schedule, Scheduled, on_section
+from das.solver.few_switch.few_switch import FewSwitchFront
+from das.solver.few_switch.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -107,7 +107,7 @@ class Keeper:
     """Holds the reference of a section, and has a new one made by the worker where there is reason to."""
 
     def __init__(
-        self, section: Section, front: CalmFront | None, settings: CoachSettings, worker: Worker = AT_ONCE
+        self, section: Section, front: FewSwitchFront | None, settings: CoachSettings, worker: Worker = AT_ONCE
     ) -> None:
         self._section, self._front, self._settings, self._worker = section, front, settings, worker
         self.reference: StandingReference | None = None

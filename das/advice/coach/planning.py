@@ -10,16 +10,16 @@ import numpy as np
 
 from das.advice.coach.settings import CoachSettings
 from das.domain.errors import DasError
-from das.solver.calm.calm import CalmFront, solve_calm, solve_calm_ahead
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
-from das.solver.calm.schedule import (
+from das.solver.few_switch.few_switch import FewSwitchFront, solve_few_switch, solve_few_switch_ahead
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.schedule import (
     Prospect,
     Schedule,
     Scheduled,
     topped,
 )
-from das.solver.calm.scheduling import polished, polished_thoroughly, schedule_in_time, scheduled
+from das.solver.few_switch.scheduling import polished, polished_thoroughly, schedule_in_time, scheduled
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -51,14 +51,17 @@ class Wanted:
     thorough: bool = False
 
 
-def solve_coach(section: Section, settings: CoachSettings, s_m: float | None = None, *, threads: int = 2) -> CalmFront:
-    """The calm runs that the coach of a section chooses from; for a train at a position (m) those ahead of it."""
+def solve_coach(
+    section: Section, settings: CoachSettings, s_m: float | None = None, *, threads: int = 2
+) -> FewSwitchFront:
+    """The few-switch trajectories that the coach of a section chooses from; for a train at a position (m) those
+    ahead of it."""
     if s_m is None:
-        return solve_calm(section, settings.calm, threads=threads)
-    return solve_calm_ahead(section, s_m, settings.calm, threads=threads)
+        return solve_few_switch(section, settings.few_switch, threads=threads)
+    return solve_few_switch_ahead(section, s_m, settings.few_switch, threads=threads)
 
 
-def planned(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
     """The schedule for what is wanted; raises DasError where the section cannot be finished from the state."""
     left_s = max(wanted.left_s, 1.0)
     free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
@@ -89,7 +92,7 @@ def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.nd
     return np.concatenate(([0.0], steps_s.cumsum())), node_m
 
 
-def _slowed(front: CalmFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+def _slowed(front: FewSwitchFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
     """One lower speed up to the point or shortly before it, so that it is not passed too early, then the rest.
 
     A train that accelerates before the point passes it faster; which way costs least is tried. The train coasts down
@@ -130,7 +133,7 @@ class _Slowing(NamedTuple):
 
 
 def _slowest(
-    front: CalmFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, free: Scheduled
+    front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, free: Scheduled
 ) -> Scheduled:
     """The lowest speed up to the point at which hills are climbed, then the rest; too early all the same."""
     low, high, best = SLOWEST_MPS, wanted.v_mps, None
@@ -144,7 +147,7 @@ def _slowest(
 
 
 def _passing_late_enough(
-    front: CalmFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, price_w: float
+    front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, price_w: float
 ) -> Scheduled | None:
     """A reference with one lower speed up to a place; None where the point is passed too early all the same.
 
@@ -166,7 +169,7 @@ def _passing_late_enough(
 
 
 def _slow_until(
-    front: CalmFront, slowing: _Slowing, wanted: Wanted, price_w: float
+    front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, price_w: float
 ) -> tuple[Schedule, Prospect] | None:
     """The highest one speed up to a place with which the point is not passed too early; None where there is none.
 
@@ -204,9 +207,9 @@ def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
     """
     phases: list[Phase] = []
     for one in topped(schedule, top_mps, before).phases:
-        coasts = one.kind is NotchKind.COAST and schedule.known.speed_mps[one.begin] > top_mps
-        slow = Phase(NotchKind.HOLD, 0.0, one.begin, min(one.target_mps, top_mps)) if coasts else one
-        said = phases and slow.kind is NotchKind.HOLD and phases[-1]._replace(begin=slow.begin) == slow
+        coasts = one.kind is NotchRegime.COAST and schedule.known.speed_mps[one.begin] > top_mps
+        slow = Phase(NotchRegime.HOLD, 0.0, one.begin, min(one.target_mps, top_mps)) if coasts else one
+        said = phases and slow.kind is NotchRegime.HOLD and phases[-1]._replace(begin=slow.begin) == slow
         if not said:
             phases.append(slow)
     return replace(schedule, phases=tuple(phases))
@@ -218,7 +221,7 @@ def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int,
     Raises DasError where a hill cannot be climbed so slowly.
     """
     first = schedule.ahead(wanted.s_m, wanted.v_mps)[0]
-    brake = Phase(NotchKind.BRAKE, share, first, top_mps)
+    brake = Phase(NotchRegime.BRAKE, share, first, top_mps)
     later = tuple(one for one in schedule.phases if one.begin >= before)
     braked = replace(schedule, phases=(brake, *later))
     speeds = braked.forecast(wanted.s_m, wanted.v_mps).speeds_mps
@@ -227,10 +230,10 @@ def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int,
         return braked
     reached = first + 1 + int(slow[0])
     rest = tuple(one for one in schedule.phases if one.begin > reached)
-    return replace(schedule, phases=(brake, Phase(NotchKind.HOLD, 0.0, reached, top_mps), *rest))
+    return replace(schedule, phases=(brake, Phase(NotchRegime.HOLD, 0.0, reached, top_mps), *rest))
 
 
-def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
+def _hurried(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
     """The slowest run of the ladder whose schedule passes the point in time, then what the time asks for.
 
     A schedule has fewer changes than its run and is slower to the point: then a quicker run is taken. Where none is in
@@ -255,7 +258,7 @@ def _hurried(front: CalmFront, wanted: Wanted, settings: CoachSettings) -> Sched
     return best
 
 
-def _slowest_by(front: CalmFront, state: State, point_m: float, latest_s: float) -> int:
+def _slowest_by(front: FewSwitchFront, state: State, point_m: float, latest_s: float) -> int:
     """The number of the slowest run of the ladder that passes a point by a time; of the quickest where none does."""
     slow, quick = -1, len(front.lambda_w) - 1
     while quick - slow > 1:
@@ -267,7 +270,7 @@ def _slowest_by(front: CalmFront, state: State, point_m: float, latest_s: float)
 
 
 def _with_rest(
-    front: CalmFront, way: tuple[Schedule, Prospect], wanted: Wanted, settings: CoachSettings, lambda_w: float
+    front: FewSwitchFront, way: tuple[Schedule, Prospect], wanted: Wanted, settings: CoachSettings, lambda_w: float
 ) -> Scheduled:
     """A way to the point, and from there on the schedule for the time that is left then; its phases say what is run."""
     assert wanted.point_m is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from das.domain.units import KMH
-from das.solver.calm.settings import CalmSettings, PolishSettings, ScheduleSettings
+from das.solver.few_switch.settings import FewSwitchSettings, PolishSettings, ScheduleSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,7 +166,7 @@ class CoachSettings:
 
     enabled: bool = False
     """Whether there is a coach; without one nothing is computed for it."""
-    calm: CalmSettings = field(default_factory=CalmSettings)
+    few_switch: FewSwitchSettings = field(default_factory=FewSwitchSettings)
     schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
     polish: PolishSettings = field(default_factory=PolishSettings)
     keeping: KeepingSettings = field(default_factory=KeepingSettings)

@@ -23,12 +23,12 @@ from das.advice.coach.shown_brakes import (
     SpeedsAllowed,
     brake_of,
 )
-from das.advice.modes import EFFORT_ORDER, Mode
 from das.advice.planner import TrainState
+from das.advice.regimes import EFFORT_ORDER, Regime
 from das.domain.units import KMH, NS
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
-from das.solver.calm.schedule import Schedule
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -107,7 +107,7 @@ class Showing:
         planned = self._planned(schedule, number, state, place)
         wanted = self._brakes.under_limit(planned, state, place)
         wanted = self._brakes.safe(wanted, state, schedule.speed_at(state.s_m))
-        brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchKind.BRAKE
+        brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchRegime.BRAKE
         between = brakes_again and self._left_s < self._settings.least_shown_s
         # A speed that cannot be reached before the phase ends is not shown any longer than a limit that is passed.
         reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
@@ -145,7 +145,7 @@ class Showing:
         following = self._announcing.following(schedule, number, state.s_m, begins_s)
         freely = foreseen.as_shown and (self._back == BRAKES_BACK or schedule.brakes_by_effort(number))
         following = in_time(following, now, self._brakes, state, foreseen, freely=freely)
-        brakes = now.mode in BRAKES and schedule.phases[number].kind is NotchKind.BRAKE
+        brakes = now.mode in BRAKES and schedule.phases[number].kind is NotchRegime.BRAKE
         if brakes and end_m < schedule.begin_m(number + 1):
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
@@ -158,7 +158,7 @@ class Showing:
         """The instruction to creep to the stop, or to brake there, the brake that follows, and the wheel force (N)."""
         self.forget()
         self._brakes = ShownBrakes(section, self._settings)
-        creeps = Instruction(mode=Mode.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
+        creeps = Instruction(mode=Regime.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
         now = self._brakes.safe(creeps, state, state.v_mps)
         foreseen = Foreseen(np.full(2, LONG_S), np.array([state.s_m, section.end_m]), as_shown=False)
         following = in_time((), now, self._brakes, state, foreseen)
@@ -176,11 +176,11 @@ class Showing:
         after = schedule.phases[here + 1]
         lead = self._settings.lead
         leads = {
-            NotchKind.COAST: lead.coasting_s,
-            NotchKind.BRAKE: lead.astray_s if schedule.phases[here].kind is NotchKind.TRACTION else lead.braking_s,
-            NotchKind.TRACTION: lead.accelerating_s if after.target_mps <= place.limit_mps else 0.0,
+            NotchRegime.COAST: lead.coasting_s,
+            NotchRegime.BRAKE: lead.astray_s if schedule.phases[here].kind is NotchRegime.TRACTION else lead.braking_s,
+            NotchRegime.TRACTION: lead.accelerating_s if after.target_mps <= place.limit_mps else 0.0,
         }
-        if schedule.phases[here].kind is NotchKind.BRAKE and after.kind is not NotchKind.BRAKE:
+        if schedule.phases[here].kind is NotchRegime.BRAKE and after.kind is not NotchRegime.BRAKE:
             return here
         soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)
         return here + 1 if schedule.number_at(soon_m) > here else here
@@ -189,10 +189,10 @@ class Showing:
         """The instruction of the schedule for the train as it is."""
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number, state.s_m), place.limit_mps)
-        if one.kind is NotchKind.BRAKE:
+        if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
-        if one.kind is NotchKind.COAST:
-            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+        if one.kind is NotchRegime.COAST:
+            return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
         if self._accelerates(one, v_mps, target):
             self._share = one.share
             return traction(one.share, target)
@@ -200,7 +200,7 @@ class Showing:
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
         """Whether the train is still to accelerate to the speed of a phase: once it is reached it is held."""
-        if one.kind is not NotchKind.TRACTION or target <= self._reached_mps + SAME_MPS:
+        if one.kind is not NotchRegime.TRACTION or target <= self._reached_mps + SAME_MPS:
             return False
         if v_mps < target - self._settings.reached_mps:
             return True
@@ -224,8 +224,8 @@ class Showing:
             assert self._brakes is not None
             return self._brakes.back_to(target, self._share)
         if self._back < 0:
-            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
-        return Instruction(mode=Mode.CRUISE, speed_mps=target)
+            return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
+        return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train comes down to the speed to hold, and with what effort: it rolls where that is soon enough."""
@@ -262,9 +262,9 @@ class Showing:
             self._back = CREEPS
         if self._back == CREEPS:
             creep_mps = min(settings.brake.creep_mps, _highest_mps(schedule, number, state.s_m))
-            return Instruction(mode=Mode.CRUISE, speed_mps=creep_mps)
+            return Instruction(mode=Regime.CRUISE, speed_mps=creep_mps)
         if self._back < 0:
-            return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+            return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
         assert self._brakes is not None
         brakes = self._shown.mode in BRAKES
         return self._brakes.shown(self._brakes.needed(schedule, number, state, target, brakes=brakes), state)
@@ -285,13 +285,13 @@ class Showing:
         Between two brakes that follow each other at once the first one stands: at its speed the driver releases it.
         """
         shown = self._shown
-        highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Mode.COAST else place.limit_mps
+        highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Regime.COAST else place.limit_mps
         too_high = shown.speed_mps > highest_mps + ROUNDED_MPS
         same = _alike(wanted, shown) and not too_high
-        if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Mode.CRUISE):
+        if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Regime.CRUISE):
             return shown
         held_s = (state.now_ns - self._since_ns) * NS
-        settled = shown.mode in (Mode.NONE, Mode.STOP) or not 0 <= held_s < self._settings.least_shown_s
+        settled = shown.mode in (Regime.NONE, Regime.STOP) or not 0 <= held_s < self._settings.least_shown_s
         too_fast = state.v_mps > place.allowed_mps + self._settings.limit.overspeed_mps
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
         harder = shown.mode in BRAKES and (
@@ -300,7 +300,7 @@ class Showing:
         braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
-        above = too_high or (lower and wanted.mode is shown.mode is Mode.COAST)
+        above = too_high or (lower and wanted.mode is shown.mode is Regime.COAST)
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
@@ -318,8 +318,8 @@ class Showing:
             return True
         if wanted.mode not in BRAKES:
             return shown.speed_mps <= SAME_MPS and self._brakes.stands_short(shown, state)
-        if shown.mode is Mode.FRICTION_BRAKE:
-            return wanted.mode is not Mode.FRICTION_BRAKE
+        if shown.mode is Regime.FRICTION_BRAKE:
+            return wanted.mode is not Regime.FRICTION_BRAKE
         return wanted.effort_ratio > self._settings.effort.eased_ratio * shown.effort_ratio
 
 

@@ -13,11 +13,11 @@ from das.advice.above_plan import BRAKED_MORE
 from das.advice.braking import AT_MARK_M, LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
-from das.advice.modes import Mode
 from das.advice.planner import TrainState
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
-from das.solver.calm.schedule import Schedule
+from das.advice.regimes import Regime
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.schedule import Schedule
 from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
 
@@ -29,8 +29,8 @@ HELD_MPS2 = 0.5
 """A driver who is below the speed to hold comes up to it at no more than this."""
 CREEPS_M = 9.0
 """A creeping train is shown the brake to its stop where that is due within this way."""
-TRACTION = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
-BRAKES = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
+BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
 
 class SpeedsAllowed(NamedTuple):
@@ -61,7 +61,7 @@ class ShownBrakes:
         ahead, s_m, v = self.ahead, state.s_m, max(state.v_mps, 0.1)
         if now.mode in BRAKES:
             return ahead.force_n(-now.effort_ratio, s_m, v)
-        if now.mode is Mode.COAST:
+        if now.mode is Regime.COAST:
             return 0.0
         # A force that stands until the next advice must not carry the train beyond the speed.
         train, closing_mps2 = ahead.section.train, (now.speed_mps - v) / self._settings.limit.closes_in_s
@@ -104,7 +104,7 @@ class ShownBrakes:
 
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
         """Where a brake ends (m) that limits ask for, and that is not the whole of the phase."""
-        if now.mode not in BRAKES or (phase.kind is NotchKind.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
+        if now.mode not in BRAKES or (phase.kind is NotchRegime.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
             return math.inf
         needed = self.ahead.needed(state.braked_m, state.v_mps)
         if abs(needed.target_mps - now.speed_mps) < SAME_MPS:
@@ -129,11 +129,11 @@ class ShownBrakes:
             self._exact_effort = max(self._exact_effort, effort)
         if wanted.mode in BRAKES:
             return wanted
-        if wanted.mode is not Mode.COAST and excess <= settings.overspeed_mps:
+        if wanted.mode is not Regime.COAST and excess <= settings.overspeed_mps:
             return wanted
         if -rolls_mps2 * settings.coasts_in_s < excess:
-            return Instruction(mode=Mode.CRUISE, speed_mps=limit_mps)
-        return Instruction(mode=Mode.COAST, speed_mps=target, effort_ratio=0.0)
+            return Instruction(mode=Regime.CRUISE, speed_mps=limit_mps)
+        return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
 
     def safe(self, wanted: Instruction, state: TrainState, known_mps: float) -> Instruction:
         """The instruction, or the brake that limits and the stop ahead ask for, where it asks for less.
@@ -144,9 +144,9 @@ class ShownBrakes:
         on_time = v_mps <= known_mps + SAME_MPS and wanted.mode not in TRACTION
         lead_s = lead.braking_s if on_time else lead.astray_s
         lead_s, soon_mps = max(lead_s, CREEPS_M / max(v_mps, 1.0)), v_mps
-        if wanted.mode in (*TRACTION, Mode.COAST):
+        if wanted.mode in (*TRACTION, Regime.COAST):
             soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
-        elif wanted.mode is Mode.CRUISE:
+        elif wanted.mode is Regime.CRUISE:
             soon_mps += min(max(wanted.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s)
         if not ahead.is_due(state.braked_m, soon_mps, lead_s):
             return wanted
@@ -166,7 +166,7 @@ class ShownBrakes:
         if wanted.mode not in TRACTION:
             return wanted
         to_mps = min(wanted.speed_mps, passes_mps if coasts else needed.target_mps)
-        return Instruction(mode=Mode.COAST, speed_mps=to_mps, effort_ratio=0.0)
+        return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
         """The brake that a phase needs from where it begins, or from here; at first with the build-up of the brakes.

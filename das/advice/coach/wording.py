@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from das.advice.modes import Mode
 from das.advice.passing import PassingTarget
+from das.advice.regimes import Regime
 from das.advice.wording import deviation
 from das.domain.units import KM, KMH, NS
 
@@ -18,14 +18,14 @@ class Aim(NamedTuple):
     stop: str = ""
 
 
-def reason(mode: Mode, speed_mps: float, ahead: Aim | None, late_s: float) -> str:
+def reason(mode: Regime, speed_mps: float, ahead: Aim | None, late_s: float) -> str:
     """Why a driver is told to do something; `ahead` is the limit or stop that comes next, if one is near."""
     place = "" if ahead is None else f" for {_named(ahead)}"
-    if mode is Mode.COAST:
+    if mode is Regime.COAST:
         return f"coast{place}{_spare(late_s)}"
-    if mode in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE):
+    if mode in (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE):
         return f"brake{place}"
-    if mode is Mode.CRUISE:
+    if mode is Regime.CRUISE:
         return f"hold {speed_mps / KMH:.0f}{_spare(late_s)}"
     return f"accelerate to {speed_mps / KMH:.0f}{_spare(late_s)}"
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
-from das.domain.trajectory import Ledger, Trajectory
+from das.domain.trajectory import EnergyBalance, Trajectory
 from das.solver import tolerances as tol
 from das.solver.bound.cells import SETTINGS as TIGHT
 from das.solver.bound.cells import Incumbent, tightened_j
@@ -182,7 +182,7 @@ class BoundedRun(Protocol):
         """The run."""
 
     @property
-    def ledger(self) -> Ledger:
+    def balance(self) -> EnergyBalance:
         """Where its energy goes (J)."""
 
     @property
@@ -222,7 +222,7 @@ def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
         return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=reason)
     if fastest_is_ahead(task):
         if math.isinf(solution.lambda_w):
-            return Certificate(bound_j=solution.ledger.input, allowed_s=allowed_s)
+            return Certificate(bound_j=solution.balance.input, allowed_s=allowed_s)
         task = behind_fastest(task)
     bound_j = bound_of(task, solution.trajectory.force_el_n, min(solution.lambda_w, LARGEST_PRICE_W))
     if tight_s > 0:
@@ -234,7 +234,7 @@ def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
 
 def _raised_j(task: Task, solution: BoundedRun, bound_j: float, tight_s: float) -> float:
     """The bound (J) that cells of speeds prove in a time (s), or the one given where that is higher or good enough."""
-    loss, energy_j = task.section.loss, solution.ledger.input
+    loss, energy_j = task.section.loss, solution.balance.input
     if not isinstance(loss, LossMap) or energy_j - bound_j <= TIGHT.enough_ratio * abs(energy_j):
         return bound_j
     incumbent = Incumbent(energy_j, min(solution.lambda_w, LARGEST_PRICE_W))

@@ -16,8 +16,8 @@ from das.solver import tolerances as tol
 from das.solver.bound.certificate import NOT_FOUND, Certificate, behind_fastest, bound_of, fastest_is_ahead
 from das.solver.bound.relaxation import Task
 from das.solver.journey.chains import Chains, Parts, Solved, start_speeds
-from das.solver.journey.hop_fronts import Ahead
-from das.solver.journey.hops import Hop
+from das.solver.journey.section_fronts import Ahead
+from das.solver.journey.sections import JourneySection
 from das.solver.journey.timeline import DriveLink, TightSpan, Timeline, WaitLink
 
 Floats = NDArray[np.float64]
@@ -90,14 +90,14 @@ class PricedTimeline:
     Any prices prove a bound; those of the optimum prove a high one.
     """
 
-    hops: tuple[Hop, ...]
+    sections: tuple[JourneySection, ...]
     timeline: Timeline
     price_w: Floats
 
     def certificate(self, runs: Sequence[Trajectory]) -> Certificate:
-        """The certificate of a journey whose hops are driven by `runs`.
+        """The certificate of a journey whose sections are driven by `runs`.
 
-        The bound is the least of energy + price·time of every hop, less the prices times the longest times that the
+        The bound is the least of energy + price·time of every section, less the prices times the longest times that the
         windows allow (`docs/explanation/bounds.md`). Windows count as wide as a plan has to keep them.
         """
         allowed_s = self._end_s() - self._begin_s()
@@ -105,7 +105,7 @@ class PricedTimeline:
             return Certificate(bound_j=math.nan, allowed_s=allowed_s, reason=NO_PRICE)
         total_j = -self._most_for_time_j()
         if math.isfinite(total_j):
-            total_j += sum(self._hop_j(index, run) for index, run in enumerate(runs))
+            total_j += sum(self._section_j(index, run) for index, run in enumerate(runs))
         reason = "" if math.isfinite(total_j) else NOT_FOUND
         return Certificate(bound_j=total_j if not reason else math.nan, allowed_s=allowed_s, reason=reason)
 
@@ -132,15 +132,15 @@ class PricedTimeline:
                 total_j -= float(weight) * (earliest_s if weight > 0 else latest_s)
         return total_j
 
-    def _hop_j(self, index: int, run: Trajectory) -> float:
-        """The least energy + price·time of a hop, from below (J)."""
-        hop = self.hops[index]
-        section = hop.section
+    def _section_j(self, index: int, run: Trajectory) -> float:
+        """The least energy + price·time of a section, from below (J)."""
+        journey_section = self.sections[index]
+        section = journey_section.whole
         price_w = np.empty(len(section.step_m))
         for link, price in zip(self.timeline.links, self.price_w, strict=True):
-            if isinstance(link, DriveLink) and link.hop == index:
-                price_w[hop.places[link.place] : hop.places[link.place + 1]] = price
-        others_s = sum(_quickest_s(other) for other in self.hops if other is not hop)
+            if isinstance(link, DriveLink) and link.section == index:
+                price_w[journey_section.places[link.place] : journey_section.places[link.place + 1]] = price
+        others_s = sum(_quickest_s(other) for other in self.sections if other is not journey_section)
         waits_s = sum(link.least_s for link in self.timeline.links if isinstance(link, WaitLink))
         task = Task(
             section=section,
@@ -155,6 +155,6 @@ class PricedTimeline:
         return bound_of(task, run.force_el_n, 0.0)
 
 
-def _quickest_s(hop: Hop) -> float:
-    """A time (s) that no run of a hop falls short of: that along the envelope."""
-    return float(hop.section.elapsed_s(hop.section.envelope_mps + tol.SPEED_TOLERANCE_MPS)[-1])
+def _quickest_s(section: JourneySection) -> float:
+    """A time (s) that no run of a section falls short of: that along the envelope."""
+    return float(section.whole.elapsed_s(section.whole.envelope_mps + tol.SPEED_TOLERANCE_MPS)[-1])

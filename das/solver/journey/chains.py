@@ -21,13 +21,13 @@ from das.domain.errors import InfeasibleError
 from das.domain.journey import clock
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.journey.hop_fronts import Ahead, DrivenStretch, HopFronts, MultiplierTable, TimedStretch, late_s
-from das.solver.journey.hops import Hop
+from das.solver.journey.section_fronts import Ahead, DrivenStretch, MultiplierTable, SectionFronts, TimedStretch, late_s
+from das.solver.journey.sections import JourneySection
 from das.solver.journey.timeline import Stretch, Tight, TightSpan, Timeline, WaitLink
 
 Floats = NDArray[np.float64]
 Parts = dict[Stretch, Front]
-"""Fronts of the stretches of a chain that are not whole hops."""
+"""Fronts of the stretches of a chain that are not whole sections."""
 
 
 class Split(StrEnum):
@@ -43,7 +43,7 @@ class Split(StrEnum):
 class Solved:
     """A span with its price of time (W), the time of every event from its begin to its end, and its runs.
 
-    Whole hops without passings are not driven yet.
+    Whole sections without passings are not driven yet.
     """
 
     span: TightSpan
@@ -55,9 +55,9 @@ class Solved:
 class Chains:
     """Solves the chains of a journey and remembers them. `source` names the journey in errors."""
 
-    def __init__(self, hops: Sequence[Hop], source: str) -> None:
-        self.hops, self.source = tuple(hops), source
-        self.timeline, self.fronts = Timeline.of(hops), HopFronts(hops)
+    def __init__(self, sections: Sequence[JourneySection], source: str) -> None:
+        self.sections, self.source = tuple(sections), source
+        self.timeline, self.fronts = Timeline.of(sections), SectionFronts(sections)
         self._solved: dict[tuple[tuple[Tight, ...], Split], tuple[Solved, ...]] = {}
 
     def solve(self, tight: tuple[Tight, ...], split: Split) -> tuple[Solved, ...]:
@@ -131,10 +131,10 @@ class Chains:
     def _least_speed(self, span: TightSpan, parts: Parts) -> float:
         """The slowest speed at the begin of a span from which it can be run in its time, by bisection."""
         stretch, *others = span.stretches
-        front, hop = parts[stretch], self.hops[stretch.hop]
+        front, section = parts[stretch], self.sections[stretch.section]
         others_s = sum(float(self.fronts.table(other, parts.get(other), 0.0).time_s[-1]) for other in others)
         left_s = span.time_s - span.least_wait_s - others_s
-        low, high = float(front.section.floor_mps[0]), float(hop.fastest_mps[hop.places[stretch.first]])
+        low, high = float(front.section.floor_mps[0]), float(section.fastest_mps[section.places[stretch.first]])
         by_s = late_s(front, high, left_s)
         if by_s > tol.TIME_TOLERANCE_S:
             raise self.late(span.begin, span.end, by_s)
@@ -154,7 +154,7 @@ class Chains:
         runs: list[TimedStretch] = []
         for stretch, time_s, v in zip(span.stretches, times_s, speeds, strict=True):
             planned = TimedStretch(stretch=stretch, time_s=time_s)
-            later = self.fronts.is_whole(stretch) and not self.hops[stretch.hop].passings
+            later = self.fronts.is_whole(stretch) and not self.sections[stretch.section].passings
             runs.append(planned if later else self.fronts.drive(planned, parts.get(stretch), v))
         return Solved(span=span, lambda_w=price_w, event_s=self._event_times(span, runs, slack_s), runs=tuple(runs))
 
@@ -196,9 +196,9 @@ class Chains:
         """Times from the begin of a run to each place after it."""
         if not isinstance(run, DrivenStretch):
             return [run.time_s]
-        stretch, hop = run.stretch, self.hops[run.stretch.hop]
-        first, *inner, _ = hop.places[stretch.first : stretch.last + 1]
-        times_s = hop.part(stretch.first, stretch.last).elapsed_s(run.speeds_mps)
+        stretch, section = run.stretch, self.sections[run.stretch.section]
+        first, *inner, _ = section.places[stretch.first : stretch.last + 1]
+        times_s = section.part(stretch.first, stretch.last).elapsed_s(run.speeds_mps)
         return [*(float(times_s[node - first]) for node in inner), run.time_s]
 
 

@@ -1,4 +1,4 @@
-"""Plan of a journey: when the train is where, and a trajectory for every hop, with the least total energy.
+"""Plan of a journey: when the train is where, and a trajectory for every section, with the least total energy.
 
 The energy of a stretch is (nearly) a convex function of its time. So between two tight times one price of time λ holds
 (equal marginal energy), and λ changes only at tight times (theory and proof:
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from das.domain.journey import Call, Held, Journey, Passing, Window
 from das.domain.losses import Level
 from das.domain.route import Route
-from das.domain.trajectory import Ledger, Trajectory
+from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.bound.certificate import Certificate
 from das.solver.journey.certificate import PricedTimeline, lower_bound_j
 from das.solver.journey.chains import Chains, Solved, Split
-from das.solver.journey.hop_fronts import DrivenStretch
-from das.solver.journey.hops import Hop, build_hops
+from das.solver.journey.section_fronts import DrivenStretch
+from das.solver.journey.sections import JourneySection, build_journey_sections
 from das.solver.journey.timeline import DriveLink, Tight
 from das.solver.solution import trajectory_on
 
@@ -50,8 +50,8 @@ class PassedAt:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HopPlan:
-    """A hop as planned.
+class SectionPlan:
+    """A section as planned.
 
     `lambda_w` holds the price of time (W) of each stretch between tight passings (inf: the fastest run). `feasible`
     says that the runs are within limits and forces, and on time.
@@ -63,7 +63,7 @@ class HopPlan:
     arrival: PlannedTime
     passings: tuple[PassedAt, ...]
     trajectory: Trajectory
-    ledger: Ledger
+    balance: EnergyBalance
     least_time_s: float
     lambda_w: tuple[float, ...]
     feasible: bool
@@ -76,7 +76,7 @@ class HopPlan:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JourneyPlan:
-    """A planned journey, one part for each hop.
+    """A planned journey, one part for each section.
 
     `table_bound_j` bounds from below the energy of every run of the solver's decision grid that keeps the windows (see
     `das.solver.journey.certificate`), but not that of finer runs such as those of the plan. It is −inf for a split that
@@ -85,27 +85,29 @@ class JourneyPlan:
 
     journey: Journey
     split: Split
-    hops: tuple[HopPlan, ...]
+    sections: tuple[SectionPlan, ...]
     table_bound_j: float
     priced: PricedTimeline
 
     @property
     def input_j(self) -> float:
         """Net energy at the current collector, without comfort systems."""
-        return sum(hop.ledger.input for hop in self.hops)
+        return sum(section.balance.input for section in self.sections)
 
     @property
     def comfort_j(self) -> float:
         """Energy of the comfort systems, dwells included."""
-        running_s = sum(hop.trajectory.time_s for hop in self.hops)
-        return sum(hop.ledger.comfort for hop in self.hops) * self.time_s / running_s
+        running_s = sum(section.trajectory.time_s for section in self.sections)
+        return sum(section.balance.comfort for section in self.sections) * self.time_s / running_s
 
     @cached_property
     def certificate(self) -> Certificate:
         """The proven lower bound of the energy, or the reason why there is none."""
-        if not all(hop.feasible for hop in self.hops):
-            return Certificate(bound_j=math.nan, allowed_s=math.nan, reason="a hop does not keep its limits or times")
-        return self.priced.certificate([hop.trajectory for hop in self.hops])
+        if not all(section.feasible for section in self.sections):
+            return Certificate(
+                bound_j=math.nan, allowed_s=math.nan, reason="a section does not keep its limits or times"
+            )
+        return self.priced.certificate([section.trajectory for section in self.sections])
 
     @property
     def bound_j(self) -> float:
@@ -130,11 +132,11 @@ class JourneyPlan:
     @property
     def time_s(self) -> float:
         """From the first departure to the last arrival."""
-        return self.hops[-1].arrival.time_s - self.hops[0].departure.time_s
+        return self.sections[-1].arrival.time_s - self.sections[0].departure.time_s
 
     def trajectory(self) -> Trajectory:
         """The whole journey as one trajectory on the journey's clock; a dwell is an interval without length."""
-        return _joined([(hop.departure.time_s, hop.trajectory) for hop in self.hops])
+        return _joined([(section.departure.time_s, section.trajectory) for section in self.sections])
 
 
 def plan_journey(
@@ -173,8 +175,8 @@ class JourneyPlanner:
         point_mass: bool = False,
     ) -> None:
         self.journey = journey
-        self.hops = build_hops(journey, route, vehicle, level=level, point_mass=point_mass)
-        self.chains = Chains(self.hops, journey.source)
+        self.sections = build_journey_sections(journey, route, vehicle, level=level, point_mass=point_mass)
+        self.chains = Chains(self.sections, journey.source)
         self._check_reachable()
 
     def plan(self, split: Split = Split.EQUAL_MARGINAL) -> JourneyPlan:
@@ -188,7 +190,7 @@ class JourneyPlanner:
         return JourneyPlan(
             journey=self.journey,
             split=split,
-            hops=self._hop_plans(solved),
+            sections=self._section_plans(solved),
             table_bound_j=lower_bound_j(self.chains, solved) if priced else -math.inf,
             priced=self._priced(solved),
         )
@@ -199,14 +201,16 @@ class JourneyPlanner:
         price_w = np.full(len(timeline.links), math.nan)
         for part in solved:
             price_w[part.span.begin[0] : part.span.end[0]] = part.lambda_w
-        return PricedTimeline(hops=self.hops, timeline=timeline, price_w=price_w)
+        return PricedTimeline(sections=self.sections, timeline=timeline, price_w=price_w)
 
     def fastest_j(self) -> float:
-        """Energy of the journey with every hop as fast as possible, waiting at stops; passing windows are not kept."""
-        return sum(_driven(hop, hop.fastest_mps)[1].input for hop in self.hops)
+        """Energy of the journey with every section as fast as possible, waiting at stops; passing windows are
+        not kept."""
+        return sum(_driven(section, section.fastest_mps)[1].input for section in self.sections)
 
     def _check_reachable(self) -> None:
-        """Every event can be reached by its latest time, each hop as fast as possible (necessary, not sufficient)."""
+        """Every event can be reached by its latest time, each section as fast as possible (necessary, not
+        sufficient)."""
         timeline = self.chains.timeline
         reached_s, since = -math.inf, (0, -math.inf)
         for i, event in enumerate(timeline.events):
@@ -221,7 +225,7 @@ class JourneyPlanner:
                 since = (i, reached_s)
 
     def _least_s(self, way: DriveLink) -> float:
-        least_s = self.hops[way.hop].least_s
+        least_s = self.sections[way.section].least_s
         return float(least_s[way.place + 1] - least_s[way.place])
 
     def _solve(self, split: Split) -> tuple[Solved, ...]:
@@ -259,41 +263,41 @@ class JourneyPlanner:
                 chain = [event]
         return tuple(solved)
 
-    def _hop_plans(self, solved: Sequence[Solved]) -> tuple[HopPlan, ...]:
+    def _section_plans(self, solved: Sequence[Solved]) -> tuple[SectionPlan, ...]:
         event_s = _event_times(solved)
         runs = [(self.chains.fronts.drive(run), span.lambda_w) for span in solved for run in span.runs]
         plans = []
-        for index, hop in enumerate(self.hops):
+        for index, section in enumerate(self.sections):
             first = self.chains.timeline.departures[index]
-            windows = [event.window for event in self.chains.timeline.events[first : first + len(hop.places)]]
-            own = [(run, price_w) for run, price_w in runs if run.stretch.hop == index]
-            plans.append(_hop_plan(hop, windows, float(event_s[first]), own))
+            windows = [event.window for event in self.chains.timeline.events[first : first + len(section.places)]]
+            own = [(run, price_w) for run, price_w in runs if run.stretch.section == index]
+            plans.append(_section_plan(section, windows, float(event_s[first]), own))
         return tuple(plans)
 
 
-def _hop_plan(
-    hop: Hop, windows: Sequence[Window], departure_s: float, runs: Sequence[tuple[DrivenStretch, float]]
-) -> HopPlan:
-    """A hop from its runs, each with the price of time of its span (NaN: its own)."""
+def _section_plan(
+    section: JourneySection, windows: Sequence[Window], departure_s: float, runs: Sequence[tuple[DrivenStretch, float]]
+) -> SectionPlan:
+    """A section from its runs, each with the price of time of its span (NaN: its own)."""
     speeds = np.concatenate([runs[0][0].speeds_mps[:1], *(run.speeds_mps[1:] for run, _ in runs)])
-    trajectory, ledger = _driven(hop, speeds)
-    times_s = [departure_s + float(trajectory.t_s[node]) for node in hop.places]
+    trajectory, balance = _driven(section, speeds)
+    times_s = [departure_s + float(trajectory.t_s[node]) for node in section.places]
     timings = [
         PlannedTime(time_s=t, held=window.held_at(t, 2.0 * tol.TIME_TOLERANCE_S))
         for t, window in zip(times_s, windows, strict=True)
     ]
-    return HopPlan(
-        start=hop.start,
-        end=hop.end,
+    return SectionPlan(
+        start=section.start,
+        end=section.end,
         departure=timings[0],
         arrival=timings[-1],
         passings=tuple(
             PassedAt(passing=passing, timing=timing, speed_mps=float(speeds[node]))
-            for passing, timing, node in zip(hop.passings, timings[1:-1], hop.places[1:-1], strict=True)
+            for passing, timing, node in zip(section.passings, timings[1:-1], section.places[1:-1], strict=True)
         ),
         trajectory=trajectory,
-        ledger=ledger,
-        least_time_s=float(hop.least_s[-1]),
+        balance=balance,
+        least_time_s=float(section.least_s[-1]),
         lambda_w=tuple(run.lambda_w if math.isnan(price_w) else price_w for run, price_w in runs),
         feasible=all(run.feasible for run, _ in runs),
     )
@@ -304,9 +308,9 @@ def _event_times(solved: Sequence[Solved]) -> Floats:
     return np.concatenate([span.event_s[:-1] for span in solved] + [solved[-1].event_s[-1:]])
 
 
-def _driven(hop: Hop, speeds: Floats) -> tuple[Trajectory, Ledger]:
-    trajectory = trajectory_on(hop.section, hop.section, speeds)
-    return trajectory, trajectory.ledger(hop.section.vehicle, hop.section.loss)
+def _driven(section: JourneySection, speeds: Floats) -> tuple[Trajectory, EnergyBalance]:
+    trajectory = trajectory_on(section.whole, section.whole, speeds)
+    return trajectory, trajectory.balance(section.whole.vehicle, section.whole.loss)
 
 
 def _joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from das.domain.journey import Window, clock
 from das.solver import tolerances as tol
-from das.solver.journey.hops import Hop
+from das.solver.journey.sections import JourneySection
 
 Tight = tuple[int, float]
 """An event of the timeline and the time (s) it is held at."""
@@ -30,17 +30,17 @@ class WaitLink:
 
 @dataclass(frozen=True)
 class DriveLink:
-    """The train runs between two events, from a place of a hop to the next place."""
+    """The train runs between two events, from a place of a section to the next place."""
 
-    hop: int
+    section: int
     place: int
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Part of a hop, from one of its places to another."""
+    """Part of a section, from one of its places to another."""
 
-    hop: int
+    section: int
     first: int
     last: int
 
@@ -69,7 +69,7 @@ class Timeline:
     """All events of a journey in order, and what is between them: `links[i]` from event i to event i + 1.
 
     The first event is the earliest departure, the last the latest arrival; the train may wait after the one and
-    before the other. `departures[i]` is the event with which hop i begins.
+    before the other. `departures[i]` is the event with which section i begins.
     """
 
     events: tuple[TimelineEvent, ...]
@@ -77,18 +77,18 @@ class Timeline:
     departures: tuple[int, ...]
 
     @classmethod
-    def of(cls, hops: Sequence[Hop]) -> Timeline:
-        begin_s, end_s = hops[0].start.departure.earliest_s, hops[-1].end.arrival.latest_s
+    def of(cls, sections: Sequence[JourneySection]) -> Timeline:
+        begin_s, end_s = sections[0].start.departure.earliest_s, sections[-1].end.arrival.latest_s
         events = [TimelineEvent(what="the earliest departure", window=Window(earliest_s=begin_s, latest_s=begin_s))]
         links: list[WaitLink | DriveLink] = []
         departures = []
-        for i, hop in enumerate(hops):
-            links.append(WaitLink(hop.start.dwell_s))
+        for i, section in enumerate(sections):
+            links.append(WaitLink(section.start.dwell_s))
             departures.append(len(events))
-            events.append(TimelineEvent(what=f"departure from {hop.start.name}", window=hop.start.departure))
-            events += [TimelineEvent(what=f"passing {x.name}", window=x.window) for x in hop.passings]
-            events.append(TimelineEvent(what=f"arrival at {hop.end.name}", window=hop.end.arrival))
-            links += [DriveLink(i, place) for place in range(len(hop.places) - 1)]
+            events.append(TimelineEvent(what=f"departure from {section.start.name}", window=section.start.departure))
+            events += [TimelineEvent(what=f"passing {x.name}", window=x.window) for x in section.passings]
+            events.append(TimelineEvent(what=f"arrival at {section.end.name}", window=section.end.arrival))
+            links += [DriveLink(i, place) for place in range(len(section.places) - 1)]
         links.append(WaitLink(0.0))
         events.append(TimelineEvent(what="the latest arrival", window=Window(earliest_s=end_s, latest_s=end_s)))
         return cls(events=tuple(events), links=tuple(links), departures=tuple(departures))
@@ -104,11 +104,11 @@ class Timeline:
         places: dict[int, list[int]] = {}
         for link in links.values():
             if isinstance(link, DriveLink):
-                places.setdefault(link.hop, []).append(link.place)
+                places.setdefault(link.section, []).append(link.place)
         return TightSpan(
             begin=begin,
             end=end,
-            stretches=tuple(Stretch(hop, inside[0], inside[-1] + 1) for hop, inside in places.items()),
+            stretches=tuple(Stretch(section, inside[0], inside[-1] + 1) for section, inside in places.items()),
             least_wait_s=sum(waits.values()),
             last_wait=max(waits, default=-1),
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.trajectory import Trajectory
@@ -93,7 +93,7 @@ class Seen(NamedTuple):
     `top_only`: the speed is the highest to drive, and nothing else is advised.
     """
 
-    mode: Mode
+    mode: Regime
     speed_mps: float
     advised_ratio: float
     lever_ratio: float
@@ -159,7 +159,7 @@ class ShownAdvice:
             return None
         number = int(self.mode[last])
         return Seen(
-            mode=Mode(number) if number in set(Mode) else Mode.NONE,
+            mode=Regime(number) if number in set(Regime) else Regime.NONE,
             speed_mps=float(self.speed_mps[last]),
             advised_ratio=float(self.advised_ratio[last]),
             lever_ratio=float(self.lever_ratio[last]),
@@ -181,7 +181,7 @@ def _speed_is(number: int, mode: int) -> SpeedIs:
     """What a speed on the display was; of a presentation that is not known, only a speed to hold is one to have."""
     presentation = shown_presentation(number)
     if presentation is None:
-        return SpeedIs.TO_HAVE if mode == Mode.CRUISE else SpeedIs.TO_REACH
+        return SpeedIs.TO_HAVE if mode == Regime.CRUISE else SpeedIs.TO_REACH
     return presenter_of(presentation).speed_is(mode)
 
 
@@ -199,8 +199,8 @@ EFFORT_RATIO: Final = 0.15
 AHEAD_S: Final = 2.0
 """Driven and best effort are compared over so long (s): forces take a second to build up."""
 
-PULLING: Final = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
-BRAKING: Final = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+PULLING: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
+BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,14 +246,14 @@ class Judge:
     def _named(self, now: Moment) -> EnergyCause:
         if now.signal:
             return EnergyCause.SIGNAL
-        if now.seen is not None and now.seen.mode is not Mode.NONE:
+        if now.seen is not None and now.seen.mode is not Regime.NONE:
             return self._by_advice(now, now.seen)
         self._coasting_due, self._over_moments = False, 0
         return _by_best(now)
 
     def _by_advice(self, now: Moment, seen: Seen) -> EnergyCause:
         over = now.speed_mps > seen.speed_mps + OVER_MPS and seen.speed_mps > 0
-        slowing = seen.mode in (Mode.COAST, *BRAKING) and not seen.top_only
+        slowing = seen.mode in (Regime.COAST, *BRAKING) and not seen.top_only
         if slowing and not self._coasting_due:
             self._was_over = self._over_moments >= LASTS
             self._neutral_moments = self._slowing_moments = 0
@@ -264,7 +264,7 @@ class Judge:
             # What was against the advice before it changed goes on for the moment that the driver takes to react.
             goes_on = self._slowing_moments <= LASTS and self._before is EnergyCause.AGAINST_ADVICE
             return EnergyCause.AGAINST_ADVICE if self._was_over or goes_on else EnergyCause.LATE_COASTING
-        if seen.mode is Mode.COAST and not seen.top_only:
+        if seen.mode is Regime.COAST and not seen.top_only:
             return self._coasting(now)
         if over and not now.brakes:
             return EnergyCause.AGAINST_ADVICE
@@ -284,7 +284,7 @@ class Judge:
 
 def _other_effort(now: Moment, seen: Seen) -> bool:
     """Whether the effort leads away from what was advised."""
-    if seen.top_only or seen.mode is Mode.DEPART:  # How to depart is no advice for a moment of its own.
+    if seen.top_only or seen.mode is Regime.DEPART:  # How to depart is no advice for a moment of its own.
         return False
     if math.isnan(seen.lever_ratio) or math.isnan(seen.advised_ratio):
         return seen.mode in PULLING and now.brakes

@@ -110,7 +110,7 @@ class Knowledge:
             return NOTHING
         if run.fit is Fit.LATE and run.time_s > time_s + LATE_S:
             return NOTHING
-        return Remaining(energy_j=run.ledger.input, run=run)
+        return Remaining(energy_j=run.balance.input, run=run)
 
     def _solved(self, told: Told) -> Front:
         return solve_front(self.section(told))
@@ -219,7 +219,7 @@ def committed(
             cause = EnergyCause.LATENESS
         causes.append(EnergyCause.RESTRICTION if news and not news_j[k] else cause)
     if math.isnan(energy_j[0]):  # the train was faster than the plan's can be: the fastest run stands for the optimum
-        energy_j[0] = knowledge.front().fastest().ledger.input
+        energy_j[0] = knowledge.front().fastest().balance.input
     energy_j[-1] = energies.motors_j[-1]
     return Committed(sample=samples, energy_j=energy_j, causes=tuple(causes), news_j=news_j)
 

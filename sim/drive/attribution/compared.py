@@ -45,12 +45,12 @@ class ComparedLeg:
     @property
     def driven_j(self) -> float:
         """Energy at the current collector as driven (J)."""
-        return float(self.energies.ledger_j[-1])
+        return float(self.energies.balance_j[-1])
 
     @property
     def optimum_j(self) -> float:
         """Least energy for the same time (J)."""
-        return self.optimum.ledger.input
+        return self.optimum.balance.input
 
     @property
     def section_energy(self) -> SectionEnergy:
@@ -136,8 +136,8 @@ def _above_in_cases(
             if best is None:
                 return None
             same = best is one.optimum and leg is one.leg
-            driven_j = one.driven_j if same else float(leg_energies(best.section, leg).ledger_j[-1])
-            total_j += driven_j - best.ledger.input
+            driven_j = one.driven_j if same else float(leg_energies(best.section, leg).balance_j[-1])
+            total_j += driven_j - best.balance.input
         return total_j
 
     return above_j

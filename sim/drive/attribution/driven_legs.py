@@ -149,12 +149,12 @@ def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
 class LegEnergies:
     """Energies at the current collector up to every sample of a leg (J), arrays of shape (samples,), 0 at the start.
 
-    `ledger_j`: as measured; where nobody measured, `blended_j`. `blended_j`: the same motion with the planned train,
+    `balance_j`: as measured; where nobody measured, `blended_j`. `blended_j`: the same motion with the planned train,
     motors and friction brake sharing the braking as recorded. `motors_j`: likewise, the motors braking first.
-    `trajectory` is that last run; `index[i]` is the sample at its node i. `measured` tells whether `ledger_j` was.
+    `trajectory` is that last run; `index[i]` is the sample at its node i. `measured` tells whether `balance_j` was.
     """
 
-    ledger_j: Floats
+    balance_j: Floats
     blended_j: Floats
     motors_j: Floats
     trajectory: Trajectory
@@ -173,9 +173,9 @@ def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
         extra_j = _blended_input_j(section, driven.trajectory, np.diff(motion.friction_j[index]))
         blended_j = np.interp(nodes, index, np.concatenate(([0.0], np.cumsum(extra_j))))
     measured = motion.input_j is not None
-    ledger_j = blended_j if motion.input_j is None else motion.input_j - motion.input_j[0]
+    balance_j = blended_j if motion.input_j is None else motion.input_j - motion.input_j[0]
     return LegEnergies(
-        ledger_j=ledger_j,
+        balance_j=balance_j,
         blended_j=blended_j,
         motors_j=motors_j,
         trajectory=driven.trajectory,

@@ -1,4 +1,4 @@
-"""The account of a drive as plain rows: for tables, for JSON and for the report."""
+"""The energy attribution of a drive as plain rows: for tables, for JSON and for the report."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import KM, NS, kwh
-from sim.drive.attribution.account import Account, LegAccount, Places
+from sim.drive.attribution.attribution import Attribution, LegAttribution, Places
 from sim.drive.attribution.causes import EnergyCause
 
 
-def as_dict(account: Account) -> dict[str, Any]:
-    """The account for programs: energies in kWh at the current collector, times in s, positions in m."""
-    against = account.against_timetable
+def as_dict(attribution: Attribution) -> dict[str, Any]:
+    """The energy attribution for programs: energies in kWh at the current collector, times in s, positions in m."""
+    against = attribution.against_timetable
     return {
-        "driven_kwh": kwh(account.driven_j),
-        "optimum_same_times_kwh": kwh(account.optimum_j),
-        "above_optimum_kwh": kwh(account.difference_j),
-        "above_optimum_ratio": account.above.ratio,
-        "measured": account.measured,
-        "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in account.by_cause.items()},
-        "optimum_timetable_kwh": None if account.timetable_j is None else kwh(account.timetable_j),
+        "driven_kwh": kwh(attribution.driven_j),
+        "optimum_same_times_kwh": kwh(attribution.optimum_j),
+        "above_optimum_kwh": kwh(attribution.difference_j),
+        "above_optimum_ratio": attribution.above.ratio,
+        "measured": attribution.measured,
+        "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in attribution.by_cause.items()},
+        "optimum_timetable_kwh": None if attribution.timetable_j is None else kwh(attribution.timetable_j),
         "by_cause_against_timetable_kwh": None
         if against is None
         else {str(cause): kwh(energy_j) for cause, energy_j in against.items()},
-        "legs": [leg_dict(leg) for leg in account.legs],
+        "legs": [leg_dict(leg) for leg in attribution.legs],
     }
 
 
-def leg_dict(leg: LegAccount) -> dict[str, Any]:
+def leg_dict(leg: LegAttribution) -> dict[str, Any]:
     """One leg for programs."""
     driven = leg.leg
 
@@ -84,15 +84,15 @@ LARGE_SHARE = 0.2
 """A cause that has this share of what the causes of a stretch took, or more, is named."""
 
 
-def worst_places(account: Account, most: int = 5) -> list[WorstPlace]:
+def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
     """The stretches that lost most above the optimum, the worst first.
 
     A stretch is as long as the train lost more there, per 100 m, than `DENSE` times the average over the drive.
     """
     found = []
-    losses = [leg.even.lost_more_j for leg in account.legs]
+    losses = [leg.even.lost_more_j for leg in attribution.legs]
     usual_j = DENSE * max(float(np.concatenate(losses).mean()), 0.0) if losses else 0.0
-    for leg, more_j in zip(account.legs, losses, strict=True):
+    for leg, more_j in zip(attribution.legs, losses, strict=True):
         for first, last in _worst_runs(more_j - usual_j, most):
             start_m, end_m = float(leg.even.start_m[first]), float(leg.even.end_m[last])
             where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
@@ -100,7 +100,7 @@ def worst_places(account: Account, most: int = 5) -> list[WorstPlace]:
     return sorted(found, key=lambda one: -one.more_j)[:most]
 
 
-def _causes(leg: LegAccount, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
+def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
     parts = {cause: energy_j for cause, energy_j in leg.causes_between(start_m, end_m).items() if energy_j > 0}
     whole_j = sum(parts.values())
     named = [cause for cause in sorted(parts, key=lambda one: -parts[one]) if parts[cause] >= LARGE_SHARE * whole_j]
@@ -122,10 +122,10 @@ def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]
     return found
 
 
-def seconds_by_cause(account: Account) -> dict[EnergyCause, float]:
+def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:
     """For how long (s) what belongs to each cause went on."""
     total: dict[EnergyCause, float] = {}
-    for leg in account.legs:
+    for leg in attribution.legs:
         lasted_s = np.diff(leg.leg.motion.time_ns[leg.committed.sample]) * NS
         for cause, over_s in zip(leg.committed.causes, lasted_s.tolist(), strict=True):
             total[cause] = total.get(cause, 0.0) + over_s

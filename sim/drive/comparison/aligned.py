@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.advice import Source
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
@@ -119,7 +119,7 @@ def _energy_j(inputs: DriveInputs, motion: DrivenMotion, legs: tuple[DrivenLeg, 
     total_j = np.zeros(len(time_ns))
     for leg in legs:
         energies = leg_energies(section_of_leg(inputs, leg), leg)
-        total_j += np.interp(time_ns, leg.motion.time_ns, energies.ledger_j)
+        total_j += np.interp(time_ns, leg.motion.time_ns, energies.balance_j)
     return total_j
 
 
@@ -296,9 +296,9 @@ def told_apart(first: tuple[int, float], other: tuple[int, float]) -> tuple[str,
 
 
 def _said(mode: int, speed_mps: float, digits: int) -> str:
-    if math.isnan(speed_mps) or int(mode) == Mode.NONE:
+    if math.isnan(speed_mps) or int(mode) == Regime.NONE:
         return "no advice"
-    return f"{mode_name(Mode(int(mode)))} at {kmh(speed_mps):.{digits}f} km/h"
+    return f"{mode_name(Regime(int(mode)))} at {kmh(speed_mps):.{digits}f} km/h"
 
 
 def place(s_m: float) -> str:

@@ -12,7 +12,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.advice import Source
 from das.advice.cause import Cause
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
@@ -31,7 +31,7 @@ from sim.drive.events.notes import read_notes
 from sim.drive.happenings import NOT_HEARD, Span, points, signals
 from sim.drive.limits import temporary_limits
 from sim.drivers.kinds import Presentation
-from sim.drivers.presentations.presenter import Presenter, ShownMode, presenter_of, shown_presentation
+from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
 from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse, Floats
 
@@ -113,20 +113,20 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
     plans = new_plans(recording, trip)
     made = [one.time_ns for one in plans]
     display = _display(recording)
-    before, since_ns, replanned_ns = Mode.NONE, 0, 0
+    before, since_ns, replanned_ns = Regime.NONE, 0, 0
     for entry in recording.of(topics.ADVICE):
         advice = entry.message
         told = display.shown_mode(advice)
         if told.mode is before or not trip.time_ns[0] <= advice.time_ns <= trip.time_ns[-1]:
             continue
-        if told.mode is not Mode.NONE:
+        if told.mode is not Regime.NONE:
             last = bisect_right(made, advice.time_ns) - 1
             new = last >= 0 and made[last] > since_ns
             cause = f"new plan: {plans[last].cause}" if new else "the plan goes on"
             if advice.HasField("coach") and advice.coach.replan.time_ns > max(since_ns, replanned_ns):
                 cause = f"new plan: {REPLANS.get(advice.coach.replan.cause, 'there was none before')}"
                 replanned_ns = advice.coach.replan.time_ns
-            if before is Mode.NONE:
+            if before is Regime.NONE:
                 cause = "advice is given again" if since_ns else "the first advice"
             yield _changed(advice, before, told, cause)
         before, since_ns = told.mode, int(advice.time_ns)
@@ -139,8 +139,8 @@ def _display(recording: Recording) -> Presenter:
     return presenter_of(shown_presentation(first) or Presentation.NONE)
 
 
-def _changed(advice: Any, before: Mode, told: ShownMode, cause: str) -> DriveEvent:
-    held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Mode.CRUISE else ""
+def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str) -> DriveEvent:
+    held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Regime.CRUISE else ""
     why = f"{told.reason} ({cause})" if told.reason else cause
     return DriveEvent(
         time_ns=int(advice.time_ns),

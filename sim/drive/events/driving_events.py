@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, PERCENT, kmh
@@ -37,12 +37,12 @@ DECIDED: Final = {"followed": True, "refused": False}
 """Decisions of a driver about advice, and whether he follows it."""
 PULLS, COASTS, BRAKES = 1, 0, -1
 WANTED: Final = {
-    Mode.FULL_TRACTION: PULLS,
-    Mode.REDUCED_TRACTION: PULLS,
-    Mode.COAST: COASTS,
-    Mode.REDUCED_BRAKE: BRAKES,
-    Mode.FULL_BRAKE: BRAKES,
-    Mode.FRICTION_BRAKE: BRAKES,
+    Regime.FULL_TRACTION: PULLS,
+    Regime.REDUCED_TRACTION: PULLS,
+    Regime.COAST: COASTS,
+    Regime.REDUCED_BRAKE: BRAKES,
+    Regime.FULL_BRAKE: BRAKES,
+    Regime.FRICTION_BRAKE: BRAKES,
 }
 """What the controller must show for an advised mode to be followed; a speed to hold may need any of the three."""
 
@@ -130,7 +130,7 @@ def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
     does = np.where(np.abs(cab["lever_ratio"]) < LEVER_RATIO, COASTS, np.sign(np.nan_to_num(cab["lever_ratio"])))
     changes = [*np.flatnonzero(np.diff(mode, prepend=-1)), len(mode)] if len(mode) else []
     for first, end in pairwise(changes):
-        wanted = WANTED.get(Mode(int(mode[first]))) if int(mode[first]) in set(Mode) else None
+        wanted = WANTED.get(Regime(int(mode[first]))) if int(mode[first]) in set(Regime) else None
         if wanted is None or not shown[first] or does[first] == wanted:
             continue
         answers = does[first:end] == wanted
@@ -138,10 +138,10 @@ def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
         minds_signal = bool((cab["signal_m"][first:end] > 0).any())
         excused = end - first < LEAST_STOOD or standing or minds_signal  # no time, no leave, or a reason
         if answers.any() or not excused:
-            yield _answer(trip, at[first:end], answers, Mode(int(mode[first])))
+            yield _answer(trip, at[first:end], answers, Regime(int(mode[first])))
 
 
-def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], mode: Mode) -> DriveEvent:
+def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], mode: Regime) -> DriveEvent:
     """The driver's answer to one change of the advice: times while it stood, and whether the controller obeyed."""
     waited_s = (at - at[0]) * NS
     answered = np.flatnonzero(does & (waited_s <= LONGEST_ANSWER_S))
@@ -183,7 +183,7 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
         s_m = float(trip.at(np.array([one.time_ns]), trip.s_m)[0])
         if kind in DECIDED:
             follows = DECIDED[kind]
-            advice = mode_name(Mode(int(one.value)))
+            advice = mode_name(Regime(int(one.value)))
             text, facts = f"advice '{advice}' is not followed", {"mode": advice, "followed": follows}
             if not follows:
                 text += _controller(recording, int(one.time_ns))

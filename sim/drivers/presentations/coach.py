@@ -7,17 +7,17 @@ from dataclasses import replace
 from typing import Any, Final
 
 from das.advice.coach.coaching import Instruction
-from das.advice.modes import Mode, departure_mode
+from das.advice.regimes import Regime, departure_regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh_mps
 from sim.drivers.knowledge import Outlook
-from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownMode, SpeedIs, known_mode
+from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
 from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
 from sim.plant.kernels import TrainNumbers, electric_effort
 from sim.plant.plant import COAST, Command, force
 
-TRACTION: Final = (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
-BRAKES: Final = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+TRACTION: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
+BRAKES: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
 
 class CoachPresenter(Presenter):
@@ -30,12 +30,12 @@ class CoachPresenter(Presenter):
 
     def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
         coach = advice.coach
-        if coach is None or int(coach.now.mode) == Mode.NONE:
+        if coach is None or int(coach.now.mode) == Regime.NONE:
             return None
         mode = int(coach.now.mode)
-        departs = mode == Mode.DEPART
+        departs = mode == Regime.DEPART
         following = _departure(coach.now) if departs else coach.following[0] if coach.following else None
-        holds = mode == Mode.CRUISE  # Nobody is told with what effort to hold a speed.
+        holds = mode == Regime.CRUISE  # Nobody is told with what effort to hold a speed.
         return replace(
             blank,
             mode=mode,
@@ -43,7 +43,7 @@ class CoachPresenter(Presenter):
             display_speed_mps=whole_kmh_mps(coach.now.speed_mps),
             lever_ratio=math.nan if holds else _lever_ratio(coach, advice.speed_mps, train),
             force_n=coach.reference_force_n,
-            next_mode=int(following.mode) if following is not None else Mode.NONE,
+            next_mode=int(following.mode) if following is not None else Regime.NONE,
             next_change_s=following.in_s if following is not None else math.nan,
             next_speed_mps=following.speed_mps if following is not None else math.nan,
             next_effort_ratio=following.effort_ratio if following is not None else math.nan,
@@ -52,20 +52,20 @@ class CoachPresenter(Presenter):
             reason=coach.reason,
         )
 
-    def shown_mode(self, advice: Any) -> ShownMode:
+    def shown_mode(self, advice: Any) -> ShownRegime:
         if not advice.HasField("coach"):
             return super().shown_mode(advice)
         now = advice.coach.now
-        return ShownMode(known_mode(now.mode), float(now.speed_mps), str(advice.coach.reason))
+        return ShownRegime(known_mode(now.mode), float(now.speed_mps), str(advice.coach.reason))
 
     def speed_is(self, mode: int) -> SpeedIs:
-        return SpeedIs.TO_HAVE if mode == Mode.CRUISE else SpeedIs.TO_REACH
+        return SpeedIs.TO_HAVE if mode == Regime.CRUISE else SpeedIs.TO_REACH
 
     def read(self, view: AdviceView) -> Shown:
         return super().read(view)._replace(effort=None if math.isnan(view.lever_ratio) else _effort_steps(view))
 
     def item(self, view: AdviceView) -> tuple[int, ...]:
-        return (view.mode, round(view.speed_mps / KMH), _effort_steps(view) if view.mode != Mode.CRUISE else 0)
+        return (view.mode, round(view.speed_mps / KMH), _effort_steps(view) if view.mode != Regime.CRUISE else 0)
 
     def follower(self) -> CoachFollower:
         return CoachFollower()
@@ -80,13 +80,13 @@ def _effort_steps(view: AdviceView) -> int:
 def _lever_ratio(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
     """The controller's setting of the coach's instruction: an acceleration keeps its share up to its speed."""
     now = coach.now
-    accelerates = now.effort_ratio > 0.0 and now.mode != Mode.DEPART
+    accelerates = now.effort_ratio > 0.0 and now.mode != Regime.DEPART
     return float(now.effort_ratio) if accelerates else lever_ratio(coach.force_n, speed_mps, train)
 
 
 def _departure(now: Any) -> Instruction:
     """The instruction that is due when a train that the coach tells to depart is cleared, whenever that is."""
-    mode = departure_mode(now.effort_ratio)
+    mode = departure_regime(now.effort_ratio)
     return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
 
 
@@ -117,9 +117,9 @@ class CoachFollower:
         target = min(view.speed_mps, cab.limit_mps)
         if view.mode in TRACTION:
             return hold(cab, outlook, target, high_n=max(view.force_n, 0.0))
-        if view.mode == Mode.CRUISE:
+        if view.mode == Regime.CRUISE:
             return hold(cab, outlook, target)
-        if view.mode == Mode.COAST:
+        if view.mode == Regime.COAST:
             rolls = cab.speed_mps <= cab.limit_mps + FOLLOWING.rolling_mps
             return COAST if rolls else hold(cab, outlook, cab.limit_mps)
         way_m = view.target_way_m - (cab.s_m - self._due_at_m)

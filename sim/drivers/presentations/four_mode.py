@@ -6,11 +6,11 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import Outlook
-from sim.drivers.presentations.presenter import Hands, Presenter, Shown, ShownMode, known_mode, whole
+from sim.drivers.presentations.presenter import Hands, Presenter, Shown, ShownRegime, known_mode, whole
 from sim.plant.kernels import TrainNumbers
 
 
@@ -24,8 +24,8 @@ class FourModePresenter(Presenter):
 
     def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
         mode = int(advice.four_mode)
-        holds = mode == Mode.CRUISE
-        departs_held = mode == Mode.DEPART and int(advice.next_four_mode) == Mode.CRUISE
+        holds = mode == Regime.CRUISE
+        departs_held = mode == Regime.DEPART and int(advice.next_four_mode) == Regime.CRUISE
         return replace(
             blank,
             mode=mode,
@@ -36,21 +36,21 @@ class FourModePresenter(Presenter):
             next_speed_mps=advice.departure_speed_mps if departs_held else math.nan,
         )
 
-    def shown_mode(self, advice: Any) -> ShownMode:
-        return ShownMode(known_mode(advice.four_mode), float(advice.advised_speed_mps))
+    def shown_mode(self, advice: Any) -> ShownRegime:
+        return ShownRegime(known_mode(advice.four_mode), float(advice.advised_speed_mps))
 
     def read(self, view: AdviceView) -> Shown:
-        mode = Mode(view.mode)
-        return Shown(mode=mode, speed_kmh=whole(view.shown_speed_mps / KMH) if mode is Mode.CRUISE else None)
+        mode = Regime(view.mode)
+        return Shown(mode=mode, speed_kmh=whole(view.shown_speed_mps / KMH) if mode is Regime.CRUISE else None)
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """Everything, nothing, or what holds the speed; who is told to brake does so with the motors alone."""
         view, handling = view.departure, hands.handling
-        if view.mode == Mode.CRUISE:
+        if view.mode == Regime.CRUISE:
             return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))
-        if view.mode == Mode.FULL_TRACTION:
+        if view.mode == Regime.FULL_TRACTION:
             return 1.0
-        if view.mode == Mode.FULL_BRAKE:
+        if view.mode == Regime.FULL_BRAKE:
             return handling.efforts.lever_ratio(-handling.efforts.electric_n)
         return 0.0
 

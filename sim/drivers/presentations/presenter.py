@@ -13,7 +13,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.domain.units import KMH, NS, kmh
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.handling import Handling
@@ -46,10 +46,10 @@ class LaneState(NamedTuple):
     standing: bool = False
 
 
-class ShownMode(NamedTuple):
+class ShownRegime(NamedTuple):
     """The mode, the speed (m/s) and the reason that a display shows of a recorded advice."""
 
-    mode: Mode
+    mode: Regime
     speed_mps: float
     reason: str = ""
 
@@ -57,7 +57,7 @@ class ShownMode(NamedTuple):
 class Shown(NamedTuple):
     """What is read off a display; None for what it does not show. `effort` is a number of steps, braking < 0."""
 
-    mode: Mode | None = None
+    mode: Regime | None = None
     speed_kmh: int | None = None
     effort: int | None = None
     deviation_s: int | None = None
@@ -117,9 +117,9 @@ class Presenter(ABC):
         `blank` has the times and the mode of the advice, and nothing else. `deviation_s` is how late the train is.
         """
 
-    def shown_mode(self, advice: Any) -> ShownMode:
+    def shown_mode(self, advice: Any) -> ShownRegime:
         """The mode that the display shows of the message Advice; the speed profile's where it shows none."""
-        return ShownMode(known_mode(advice.mode), float(advice.advised_speed_mps))
+        return ShownRegime(known_mode(advice.mode), float(advice.advised_speed_mps))
 
     def speed_is(self, mode: int) -> SpeedIs:
         """What the speed on the display is, beside a mode."""
@@ -128,7 +128,7 @@ class Presenter(ABC):
     def read(self, view: AdviceView) -> Shown:
         """What is read off the display; a speed that has no form of its own is rounded to km/h."""
         effort = whole(view.lever_ratio / EFFORT_STEP_RATIO)
-        return Shown(mode=Mode(view.mode), speed_kmh=whole(view.shown_speed_mps / KMH), effort=effort)
+        return Shown(mode=Regime(view.mode), speed_kmh=whole(view.shown_speed_mps / KMH), effort=effort)
 
     def item(self, view: AdviceView) -> tuple[int, ...]:
         """What makes advice new to a human driver: advice with the same figures is the same advice to him."""
@@ -148,9 +148,9 @@ class Presenter(ABC):
 
     def headline(self, view: AdviceView) -> str:
         """The largest words of the display: mode and speed, or what it shows instead."""
-        if view.mode == Mode.DEPART:
+        if view.mode == Regime.DEPART:
             return DEPART
-        speed = "" if view.mode == Mode.STOP else speed_words(view.shown_speed_mps)
+        speed = "" if view.mode == Regime.STOP else speed_words(view.shown_speed_mps)
         return ", ".join(filter(None, (mode_words(view.mode), speed)))
 
 
@@ -181,7 +181,7 @@ def present(
     `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment at which the
     cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows this alone.
     """
-    if int(advice.mode) == Mode.NONE:
+    if int(advice.mode) == Regime.NONE:
         return None
     blank = AdviceView(
         time_s=(advice.time_ns - clock_zero_ns) * NS,
@@ -192,14 +192,14 @@ def present(
     return presenter_of(presentation).show(blank, advice, train, deviation_s)
 
 
-def known_mode(number: int) -> Mode:
+def known_mode(number: int) -> Regime:
     """The mode of a number on the bus; NONE for one that is not known yet."""
-    return Mode(number) if number in set(Mode) else Mode.NONE
+    return Regime(number) if number in set(Regime) else Regime.NONE
 
 
 def mode_words(number: int) -> str:
     """The mode of a number on the bus in words; nothing for one that is not known yet."""
-    return mode_name(Mode(number)) if number in set(Mode) else ""
+    return mode_name(Regime(number)) if number in set(Regime) else ""
 
 
 def speed_words(speed_mps: float) -> str:

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import DEPART, LaneState, Presenter, Shown, SpeedIs, speed_words, whole
@@ -37,9 +37,9 @@ class RmsPresenter(Presenter):
         return (round(view.speed_mps),)
 
     def headline(self, view: AdviceView) -> str:
-        if view.mode == Mode.STOP:
+        if view.mode == Regime.STOP:
             return super().headline(view)
-        departs = f"{DEPART}, " if view.mode == Mode.DEPART else ""
+        departs = f"{DEPART}, " if view.mode == Regime.DEPART else ""
         return f"{departs}top speed {speed_words(view.shown_speed_mps)}"
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, CabView, lever_ratio
 from sim.drivers.handling import HAND
 from sim.drivers.knowledge import Outlook
@@ -24,7 +24,7 @@ class VectorPresenter(Presenter):
     meaning = "speed and effort now and for the next seconds, renewed every second"
 
     def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
-        departs = blank.mode == Mode.DEPART
+        departs = blank.mode == Regime.DEPART
         return replace(
             blank,
             speed_mps=advice.advised_speed_mps,
@@ -47,9 +47,9 @@ class VectorPresenter(Presenter):
 
         Nobody corrects while he is told to let the train roll, and at the end of the scale there is no more or less.
         """
-        if view.mode == Mode.COAST:
+        if view.mode == Regime.COAST:
             return 0.0
-        if view.mode == Mode.DEPART or math.isnan(view.lever_ratio):
+        if view.mode == Regime.DEPART or math.isnan(view.lever_ratio):
             return hands.to_speed(cab, outlook, view.departure, allowed_mps)
         effort = hands.set_effort(view.lever_ratio)
         if abs(view.lever_ratio) > HAND.end_stop_ratio:

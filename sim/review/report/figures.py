@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from das.advice.modes import Mode, mode_name
+from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from sim.drive.attribution.causes import OVER_MPS
@@ -80,7 +80,7 @@ def _speeds(axis: Any, drive: Drive) -> None:
             label="limit",
             zorder=2.5,
         )
-    for number, leg in enumerate(drive.account.legs if drive.account else ()):
+    for number, leg in enumerate(drive.attribution.legs if drive.attribution else ()):
         run = leg.optimum.trajectory
         label = "optimum for the same times" if number == 0 else None
         axis.plot(run.s_m / KM, kmh(run.v_mps), color=OPTIMUM, linewidth=1.1, linestyle="--", label=label)
@@ -101,7 +101,7 @@ def _modes(axis: Any, drive: Drive) -> None:
     """What the display advised to do, as coloured stretches."""
     shown, trip = drive.shown, drive.course
     at_km = trip.at(shown.time_ns, trip.s_m) / KM
-    names = [mode_name(Mode(number)) if number in set(Mode) else "" for number in shown.mode.tolist()]
+    names = [mode_name(Regime(number)) if number in set(Regime) else "" for number in shown.mode.tolist()]
     used: dict[str, str] = {}
     begins = [0, *(np.flatnonzero(np.diff(shown.mode * shown.shown)) + 1).tolist()]
     for first, after in pairwise([*begins, len(names) - 1]):
@@ -137,8 +137,8 @@ def _compliance(axis: Any, drive: Drive) -> None:
 
 def cause_figure(drive: Drive) -> Figure:
     """The energy above the optimum by cause, as bars."""
-    assert drive.account is not None
-    parts = told_causes(drive.account)[::-1]
+    assert drive.attribution is not None
+    parts = told_causes(drive.attribution)[::-1]
     figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
     values = np.array([kwh(energy_j) for _, energy_j in parts])
     axis.barh([cause.label for cause, _ in parts], values, color=LOST, height=0.7)
@@ -153,10 +153,10 @@ def cause_figure(drive: Drive) -> Figure:
 
 def place_figure(drive: Drive) -> Figure:
     """The energy above the optimum by place: per 100 m, and summed from the start."""
-    assert drive.account is not None
+    assert drive.attribution is not None
     figure, (bars, total) = light_figure((1.5, 1.4))
     before_j = 0.0
-    for leg in drive.account.legs:
+    for leg in drive.attribution.legs:
         places = leg.even
         per_km = kwh(places.lost_more_j) / ((places.end_m - places.start_m) / KM)
         middle = 0.5 * (places.start_m + places.end_m) / KM
@@ -175,11 +175,13 @@ def place_figure(drive: Drive) -> Figure:
 
 def efficiency_figure(drive: Drive) -> Figure:
     """Wheel force of the motors over speed, on the efficiency of the train's traction chain."""
-    assert drive.account is not None
-    leg = drive.account.legs[0]
-    section, vehicle = leg.optimum.section, drive.account.inputs.vehicle
+    assert drive.attribution is not None
+    leg = drive.attribution.legs[0]
+    section, vehicle = leg.optimum.section, drive.attribution.inputs.vehicle
     figure, (axis,) = light_figure((3.4,))
-    top_mps = min(vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in drive.account.legs))
+    top_mps = min(
+        vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in drive.attribution.legs)
+    )
     speeds = np.linspace(0.5, top_mps, GRID_POINTS)
     pulls, brakes = vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)
     shares = np.linspace(0.02, 1.0, GRID_POINTS // 2)
@@ -188,7 +190,7 @@ def efficiency_figure(drive: Drive) -> Figure:
         if np.abs(envelope).max() > 0:
             _shade(axis, section, force_n, speed_mps)
         axis.plot(kmh(speeds), envelope / KN, color=INK, linewidth=1.0)
-    for number, one in enumerate(drive.account.legs):
+    for number, one in enumerate(drive.attribution.legs):
         for run, color, label in (
             (one.optimum.trajectory, OPTIMUM, "optimum for the same times"),
             (one.energies.trajectory, DRIVEN, "driven"),

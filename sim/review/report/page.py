@@ -82,8 +82,8 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
 
 
 def _drive(subject: ReviewedDrive) -> dict[str, Any]:
-    drive, account = subject.drive, subject.drive.account
-    worst = [] if account is None else worst_places(account)
+    drive, attribution = subject.drive, subject.drive.attribution
+    worst = [] if attribution is None else worst_places(attribution)
     return {
         "name": drive.name,
         "paragraph": paragraph(drive),
@@ -91,13 +91,13 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "rests_on": tables.rests_on(drive),
         "figures": tables.figures(drive),
         "stops": tables.stop_rows(drive),
-        "causes": [] if account is None else tables.cause_rows(account),
-        "times": [] if account is None else tables.time_rows(account),
-        "legs": [] if account is None else tables.leg_rows(account),
+        "causes": [] if attribution is None else tables.cause_rows(attribution),
+        "times": [] if attribution is None else tables.time_rows(attribution),
+        "legs": [] if attribution is None else tables.leg_rows(attribution),
         "worst": [
             (one.where, f"{kwh(one.more_j):.1f}", " and ".join(cause.label for cause in one.causes)) for one in worst
         ],
-        "why_not": drive.why_no_account,
+        "why_not": drive.why_no_attribution,
         "events": tables.event_rows(drive),
         "left_out": tables.left_out(drive),
         "advice": tables.advice_rows(drive),
@@ -113,7 +113,7 @@ def _images(drive: Drive) -> dict[str, str]:
     made = {"speed": figures.drive_figure(drive)}
     if drive.calls:
         made["punctuality"] = figures.punctuality_figure(drive)
-    if drive.account is not None:
+    if drive.attribution is not None:
         made["causes"] = figures.cause_figure(drive)
         made["places"] = figures.place_figure(drive)
         made["efficiency"] = figures.efficiency_figure(drive)
@@ -168,8 +168,8 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "likely_above_optimum_kwh": None
         if drive.likely is None
         else [kwh(drive.likely.low_j), kwh(drive.likely.high_j)],
-        "energy": None if drive.account is None else energy_dict(drive.account),
-        "no_energy_because": drive.why_no_account or None,
+        "energy": None if drive.attribution is None else energy_dict(drive.attribution),
+        "no_energy_because": drive.why_no_attribution or None,
         "events": as_rows(drive.events, drive.clock),
         "health": subject.checked.as_dict(),
         "inputs": dict(tables.input_rows(drive)),

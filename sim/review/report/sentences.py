@@ -12,7 +12,7 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
-from sim.drive.attribution.account import Account
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.attribution.rows import worst_places
 from sim.drive.calls import KeptCall
@@ -118,13 +118,13 @@ def _presentation(name: str) -> str:
 
 def _took(drive: Drive) -> list[str]:
     """How much energy the drive took, how much more than the best, and why."""
-    account = drive.account
-    if account is None:
-        return [f"Where its energy went cannot be said: {drive.why_no_account}."]
-    driven, more, best = kwh(account.driven_j), kwh(account.difference_j), kwh(account.optimum_j)
-    ratio = account.above.ratio
+    attribution = drive.attribution
+    if attribution is None:
+        return [f"Where its energy went cannot be said: {drive.why_no_attribution}."]
+    driven, more, best = kwh(attribution.driven_j), kwh(attribution.difference_j), kwh(attribution.optimum_j)
+    ratio = attribution.above.ratio
     word = "above" if more >= 0 else "below"
-    how = "It drew" if account.measured else "By its positions it drew about"
+    how = "It drew" if attribution.measured else "By its positions it drew about"
     share = "" if ratio is None else f" ({abs(ratio):.1%})"
     told = [
         f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
@@ -138,20 +138,20 @@ def _took(drive: Drive) -> list[str]:
         )
         if not math.isnan(drive.likely.by_friction_j):
             told.append(f"If the train braked by friction alone, it is {kwh(drive.likely.by_friction_j):.0f} kWh.")
-    named = told_causes(account)[:MAIN_CAUSES]
+    named = told_causes(attribution)[:MAIN_CAUSES]
     words = [f"{cause.label} {kwh(energy_j):.1f} kWh" for cause, energy_j in named if kwh(energy_j) >= NAMED_KWH]
     if words:
         told.append(f"Most of that is: {', '.join(words)}.")
-    worst = worst_places(account, 1)
+    worst = worst_places(attribution, 1)
     if worst and kwh(worst[0].more_j) >= NAMED_KWH:
         causes = " and ".join(cause.label for cause in worst[0].causes)
         told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}).")
     return told
 
 
-def told_causes(account: Account) -> list[tuple[EnergyCause, float]]:
+def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:
     """The causes with their energies (J), the largest first; without those that nobody could measure."""
-    parts = [one for one in account.by_cause.items() if one[1] or account.measured]
+    parts = [one for one in attribution.by_cause.items() if one[1] or attribution.measured]
     return sorted(parts, key=lambda one: -one[1])
 
 

@@ -8,12 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from das.advice.modes import mode_name
+from das.advice.regimes import mode_name
 from das.bus import topics
 from das.bus.restrictions import meant
 from das.domain.levels import Level
 from das.domain.units import NS, kmh, kwh
-from sim.drive.attribution.account import OTHER_TRAIN, Account
+from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.attribution.rows import seconds_by_cause
 from sim.drive.drive import Drive
@@ -50,10 +50,10 @@ Row = dict[str, Any]
 
 def figures(drive: Drive) -> list[tuple[str, str]]:
     """The figures of a drive, by name."""
-    account, events = drive.account, drive.events
+    attribution, events = drive.attribution, drive.events
     rows: list[tuple[str, str]] = []
-    if account is not None:
-        rows += _energy_rows(account)
+    if attribution is not None:
+        rows += _energy_rows(attribution)
     for one in () if drive.likely is None else drive.likely.unknowns:
         spread = f"{kwh(one.low_j):+.1f} to {kwh(one.high_j):+.1f} kWh"
         rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
@@ -72,21 +72,21 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     return rows
 
 
-def _energy_rows(account: Account) -> list[tuple[str, str]]:
+def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
     """From the optimum for the timetable to the energy as driven, in steps that sum."""
     rows = []
-    against = account.against_timetable
-    if against is not None and account.timetable_j is not None:
-        rows.append(("optimum for the timetable", f"{kwh(account.timetable_j):.1f} kWh"))
+    against = attribution.against_timetable
+    if against is not None and attribution.timetable_j is not None:
+        rows.append(("optimum for the timetable", f"{kwh(attribution.timetable_j):.1f} kWh"))
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
             rows.append((cause.label, f"{kwh(against[cause]):+.1f} kWh"))
-        if account.other_train_j:
-            rows.append((OTHER_TRAIN, f"{kwh(account.other_train_j):+.1f} kWh"))
+        if attribution.other_train_j:
+            rows.append((OTHER_TRAIN, f"{kwh(attribution.other_train_j):+.1f} kWh"))
     return [
         *rows,
-        ("optimum for the same times", f"{kwh(account.optimum_j):.1f} kWh"),
-        ("above that optimum", account.above.words),
-        ("energy as driven", f"{kwh(account.driven_j):.1f} kWh{'' if account.measured else ' (estimated)'}"),
+        ("optimum for the same times", f"{kwh(attribution.optimum_j):.1f} kWh"),
+        ("above that optimum", attribution.above.words),
+        ("energy as driven", f"{kwh(attribution.driven_j):.1f} kWh{'' if attribution.measured else ' (estimated)'}"),
     ]
 
 
@@ -106,17 +106,19 @@ def restrictions_told(drive: Drive) -> str:
 
 def rests_on(drive: Drive) -> list[tuple[str, str]]:
     """What the figures of the page rest on, by name."""
-    run, account = drive.recording.metadata.get("run", {}), drive.account
+    run, attribution = drive.recording.metadata.get("run", {}), drive.attribution
     simulated = run.get("kind") == "run"
     rows = [("the day", "simulated: train, driver, sensors and what went wrong")] if simulated else []
     rows += [(name, run[key]) for name, key in (("line", "route"), ("train", "vehicle")) if key in run]
-    if account is not None:
-        vehicle = account.inputs.vehicle
-        measured = "measured by the simulator" if account.measured else "estimated from positions; nobody measured them"
+    if attribution is not None:
+        vehicle = attribution.inputs.vehicle
+        measured = (
+            "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured them"
+        )
         rows += [
             ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),
             ("energies", measured),
-            ("losses of the optimum", LOSSES.get(account.inputs.level, str(account.inputs.level))),
+            ("losses of the optimum", LOSSES.get(attribution.inputs.level, str(attribution.inputs.level))),
         ]
     friction = FRICTION.get(run.get("friction_policy", ""), "")
     if friction and run.get("driver") == DriverKind.HUMAN:
@@ -151,9 +153,9 @@ def stop_rows(drive: Drive) -> list[Row]:
     ]
 
 
-def cause_rows(account: Account) -> list[Row]:
+def cause_rows(attribution: Attribution) -> list[Row]:
     """Every cause with its energy, its share, how long it went on and what it means."""
-    lasted, whole_j = seconds_by_cause(account), account.difference_j
+    lasted, whole_j = seconds_by_cause(attribution), attribution.difference_j
     always = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     return [
         {
@@ -163,13 +165,13 @@ def cause_rows(account: Account) -> list[Row]:
             "time": "" if cause in always else minutes(lasted.get(cause, 0.0)),
             "meaning": cause.meaning,
         }
-        for cause, energy_j in told_causes(account)
+        for cause, energy_j in told_causes(attribution)
     ]
 
 
-def time_rows(account: Account) -> list[Row]:
+def time_rows(attribution: Attribution) -> list[Row]:
     """What the times themselves cost against the timetable; nothing without one."""
-    against = account.against_timetable
+    against = attribution.against_timetable
     return [
         {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL)
@@ -177,7 +179,7 @@ def time_rows(account: Account) -> list[Row]:
     ]
 
 
-def leg_rows(account: Account) -> list[Row]:
+def leg_rows(attribution: Attribution) -> list[Row]:
     """Every leg with its times and energies."""
     return [
         {
@@ -190,7 +192,7 @@ def leg_rows(account: Account) -> list[Row]:
             "late": "" if leg.recovered_j is None else f"{kwh(leg.recovered_j):+.1f}",
             "early": "" if leg.early_j is None else f"{kwh(leg.early_j):+.1f}",
         }
-        for leg in account.legs
+        for leg in attribution.legs
     ]
 
 
@@ -274,9 +276,9 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
         for key, value in entries.items()
         if key != "drawn"
     ]
-    if drive.account is not None:
-        rows.append(("line and train of this page", drive.account.inputs.source))
-        rows.append(("energies", "measured" if drive.account.measured else "estimated from positions"))
+    if drive.attribution is not None:
+        rows.append(("line and train of this page", drive.attribution.inputs.source))
+        rows.append(("energies", "measured" if drive.attribution.measured else "estimated from positions"))
     said = [] if drive.said is None else drive.said.rows()
     rows += [(f"said by the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]

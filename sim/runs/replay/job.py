@@ -30,7 +30,7 @@ from sim.runs.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
-from sim.world.processes import Crew
+from sim.world.processes import Processes
 
 LONGEST_S = 86400.0
 """Running times and delays must be shorter than this (s): a day."""
@@ -52,7 +52,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     front = solve_front(section)
     legs = driven_legs(trip, trip.run)
     timing = plan_timing(trip, legs, options.arrival_s, options.delay_s)
-    crew = Crew(
+    processes = Processes(
         train=options.train,
         node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),
         out=out,
@@ -63,7 +63,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     )
     run = trip.run
     return ReplayJob(
-        crew=crew,
+        processes=processes,
         trip=trip,
         front=front,
         legs=legs,

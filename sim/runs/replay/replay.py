@@ -26,7 +26,7 @@ from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.trips.estimate import DrivenEstimate
 from sim.trips.trip import Trip
 from sim.world.lockstep import Lockstep, Traffic, happened, location, sleep_until
-from sim.world.processes import Crew
+from sim.world.processes import Processes
 
 TICK_S = 1.0
 DELAY_EVERY_S = 10.0
@@ -46,13 +46,13 @@ class ReplayTiming:
 class ReplayJob:
     """Everything that a replay needs, checked beforehand.
 
-    `crew` says how node and recorder are started. `legs` are the trip from stand to stand. `front` and `reference` are
-    all runs of the section and the one for the timetable; `driven` is the energy of the trip as driven. `speed` is in
-    times real time, None for as fast as it goes. `delay_given`: the user said how late the trip departed. `files_kept`
-    holds the folder of files that came out of a recording for as long as the job lives.
+    `processes` says how node and recorder are started. `legs` are the trip from stand to stand. `front` and
+    `reference` are all runs of the section and the one for the timetable; `driven` is the energy of the trip as
+    driven. `speed` is in times real time, None for as fast as it goes. `delay_given`: the user said how late the
+    trip departed. `files_kept` holds the folder of files that came out of a recording for as long as the job lives.
     """
 
-    crew: Crew
+    processes: Processes
     trip: Trip
     legs: tuple[DrivenLeg, ...]
     front: Front
@@ -115,7 +115,7 @@ def replay(
 
     `closing` gives what is recorded at the end about the energy above the optimum, for the last tick's time (ns).
     """
-    with Lockstep(job.crew) as lockstep:
+    with Lockstep(job.processes) as lockstep:
         lockstep.begin(_journey(job))
         began = time.perf_counter()
         _play(job, lockstep, progress)
@@ -146,7 +146,7 @@ def _journey(job: ReplayJob) -> JourneyHeard:
     section, timing, trip = job.front.section, job.timing, job.trip
     return JourneyHeard(
         time_ns=timing.first_tick_ns,
-        train=job.crew.train,
+        train=job.processes.train,
         route_id=section.route.id,
         vehicle_id=section.vehicle.id,
         reversed=trip.reversed,
@@ -180,7 +180,7 @@ class _Feed:
         text = f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late"
         # A trip tells of no temporary restrictions; the node must know that there are none.
         at_ns = timing.first_tick_ns
-        yield at_ns, codec.told(RestrictionsHeard(time_ns=at_ns, restrictions=()))
+        yield at_ns, codec.encode_input(RestrictionsHeard(time_ns=at_ns, restrictions=()))
         yield at_ns, Outgoing(LOG, happened(at_ns, text))
 
     def _positions(self) -> Iterator[tuple[int, Outgoing]]:
@@ -195,7 +195,7 @@ class _Feed:
                 speed_uncertainty_mps=0.0,
                 quality=Quality.INVALID if matched.invalid[i] else Quality.DEGRADED if dropout else Quality.GOOD,
             )
-            yield time_ns, codec.told(PositionHeard(fix=fix))
+            yield time_ns, codec.encode_input(PositionHeard(fix=fix))
             if np.isfinite(matched.latitude_deg[i]):
                 place = float(matched.latitude_deg[i]), float(matched.longitude_deg[i])
                 yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
@@ -205,7 +205,7 @@ class _Feed:
         trip, timing = self.job.trip, self.job.timing
         if trip.delays and not self.job.delay_given:
             for time_ns, delay_s in trip.delays:
-                yield time_ns, codec.told(DelayHeard(time_ns=time_ns, delay_s=delay_s))
+                yield time_ns, codec.encode_input(DelayHeard(time_ns=time_ns, delay_s=delay_s))
             return
         planned = self.job.reference.trajectory
         run = trip.run
@@ -213,7 +213,7 @@ class _Feed:
             time_ns = run.start_time_ns + round(float(run.time_s[i]) / NS)
             due_s = float(np.interp(run.s_m[i], planned.s_m, planned.t_s))
             delay_s = (time_ns - timing.departure_ns) * NS - due_s
-            yield time_ns, codec.told(DelayHeard(time_ns=time_ns, delay_s=delay_s))
+            yield time_ns, codec.encode_input(DelayHeard(time_ns=time_ns, delay_s=delay_s))
 
     def _truth(self) -> Iterator[tuple[int, Outgoing]]:
         run, driven = self.job.trip.run, self.job.driven

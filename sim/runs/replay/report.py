@@ -51,7 +51,7 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
         **_timetable(job, energies),
         **_messages(outcome),
         **_matching(trip),
-        "file": str(job.crew.out),
+        "file": str(job.processes.out),
     }
 
 
@@ -108,7 +108,7 @@ def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
         "timetable_time_left_s": left_s,
         "timetable_fit": str(wanted.fit),
         "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
-        "timetable_energy_kwh": kwh(wanted.ledger.input),
+        "timetable_energy_kwh": kwh(wanted.balance.input),
         "driven_late_s": (job.arrived_ns - job.timing.arrival_ns) * NS,
     }
 

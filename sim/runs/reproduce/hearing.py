@@ -218,7 +218,7 @@ class Rehearing:
         if one.topic in STATES:
             self._kept[one.topic.name] = one
         now_ns = self._judged_ns if self.by_bus_clock else one.log_time_ns
-        heard = codec.heard(Received(one.topic, one.topic.key(one.train), one.message), now_ns)
+        heard = codec.decode(Received(one.topic, one.topic.key(one.train), one.message), now_ns)
         if heard is not None:
             self._keep(self._cab.hear(heard), 0)
 
@@ -240,7 +240,7 @@ class Rehearing:
 
     def _keep(self, outputs: Sequence[Output], tick: int) -> None:
         for output in outputs:
-            topic, message = codec.said(output, tick)
+            topic, message = codec.encode_output(output, tick)
             self.said.append(Said(topic, message, self._ticks))
 
 

@@ -33,7 +33,7 @@ from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 from sim.world.day import Day, make_day, with_disturbances
 from sim.world.disturbances import AnnouncedRestriction
 from sim.world.drawn import Truth
-from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario
 from sim.world.service import prepare_service
 
@@ -243,10 +243,10 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainD
 def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
     """Drive the day into a recording, with node and recorder as processes; DasError where it cannot be driven."""
     day, how = again.day, again.how
-    crew = make_crew(day, how, out)
-    crew = replace(crew, metadata={**crew.metadata, **again.metadata})
+    processes = make_processes(day, how, out)
+    processes = replace(processes, metadata={**processes.metadata, **again.metadata})
     assert not isinstance(how.driver, External)
-    run_over_bus(day, day.driver(how.driver, how.friction), how.advice, crew, progress, screen=how.screen)
+    run_over_bus(day, day.driver(how.driver, how.friction), how.advice, processes, progress, screen=how.screen)
 
 
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:

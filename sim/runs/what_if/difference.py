@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
@@ -138,7 +138,7 @@ def changed(kind: WhatIfKind, old: Path, new: Path, train: str) -> Changed:
 def _advice(before: Recording, after: Recording) -> SaidAdvice:
     old, new = (_by_time(one) for one in (before, after))
     both = [(old[time_ns], new[time_ns]) for time_ns in sorted(old) if time_ns in new]
-    apart = [abs(a.speed_mps - b.speed_mps) for a, b in both if Mode.NONE not in (a.mode, b.mode)]
+    apart = [abs(a.speed_mps - b.speed_mps) for a, b in both if Regime.NONE not in (a.mode, b.mode)]
     differing = [pair for pair in both if pair[0].differs(pair[1])]
     return SaidAdvice(
         moments=len(both),
@@ -160,8 +160,8 @@ def _by_time(recording: Recording) -> dict[int, AdviceThen]:
         found[int(advice.time_ns)] = AdviceThen(
             s_m=advice.s_m,
             mode=advice.mode,
-            speed_mps=advice.advised_speed_mps if advice.mode != Mode.NONE else 0.0,
-            coach_mode=Mode.NONE if coach is None else coach.mode,
+            speed_mps=advice.advised_speed_mps if advice.mode != Regime.NONE else 0.0,
+            coach_mode=Regime.NONE if coach is None else coach.mode,
             coach_mps=0.0 if coach is None else coach.speed_mps,
         )
     return found
@@ -177,11 +177,11 @@ def _advised(old: AdviceThen, new: AdviceThen) -> Advised:
 
 
 def _withdrawn(said: dict[int, AdviceThen]) -> int:
-    return sum(one.mode == Mode.NONE for one in said.values())
+    return sum(one.mode == Regime.NONE for one in said.values())
 
 
 def _coached(said: dict[int, AdviceThen]) -> int:
-    return sum(one.coach_mode != Mode.NONE for one in said.values())
+    return sum(one.coach_mode != Regime.NONE for one in said.values())
 
 
 def _drive_rows(aligned: AlignedDrives) -> list[tuple[str, str, str]]:

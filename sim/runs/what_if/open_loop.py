@@ -112,7 +112,7 @@ def _heard_otherwise(messages: Sequence[RecordedMessage], new: Otherwise, plan: 
         if one.topic is JOURNEY and changes and not listed:
             listed = True
             told = RestrictionsHeard(time_ns=one.message.time_ns, restrictions=new.restrictions)
-            yield one._replace(topic=RESTRICTION, message=codec.told(told).message)
+            yield one._replace(topic=RESTRICTION, message=codec.encode_input(told).message)
 
 
 def _restrictions(message: Any, new: Otherwise) -> Any:

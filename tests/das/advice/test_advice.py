@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from das.advice.advice import Advice, Source, Timetable
 from das.advice.classifying import classify_modes, without_short
 from das.advice.display import Display
-from das.advice.modes import FOUR_MODES, ROLLING, Mode
 from das.advice.plan import Plan
 from das.advice.plan_kernels import interval, without_ripples
 from das.advice.reduced import ReducedSpeed
+from das.advice.regimes import FOUR_MODES, ROLLING, Regime
 from das.advice.settings import DEFAULT
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
@@ -69,17 +69,17 @@ def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Fro
     for second in range(2 * arrival_s):
         advisor.set_position(PositionFix(time_ns=ns(second), s_m=s, speed_mps=v))
         advice = advisor.update(ns(second))
-        if advice.mode is Mode.STOP:
+        if advice.mode is Regime.STOP:
             break
         first = first or advice
         after = after_a_second_mps(advice)
         s, v = s + 0.5 * (v + after), after
-    assert advice.mode is Mode.STOP
+    assert advice.mode is Regime.STOP
     assert s == pytest.approx(29_000.0, abs=30.0)
     assert second == pytest.approx(arrival_s, abs=5)
     assert first is not None
     assert first.energy_to_go_j == pytest.approx(
-        front.trajectory(arrival_s + DEFAULT.plan.unhurried_s).ledger.input, rel=1e-3
+        front.trajectory(arrival_s + DEFAULT.plan.unhurried_s).balance.input, rel=1e-3
     )
     assert first.predicted_deviation_s == pytest.approx(DEFAULT.plan.unhurried_s, abs=0.25)
     assert first.buffer_ratio == pytest.approx(arrival_s / least - 1, abs=1e-3)
@@ -105,7 +105,7 @@ def test_never_above_limit_or_brake_curve(front: Front, place: float, speed: flo
     s_m = place * section.end_m
     v_mps = min(speed * float(np.interp(s_m, section.node_m, section.envelope_mps)), 60.0)
     _, advice = advisor_at(front, s_m, v_mps, now_s=0.0, arrival_s=1_100.0 * left_ratio + 600.0, departure_s=-2_000.0)
-    if advice.mode in (Mode.NONE, Mode.STOP):
+    if advice.mode in (Regime.NONE, Regime.STOP):
         return
 
     def allowed(x: float) -> float:
@@ -126,7 +126,7 @@ def test_above_the_brake_curve_it_says_brake(front: Front) -> None:
     drop = int(np.flatnonzero(np.diff(section.limit_mps) < -5)[0])
     s_m, limit = float(section.node_m[drop + 1]), float(section.limit_mps[drop])
     _, advice = advisor_at(front, s_m - 5.0, limit, now_s=0.0, arrival_s=900.0)
-    assert advice.mode in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+    assert advice.mode in (Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
     assert advice.advised_force_n < -1e5
 
 
@@ -140,10 +140,10 @@ def test_who_is_too_fast_is_never_told_to_pull_nor_to_coast_for_a_brake(
     _, advice = advisor_at(front, s_m, allowed + over_mps, now_s=0.0, arrival_s=100.0)
     assert "too fast" in advice.reason
     assert advice.advised_force_n <= 0
-    brakes = (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
-    assert advice.mode in (Mode.CRUISE, Mode.COAST, *brakes)
+    brakes = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
+    assert advice.mode in (Regime.CRUISE, Regime.COAST, *brakes)
     # Where coasting would not come down to the limit, a display of four modes holds it or brakes.
-    assert advice.four_mode in ((Mode.FULL_BRAKE,) if advice.mode in brakes else (advice.mode, Mode.CRUISE))
+    assert advice.four_mode in ((Regime.FULL_BRAKE,) if advice.mode in brakes else (advice.mode, Regime.CRUISE))
 
 
 def test_a_brake_as_hard_as_the_train_may_is_full() -> None:
@@ -151,7 +151,7 @@ def test_a_brake_as_hard_as_the_train_may_is_full() -> None:
     train = replace(load_vehicle("re460-ic"), max_deceleration_mps2=0.3)
     late = solve_front(build_section(load_route("flat-6km"), train))
     plan = Plan.of(late.fastest(), late.section, 0)
-    assert plan.modes[-1] == plan.four_modes[-1] == Mode.FULL_BRAKE
+    assert plan.modes[-1] == plan.four_modes[-1] == Regime.FULL_BRAKE
     assert -plan.force_n[-1] < 0.5 * 300e3
 
 
@@ -171,26 +171,26 @@ def test_too_late_gives_the_fastest_run_and_says_how_late(front: Front) -> None:
 
 def test_an_arrival_in_the_past_still_gives_the_fastest_run(front: Front) -> None:
     _, advice = advisor_at(front, 20_000.0, 20.0, now_s=2_000.0, arrival_s=1_000.0)
-    assert advice.mode is not Mode.NONE
+    assert advice.mode is not Regime.NONE
     assert advice.reason.startswith("fastest")
 
 
 def test_never_departs_early(front: Front) -> None:
     _, advice = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_500.0, departure_s=42.0)
-    assert (advice.mode, advice.advised_speed_mps, advice.reason) == (Mode.STOP, 0.0, "depart in 42 s")
+    assert (advice.mode, advice.advised_speed_mps, advice.reason) == (Regime.STOP, 0.0, "depart in 42 s")
 
 
 @pytest.mark.parametrize("s_m", [0.0, 14_000.0, 28_900.0])
 def test_a_train_that_stands_before_its_stop_is_told_to_depart_when_cleared_and_how(front: Front, s_m: float) -> None:
     """At its departure stop or under way: nothing in the advice moves it, and all that is needed to depart is there."""
     advisor, advice = advisor_at(front, s_m, 0.0, now_s=0.0, arrival_s=1_250.0)
-    assert (advice.mode, advice.four_mode) == (Mode.DEPART, Mode.DEPART)
+    assert (advice.mode, advice.four_mode) == (Regime.DEPART, Regime.DEPART)
     assert advice.reason.startswith("depart when cleared: ")
     moving = (advice.advised_speed_mps, advice.display_speed_mps, advice.advised_force_n, advice.advised_force_ratio)
     assert moving == (0.0, 0.0, 0.0, 0.0)
     assert set(advice.horizon_speed_mps) == set(advice.horizon_force_n) == {0.0}
-    assert advice.next_mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION)
-    assert advice.next_four_mode is Mode(int(FOUR_MODES[advice.next_mode]))
+    assert advice.next_mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
+    assert advice.next_four_mode is Regime(int(FOUR_MODES[advice.next_mode]))
     assert math.isnan(advice.next_change_s)
     assert 0.0 < advice.departure_speed_mps <= max(front.section.limit_mps)
     assert 0.0 < advice.departure_force_ratio <= 1.0
@@ -205,16 +205,16 @@ def test_a_train_that_comes_to_stand_where_the_plan_brakes_is_told_how_to_depart
     """It was to brake on to the stop, and is still near enough to its plan to count as following it."""
     states = [(28_935.0 - 0.5 * (5.0 - 0.5 * t) ** 2 / 0.5, 5.0 - 0.5 * t) for t in range(11)]
     told = driven(front, states, arrival_s=1_250.0)
-    assert Mode.DEPART in {advice.mode for advice in told}
+    assert Regime.DEPART in {advice.mode for advice in told}
     for advice in told:
-        if advice.mode is Mode.DEPART:
+        if advice.mode is Regime.DEPART:
             assert advice.departure_force_ratio >= 0.0
-            assert advice.next_mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION, Mode.COAST)
+            assert advice.next_mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION, Regime.COAST)
 
 
 def test_standing_at_the_end_is_arrived(front: Front) -> None:
     _, advice = advisor_at(front, 28_990.0, 0.0, now_s=1_260.0, arrival_s=1_250.0)
-    assert (advice.mode, advice.reason) == (Mode.STOP, "arrived, 10 s late")
+    assert (advice.mode, advice.reason) == (Regime.STOP, "arrived, 10 s late")
 
 
 def test_who_stands_at_the_end_is_not_later_every_second(front: Front) -> None:
@@ -234,9 +234,9 @@ def test_who_stands_at_the_end_is_not_later_every_second(front: Front) -> None:
 def test_a_train_that_moves_up_to_its_stop_is_not_told_to_depart(front: Front) -> None:
     """It stood short of the mark, so the stop is kept; what it creeps now is not the next section."""
     _, advice = advisor_at(front, -31.0, 2.0, now_s=-60.0, arrival_s=1_250.0)
-    assert (advice.mode, advice.reason) == (Mode.NONE, "moving up to the stop")
+    assert (advice.mode, advice.reason) == (Regime.NONE, "moving up to the stop")
     _, advice = advisor_at(front, -31.0, 2.0, now_s=1.0, arrival_s=1_250.0)
-    assert advice.mode is Mode.FULL_TRACTION
+    assert advice.mode is Regime.FULL_TRACTION
 
 
 def test_full_brake_is_no_more_than_the_train_brakes_with() -> None:
@@ -283,16 +283,16 @@ def test_no_advice_with_its_reason(front: Front, fix: dict[str, float], now_s: f
         PositionFix(time_ns=ns(fix["time_s"]), s_m=fix["s_m"], speed_mps=fix["speed_mps"], quality=quality)
     )
     advice = advisor.update(ns(now_s))
-    assert (advice.mode, advice.source, advice.reason) == (Mode.NONE, Source.NONE, reason)
+    assert (advice.mode, advice.source, advice.reason) == (Regime.NONE, Source.NONE, reason)
     assert math.isnan(advice.advised_speed_mps)
     assert math.isnan(advice.advised_force_n)
 
 
 def test_advice_comes_back_when_the_position_does(front: Front) -> None:
     advisor, _ = advisor_at(front, 5_000.0, 20.0, now_s=100.0, arrival_s=1_250.0)
-    assert advisor.update(ns(110.0)).mode is Mode.NONE
+    assert advisor.update(ns(110.0)).mode is Regime.NONE
     advisor.set_position(PositionFix(time_ns=ns(111.0), s_m=5_220.0, speed_mps=20.0))
-    assert advisor.update(ns(111.0)).mode is not Mode.NONE
+    assert advisor.update(ns(111.0)).mode is not Regime.NONE
 
 
 def test_without_timetable_or_position_it_says_so(front: Front) -> None:
@@ -324,11 +324,11 @@ def test_a_plan_is_kept_while_the_train_stays_near_it(front: Front) -> None:
 
 def test_a_new_mode_waits_unless_it_asks_for_less_effort(front: Front) -> None:
     display = Display()
-    assert display.held_mode(Mode.COAST, ns(0)) is Mode.COAST
-    assert display.held_mode(Mode.CRUISE, ns(1)) is Mode.COAST
-    assert display.held_mode(Mode.CRUISE, ns(3)) is Mode.CRUISE
-    assert display.held_mode(Mode.COAST, ns(4)) is Mode.COAST
-    assert display.held_mode(Mode.FULL_BRAKE, ns(5)) is Mode.FULL_BRAKE
+    assert display.held_mode(Regime.COAST, ns(0)) is Regime.COAST
+    assert display.held_mode(Regime.CRUISE, ns(1)) is Regime.COAST
+    assert display.held_mode(Regime.CRUISE, ns(3)) is Regime.CRUISE
+    assert display.held_mode(Regime.COAST, ns(4)) is Regime.COAST
+    assert display.held_mode(Regime.FULL_BRAKE, ns(5)) is Regime.FULL_BRAKE
 
 
 def driven(front: Front, states: list[tuple[float, float]], *, arrival_s: float) -> list[Advice]:
@@ -352,7 +352,7 @@ def test_who_brakes_early_for_the_stop_is_not_told_to_speed_up(front: Front) -> 
         for t in range(int(way_s) - 2)
     ]
     heard = driven(front, cruised + braked, arrival_s=10.0)[len(cruised) + 4 :]
-    assert all(advice.mode is not Mode.NONE for advice in heard)
+    assert all(advice.mode is not Regime.NONE for advice in heard)
     assert max(advice.advised_force_n for advice in heard) < 0.1 * front.section.train.traction_force_n
 
 
@@ -363,7 +363,7 @@ def test_who_keeps_a_little_below_the_advised_speed_is_not_chased(front: Front) 
     kept_mps = first.limit_mps - 4.0 * KMH
     heard = driven(front, [(start_m + kept_mps * t, kept_mps) for t in range(60)], arrival_s=10.0)
     # He does not brake either: the brake that is shown becomes stronger and stronger, and that is no change here.
-    modes = [min(advice.mode, Mode.REDUCED_BRAKE) for advice in heard]
+    modes = [min(advice.mode, Regime.REDUCED_BRAKE) for advice in heard]
     changes = sum(a != b for a, b in pairwise(modes))
     assert changes <= 4, [advice.mode.name for advice in heard]
 
@@ -376,16 +376,16 @@ def test_the_effort_shown_is_that_of_the_mode_shown(front: Front) -> None:
         v_mps = min(max(v_mps + random.normal(0.0, 0.6), 15.0), allowed)
         s_m += v_mps
         states.append((s_m, v_mps))
-    heard = [advice for advice in driven(front, states, arrival_s=900.0) if advice.mode is not Mode.NONE]
+    heard = [advice for advice in driven(front, states, arrival_s=900.0) if advice.mode is not Regime.NONE]
     idle_n = 0.03 * front.section.train.traction_force_n
     assert len(heard) > 500
     assert len({advice.mode for advice in heard}) >= 4
     for advice in heard:
-        if advice.mode in (Mode.FULL_TRACTION, Mode.REDUCED_TRACTION):
+        if advice.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             assert advice.advised_force_n > 0
-        if advice.mode is Mode.COAST:
+        if advice.mode is Regime.COAST:
             assert abs(advice.advised_force_n) < idle_n
-        if advice.mode in (Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE):
+        if advice.mode in (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE):
             assert advice.advised_force_n < 0
 
 
@@ -399,7 +399,7 @@ def test_the_effort_of_a_mode_left_out_is_not_shown_with_another(front: Front) -
         assert (plan.shown_force_n[plan.modes == planned] == plan.force_n[plan.modes == planned]).all()
         assert (plan.shown_force_n <= plan.force_n).all()
         assert (
-            plan.shown_force_n[plan.modes == Mode.COAST].max()
+            plan.shown_force_n[plan.modes == Regime.COAST].max()
             <= DEFAULT.modes.idle_effort_ratio * section.train.traction_force_n
         )
     assert left_out > 0
@@ -408,15 +408,15 @@ def test_the_effort_of_a_mode_left_out_is_not_shown_with_another(front: Front) -
 def test_a_fix_from_the_future_does_not_shut_out_the_present(front: Front) -> None:
     advisor, _ = advisor_at(front, 5_000.0, 20.0, now_s=100.0, arrival_s=1_250.0)
     advisor.set_position(PositionFix(time_ns=ns(10_000), s_m=6_000.0, speed_mps=20.0))
-    assert advisor.update(ns(101)).mode is Mode.NONE
+    assert advisor.update(ns(101)).mode is Regime.NONE
     advisor.set_position(PositionFix(time_ns=ns(102), s_m=5_040.0, speed_mps=20.0))
-    assert advisor.update(ns(102)).mode is not Mode.NONE
+    assert advisor.update(ns(102)).mode is not Regime.NONE
 
 
 @pytest.mark.parametrize("s_m", [28_999.5, 29_000.0, 29_030.0])
 def test_moving_at_the_stop_it_says_brake_not_stop(front: Front, s_m: float) -> None:
     _, advice = advisor_at(front, s_m, 10.0, now_s=1_240.0, arrival_s=1_250.0)
-    assert advice.mode is Mode.FULL_BRAKE
+    assert advice.mode is Regime.FULL_BRAKE
     assert advice.advised_force_n < -1e5
     assert advice.advised_speed_mps <= 10.0
     assert advice.source is Source.FALLBACK
@@ -425,12 +425,12 @@ def test_moving_at_the_stop_it_says_brake_not_stop(front: Front, s_m: float) -> 
 @pytest.mark.parametrize("v_mps", [10.0, 0.0])
 def test_far_past_the_stop_there_is_no_advice(front: Front, v_mps: float) -> None:
     _, advice = advisor_at(front, 29_080.0, v_mps, now_s=1_240.0, arrival_s=1_250.0)
-    assert (advice.mode, advice.reason) == (Mode.NONE, "ran 80 m past the stop")
+    assert (advice.mode, advice.reason) == (Regime.NONE, "ran 80 m past the stop")
 
 
 def test_above_the_end_of_the_loss_map_it_says_brake(front: Front) -> None:
     _, advice = advisor_at(front, 5_000.0, 58.0, now_s=200.0, arrival_s=1_250.0)
-    assert advice.mode is Mode.FULL_BRAKE
+    assert advice.mode is Regime.FULL_BRAKE
     assert advice.advised_speed_mps <= advice.limit_mps
 
 
@@ -441,7 +441,7 @@ def test_modes_too_short_to_follow_are_left_out() -> None:
 
 
 def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> None:
-    coast, pull, cruise, brake = Mode.COAST, Mode.REDUCED_TRACTION, Mode.CRUISE, Mode.REDUCED_BRAKE
+    coast, pull, cruise, brake = Regime.COAST, Regime.REDUCED_TRACTION, Regime.CRUISE, Regime.REDUCED_BRAKE
     cases = [
         ([cruise, coast, pull, cruise], [20.0, 20.0, 19.7, 20.2, 20.2], [cruise] * 4),
         ([cruise, coast, pull, cruise], [20.0, 20.0, 19.4, 20.0, 20.0], [cruise, coast, pull, cruise]),
@@ -472,7 +472,7 @@ def test_four_modes_and_their_next_change(front: Front) -> None:
     advisor, advice = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
     plan = advisor.plan
     assert plan is not None
-    four, weak = plan.four_modes, (plan.modes == Mode.REDUCED_BRAKE) & (plan.four_modes == Mode.COAST)
+    four, weak = plan.four_modes, (plan.modes == Regime.REDUCED_BRAKE) & (plan.four_modes == Regime.COAST)
     assert np.array_equal(four[~weak], FOUR_MODES[plan.modes][~weak])
     assert advice.four_mode == FOUR_MODES[advice.mode] == four[0]
     change = int(np.flatnonzero(four != four[0])[0])
@@ -515,14 +515,14 @@ def test_the_reduced_maximum_speed_is_not_absurdly_slow_where_time_is_ample(fron
 def test_before_the_departure_the_reduced_speed_of_the_way_is_known(front: Front) -> None:
     _, waiting = advisor_at(front, 0.0, 0.0, now_s=-42.0, arrival_s=1_250.0)
     _, leaving = advisor_at(front, 0.0, 0.0, now_s=0.0, arrival_s=1_250.0)
-    assert waiting.mode is Mode.STOP
+    assert waiting.mode is Regime.STOP
     assert waiting.reduced_max_speed_mps == leaving.reduced_max_speed_mps
 
 
 def test_a_clock_that_is_set_back_does_not_hold_a_mode(front: Front) -> None:
     display = Display()
-    assert display.held_mode(Mode.COAST, ns(1000)) is Mode.COAST
-    assert display.held_mode(Mode.CRUISE, ns(0)) is Mode.CRUISE
+    assert display.held_mode(Regime.COAST, ns(1000)) is Regime.COAST
+    assert display.held_mode(Regime.CRUISE, ns(0)) is Regime.CRUISE
 
 
 def test_every_field_of_the_advice_is_in_the_message() -> None:
@@ -530,7 +530,7 @@ def test_every_field_of_the_advice_is_in_the_message() -> None:
 
     ours = {field.name for field in dataclasses.fields(Advice)}
     assert ours | {"tick"} == set(das_pb2.Advice.DESCRIPTOR.fields_by_name)
-    assert {m.name: m.value for m in Mode} == {
+    assert {m.name: m.value for m in Regime} == {
         name.removeprefix("MODE_"): number for name, number in das_pb2.Mode.items()
     }
     assert {s.name: s.value for s in Source} == {

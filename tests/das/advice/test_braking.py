@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from das.advice.braking import BACK_IN_S, SPEED_SLACK_MPS, STOP_SLACK_M, BrakingAhead, braking_mode
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.braking import USUAL
 from das.domain.files.load import load_vehicle
 from das.domain.route import Zone
@@ -79,12 +79,12 @@ def test_more_than_the_motors_is_friction_and_never_beyond_the_train() -> None:
     ahead = BrakingAhead(line())
     effort = ahead.needed(7800.0, 25.0).effort
     assert effort > 1.0
-    assert braking_mode(effort) is Mode.FRICTION_BRAKE
+    assert braking_mode(effort) is Regime.FRICTION_BRAKE
     most_n = min(300e3, 6.1e6 / 25.0) + 400e3
     assert ahead.force_n(100.0, 7800.0, 25.0) == pytest.approx(-most_n)
     assert ahead.force_n(0.5, 7800.0, 25.0) == pytest.approx(-0.5 * 6.1e6 / 25.0)
     assert (braking_mode(0.5), braking_mode(0.98), braking_mode(1.0)) == (
-        Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FULL_BRAKE,
+        Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FULL_BRAKE,
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from das.advice.cause import Cause
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.consequences import FULL_RATIO
 from das.advice.last_word import Act, LastWord, Part
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.cab.leg import Leg
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
@@ -69,7 +69,7 @@ def at(s_m: float, v_mps: float, sd_m: float = SD_M) -> Estimate:
     )
 
 
-def advice_of(s_m: float, v_mps: float, mode: Mode, force_n: float, rate_mps2: float = 0.0, **changes: Any) -> Advice:
+def advice_of(s_m: float, v_mps: float, mode: Regime, force_n: float, rate_mps2: float = 0.0, **changes: Any) -> Advice:
     """An advice whose horizon goes on with one deceleration to a standstill."""
     horizon = tuple(max(v_mps - rate_mps2 * second, 0.0) for second in range(1, 31))
     common: dict[str, Any] = {
@@ -77,8 +77,8 @@ def advice_of(s_m: float, v_mps: float, mode: Mode, force_n: float, rate_mps2: f
         "advised_speed_mps": v_mps, "advised_force_n": force_n, "advised_force_ratio": force_n / 1e5,
         "display_speed_mps": math.floor(v_mps / KMH) * KMH, "reduced_max_speed_mps": math.floor(v_mps / KMH) * KMH,
         "horizon_speed_mps": horizon, "horizon_force_n": tuple(force_n if v > 0 else 0.0 for v in horizon),
-        "next_mode": Mode.STOP, "limit_mps": MODEL.limit_mps(s_m), "source": Source.SOLVED,
-        "four_mode": Mode.FULL_BRAKE if force_n < 0 else mode, "valid_until_ns": 4 * S, "position_sd_m": SD_M,
+        "next_mode": Regime.STOP, "limit_mps": MODEL.limit_mps(s_m), "source": Source.SOLVED,
+        "four_mode": Regime.FULL_BRAKE if force_n < 0 else mode, "valid_until_ns": 4 * S, "position_sd_m": SD_M,
     }  # fmt: skip
     return Advice(**{**common, **changes})
 
@@ -88,25 +88,27 @@ BRAKE_MPS = curve_mps(200.0, LOW)
 """A place on the braking curve before the lower limit, and the speed there."""
 IN_S = (6_000.0 - (HIGH**2 - LOW**2) / (2 * RATE) - FAST_M) / HIGH
 COACH_FAST = Coaching(
-    now=Instruction(mode=Mode.CRUISE, speed_mps=HIGH),
+    now=Instruction(mode=Regime.CRUISE, speed_mps=HIGH),
     following=(
-        Instruction(mode=Mode.FULL_BRAKE, speed_mps=LOW, effort_ratio=-1.0, way_m=(IN_S - 1.0) * HIGH, in_s=IN_S - 1.0),
-        Instruction(mode=Mode.CRUISE, speed_mps=LOW, way_m=4_000.0, in_s=200.0),
+        Instruction(
+            mode=Regime.FULL_BRAKE, speed_mps=LOW, effort_ratio=-1.0, way_m=(IN_S - 1.0) * HIGH, in_s=IN_S - 1.0
+        ),
+        Instruction(mode=Regime.CRUISE, speed_mps=LOW, way_m=4_000.0, in_s=200.0),
     ),
     target_m=IN_S * HIGH,
     target_s=IN_S,
 )
 COACH_BRAKES = Coaching(
-    now=Instruction(mode=Mode.FULL_BRAKE, speed_mps=LOW, effort_ratio=-1.0),
-    following=(Instruction(mode=Mode.CRUISE, speed_mps=LOW, way_m=200.0, in_s=8.0),),
+    now=Instruction(mode=Regime.FULL_BRAKE, speed_mps=LOW, effort_ratio=-1.0),
+    following=(Instruction(mode=Regime.CRUISE, speed_mps=LOW, way_m=200.0, in_s=8.0),),
     target_m=200.0,
     target_s=8.0,
     force_n=-FULL_N,
     reference_force_n=-FULL_N,
 )
-FAST = advice_of(FAST_M, HIGH, Mode.CRUISE, 0.0, coach=COACH_FAST)
+FAST = advice_of(FAST_M, HIGH, Regime.CRUISE, 0.0, coach=COACH_FAST)
 """The train holds the limit, and the coach announces the brake to the next one."""
-BRAKES = advice_of(BRAKE_M, BRAKE_MPS, Mode.FULL_BRAKE, -FULL_N, coach=COACH_BRAKES)
+BRAKES = advice_of(BRAKE_M, BRAKE_MPS, Regime.FULL_BRAKE, -FULL_N, coach=COACH_BRAKES)
 BRAKES = replace(
     BRAKES,
     horizon_speed_mps=tuple(max(v - RATE * k, LOW) for k, v in enumerate((BRAKE_MPS,) * 31))[1:],
@@ -145,9 +147,9 @@ def followed(*changes: dict[str, Any]) -> dict[str, Any]:
 FASTER = tuple(HIGH + 2.0 for _ in range(30))
 WRONG: dict[str, tuple[Advice, dict[str, Any], Part]] = {
     "traction to a speed above the limit": (
-        FAST, {"mode": Mode.FULL_TRACTION, "advised_force_n": 1e5, "horizon_speed_mps": FASTER}, Part.EFFORT
+        FAST, {"mode": Regime.FULL_TRACTION, "advised_force_n": 1e5, "horizon_speed_mps": FASTER}, Part.EFFORT
     ),
-    "coasting on the curve": (BRAKES, {"mode": Mode.COAST, "advised_force_n": 0.0}, Part.EFFORT),
+    "coasting on the curve": (BRAKES, {"mode": Regime.COAST, "advised_force_n": 0.0}, Part.EFFORT),
     "a brake that is too weak": (BRAKES, {"advised_force_n": -10e3, "horizon_force_n": (-10e3,) * 30}, Part.EFFORT),
     "a force that the train does not have": (FAST, {"advised_force_n": -500e3}, Part.EFFORT),
     "traction that the train does not have": (FAST, {"advised_force_n": 150e3}, Part.EFFORT),
@@ -166,24 +168,24 @@ WRONG: dict[str, tuple[Advice, dict[str, Any], Part]] = {
     "horizon below 0": (FAST, {"horizon_speed_mps": (HIGH,) * 29 + (-1.0,)}, Part.HORIZON),
     "infinite time": (FAST, {"next_change_s": math.inf}, Part.FIGURES),
     "infinite energy": (FAST, {"energy_to_go_j": -math.inf}, Part.FIGURES),
-    "four modes: traction at the limit": (FAST, {"four_mode": Mode.FULL_TRACTION}, Part.FOUR_MODES),
-    "four modes: coasting on the curve": (BRAKES, {"four_mode": Mode.COAST}, Part.FOUR_MODES),
+    "four modes: traction at the limit": (FAST, {"four_mode": Regime.FULL_TRACTION}, Part.FOUR_MODES),
+    "four modes: coasting on the curve": (BRAKES, {"four_mode": Regime.COAST}, Part.FOUR_MODES),
     "four modes: traction in a second": (
         FAST,
-        {"four_mode": Mode.COAST, "next_four_mode": Mode.FULL_TRACTION, "next_four_change_s": 1.0},
+        {"four_mode": Regime.COAST, "next_four_mode": Regime.FULL_TRACTION, "next_four_change_s": 1.0},
         Part.FOUR_MODES,
     ),
     "coach: a speed to hold above the limit": (
-        FAST, coached(FAST, now=Instruction(mode=Mode.CRUISE, speed_mps=HIGH + 1.0)), Part.COACH
+        FAST, coached(FAST, now=Instruction(mode=Regime.CRUISE, speed_mps=HIGH + 1.0)), Part.COACH
     ),
     "coach: traction": (
         FAST,
-        coached(FAST, now=Instruction(mode=Mode.FULL_TRACTION, speed_mps=HIGH + 2.0, effort_ratio=1.0), force_n=1e5),
+        coached(FAST, now=Instruction(mode=Regime.FULL_TRACTION, speed_mps=HIGH + 2.0, effort_ratio=1.0), force_n=1e5),
         Part.COACH,
     ),
     "coach: coasting on the curve": (
         BRAKES,
-        coached(BRAKES, now=Instruction(mode=Mode.COAST, speed_mps=LOW), force_n=0.0, reference_force_n=0.0),
+        coached(BRAKES, now=Instruction(mode=Regime.COAST, speed_mps=LOW), force_n=0.0, reference_force_n=0.0),
         Part.COACH,
     ),
     "coach: a brake that is due too late": (
@@ -210,7 +212,7 @@ def test_what_is_wrong_is_caught_and_what_is_said_instead_is_sound(name: str) ->
     said, acts = judged(wrong)
     assert part in {act.part for act in acts}
     assert said != wrong
-    assert said.mode is not Mode.NONE
+    assert said.mode is not Regime.NONE
     assert judged(said) == (said, ())
     if part not in (Part.EFFORT, Part.ADVISED_SPEED):
         assert {act.part for act in acts} == {part}
@@ -219,11 +221,11 @@ def test_what_is_wrong_is_caught_and_what_is_said_instead_is_sound(name: str) ->
 
 
 def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
-    said, (act,) = judged(replace(BRAKES, mode=Mode.COAST, advised_force_n=0.0))
+    said, (act,) = judged(replace(BRAKES, mode=Regime.COAST, advised_force_n=0.0))
     # The train may be 2 m further, and a steady force is asked for.
     needed_n = 1e5 * (BRAKE_MPS**2 - LOW**2) / (2 * (200.0 - 2 * SD_M))
     assert said.advised_force_n == act.instead_n == pytest.approx(-needed_n)
-    assert (said.mode, said.four_mode, said.source) == (Mode.FULL_BRAKE, Mode.FULL_BRAKE, Source.FALLBACK)
+    assert (said.mode, said.four_mode, said.source) == (Regime.FULL_BRAKE, Regime.FULL_BRAKE, Source.FALLBACK)
     assert said.reason == "brake to 72 km/h by km 6.00"
     assert said.advised_force_ratio == pytest.approx(-needed_n / (2 * FULL_N))
     assert list(said.horizon_speed_mps) == sorted(said.horizon_speed_mps, reverse=True)
@@ -233,10 +235,10 @@ def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
 
 def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:
     too_fast = BRAKE_MPS + 3.0
-    wrong = advice_of(BRAKE_M, too_fast, Mode.COAST, 0.0, four_mode=Mode.COAST, advised_speed_mps=BRAKE_MPS)
+    wrong = advice_of(BRAKE_M, too_fast, Regime.COAST, 0.0, four_mode=Regime.COAST, advised_speed_mps=BRAKE_MPS)
     said, acts = judged(wrong)
     assert {act.part for act in acts} >= {Part.EFFORT}
-    assert said.mode is Mode.FRICTION_BRAKE
+    assert said.mode is Regime.FRICTION_BRAKE
     assert said.advised_force_n == pytest.approx(-1e5 * (too_fast**2 - LOW**2) / (2 * 198.0))
     assert said.advised_force_n < -FULL_N
 
@@ -253,7 +255,7 @@ def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_n
 
 def test_a_train_hardly_above_the_limit_may_be_told_to_hold_it_and_one_far_above_must_brake() -> None:
     def parts(excess_mps: float) -> list[Part]:
-        held = replace(FAST, speed_mps=HIGH + excess_mps, coach=None, four_mode=Mode.FULL_BRAKE)
+        held = replace(FAST, speed_mps=HIGH + excess_mps, coach=None, four_mode=Regime.FULL_BRAKE)
         return [act.part for act in judged(held)[1]]
 
     assert parts(0.9) == []
@@ -262,12 +264,12 @@ def test_a_train_hardly_above_the_limit_may_be_told_to_hold_it_and_one_far_above
 
 def test_the_train_may_be_two_deviations_ahead_but_sees_the_mark() -> None:
     way_m = 300.0
-    advice = advice_of(END_M - way_m, curve_mps(way_m), Mode.FULL_BRAKE, -FULL_N, RATE)
+    advice = advice_of(END_M - way_m, curve_mps(way_m), Regime.FULL_BRAKE, -FULL_N, RATE)
     assert judged(advice)[1] == ()
     early, _ = judged(advice, at(advice.s_m, advice.speed_mps, sd_m=30.0))
     assert early.advised_speed_mps == pytest.approx(curve_mps(way_m - 60.0), abs=0.01)
     # In the last metres the mark is found by eye, however uncertain the position is.
-    near = advice_of(END_M - 8.0, curve_mps(8.0), Mode.FULL_BRAKE, -FULL_N, RATE)
+    near = advice_of(END_M - 8.0, curve_mps(8.0), Regime.FULL_BRAKE, -FULL_N, RATE)
     assert judged(near, at(near.s_m, near.speed_mps, sd_m=30.0))[1] == ()
 
 
@@ -279,7 +281,7 @@ def test_a_brake_announced_too_late_is_left_out_with_what_comes_after_it() -> No
         coach = replace(COACH_FAST, following=(one, replace(COACH_FAST.following[1], way_m=700.0)))
         horizon = tuple(HIGH if k < 6 else HIGH - RATE * (k - 5) for k in range(30))
         said, acts = judged(
-            advice_of(s_m, HIGH, Mode.CRUISE, 0.0, coach=coach, horizon_speed_mps=horizon[:20] + (LOW,) * 10)
+            advice_of(s_m, HIGH, Regime.CRUISE, 0.0, coach=coach, horizon_speed_mps=horizon[:20] + (LOW,) * 10)
         )
         assert said.coach is not None
         assert [act.part for act in acts] == [Part.COACH_NEXT] * (kept == 0)
@@ -289,16 +291,16 @@ def test_a_brake_announced_too_late_is_left_out_with_what_comes_after_it() -> No
 def test_a_train_downhill_is_not_told_to_coast_above_the_limit() -> None:
     steep = make_route(END_M, [(0.0, HIGH)], [(0.0, -0.03)])
     basis = BASIS._replace(route=steep)
-    coasts = advice_of(FAST_M, HIGH, Mode.COAST, 0.0, four_mode=Mode.CRUISE)
+    coasts = advice_of(FAST_M, HIGH, Regime.COAST, 0.0, four_mode=Regime.CRUISE)
     said, acts = judged(coasts, basis=basis)
     assert [act.part for act in acts] == [Part.EFFORT]
     # The brake takes back at least what the hill gives.
-    assert said.mode is Mode.REDUCED_BRAKE
+    assert said.mode is Regime.REDUCED_BRAKE
     assert said.advised_force_n <= -0.03 * 9.80665 * 1e5
 
 
 def test_a_train_that_stands_is_left_in_peace() -> None:
-    stands = advice_of(END_M - 3.0, 0.0, Mode.STOP, 0.0, four_mode=Mode.STOP, reduced_max_speed_mps=math.nan)
+    stands = advice_of(END_M - 3.0, 0.0, Regime.STOP, 0.0, four_mode=Regime.STOP, reduced_max_speed_mps=math.nan)
     assert judged(stands)[1] == ()
     assert judged(replace(stands, s_m=END_M + 20.0), at(END_M + 20.0, 0.0))[1] == ()
 
@@ -306,7 +308,7 @@ def test_a_train_that_stands_is_left_in_peace() -> None:
 def test_nothing_is_safe_where_position_or_speed_are_no_numbers() -> None:
     for here in (at(math.nan, HIGH), at(FAST_M, math.nan), at(FAST_M, HIGH, sd_m=math.nan)):
         said, (act,) = judged(FAST, here)
-        assert (said.mode, said.cause, act.part) == (Mode.NONE, Cause.POSITION_REJECTED, Part.STATE)
+        assert (said.mode, said.cause, act.part) == (Regime.NONE, Cause.POSITION_REJECTED, Part.STATE)
         assert said.reason
 
 
@@ -427,7 +429,7 @@ def test_a_failing_last_word_withdraws_the_advice(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(LastWord, "judge", fails)
     withdrawn = driven.tick(51)
-    assert (withdrawn.mode, withdrawn.cause) == (Mode.NONE, Cause.INTERNAL_ERROR)
+    assert (withdrawn.mode, withdrawn.cause) == (Regime.NONE, Cause.INTERNAL_ERROR)
     assert "no word" in withdrawn.reason
     monkeypatch.undo()
     assert driven.tick(52).cause == Cause.NONE
@@ -438,7 +440,7 @@ def test_a_force_that_is_no_number_does_not_leave_the_cab(monkeypatch: pytest.Mo
     wrong_from_now_on(monkeypatch, advised_force_n=math.nan)
     replaced = driven.tick(50)
     assert math.isfinite(replaced.advised_force_n)
-    assert replaced.mode != Mode.NONE
+    assert replaced.mode != Regime.NONE
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import pytest
 
 from das.advice.above_plan import AT_FOOT_MPS, braked_enough, kept_behind
 from das.advice.four_modes import FourModes
-from das.advice.modes import Mode
 from das.advice.planner import PlanBasis, Planner, TrainState
+from das.advice.regimes import Regime
 from das.advice.settings import DisplaySettings
 from das.domain.braking import USUAL
 from das.solver.section import SectionOptions, build_section
@@ -59,7 +59,7 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
     s_m, v_mps = 3996.0, 15.0 + over_mps
     state, ahead = TrainState(0, s_m, v_mps), PLANNER.ahead
     assert not ahead.is_due(s_m, v_mps)
-    _, force_n = braked_enough(Mode.CRUISE, 0.0, state, PLANNER, v_mps, too_fast=True)
+    _, force_n = braked_enough(Regime.CRUISE, 0.0, state, PLANNER, v_mps, too_fast=True)
     most_n = ahead.force_n(ahead.largest(v_mps), s_m, v_mps)
     assert (force_n == pytest.approx(most_n, rel=0.01)) is brakes_fully
 
@@ -70,7 +70,7 @@ def test_a_display_of_four_modes_brakes_in_time_for_full_brakes_that_build_up() 
     for s_m in np.arange(3000.0, 4000.0, 20.0).tolist():
         state = TrainState(0, s_m, v_mps)
         four = FourModes(settings, PLANNER, state, v_mps, 0.0)
-        shown = four.safe(Mode.CRUISE, Mode.CRUISE) is Mode.FULL_BRAKE
+        shown = four.safe(Regime.CRUISE, Regime.CRUISE) is Regime.FULL_BRAKE
         assert shown is PLANNER.brakes_late(state, v_mps, settings.four.before_s)
         if shown:
             break

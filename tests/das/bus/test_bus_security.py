@@ -35,7 +35,7 @@ from das.bus.topics import (
 )
 from das.cab.heard import JourneyHeard
 from sim.world.lockstep import Lockstep
-from sim.world.processes import Crew
+from sim.world.processes import Processes
 
 pytestmark = pytest.mark.processes
 TRAIN = "T1"
@@ -290,7 +290,7 @@ def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: 
     ports = dict(zip(LISTENERS, free_ports(len(LISTENERS)), strict=True))
     write_bus_folder(tmp_path / "bus", TRAIN, ports, days=1.0)
     start_ns = 1_800_000_000 * 10**9
-    crew = Crew(
+    processes = Processes(
         train=TRAIN,
         node_arguments=ROUTE,
         out=tmp_path / "run.mcap",
@@ -298,8 +298,8 @@ def test_a_simulation_runs_with_an_identity_for_each_of_its_processes(tmp_path: 
         start_ns=start_ns,
         bus=bus_folder(tmp_path / "bus", False, TRAIN),
     )
-    with Lockstep(crew) as lockstep:
-        heard = codec.heard(decoded(JOURNEY, "", journey(start_ns).SerializeToString()), 0)
+    with Lockstep(processes) as lockstep:
+        heard = codec.decode(decoded(JOURNEY, "", journey(start_ns).SerializeToString()), 0)
         assert isinstance(heard, JourneyHeard)
         lockstep.begin(heard)
         lockstep.send(RESTRICTION, das_pb2.Restrictions(time_ns=start_ns))

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from das.advice.advice import Advice, Source
 from das.advice.cause import Cause
 from das.advice.coach.coaching import Coaching, Instruction, Replan, ReplanCause
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import codec, das_pb2
 from das.bus.topics import CONTROL, POSITION, TRUTH, decoded
 from das.cab.heard import (
@@ -41,8 +41,8 @@ NOW_NS = 1_800_000_000_000_000_000
 
 def back(value: Heard, heard_ns: int = 7, source: str = "a") -> Heard | None:
     """What is told, sent as a message and read again."""
-    topic, message = codec.told(value)
-    return codec.heard(decoded(topic, topic.key("T1"), message.SerializeToString(), source), heard_ns)
+    topic, message = codec.encode_input(value)
+    return codec.decode(decoded(topic, topic.key("T1"), message.SerializeToString(), source), heard_ns)
 
 
 TOLD: tuple[Heard, ...] = (
@@ -81,26 +81,26 @@ def test_every_position_comes_back_bit_for_bit(s_m: float, speed_mps: float, qua
 
 
 def test_what_cannot_be_read_says_what_it_was_about() -> None:
-    rubbish = codec.heard(decoded(POSITION, POSITION.key("T1"), b"\xff", "a"), 7)
+    rubbish = codec.decode(decoded(POSITION, POSITION.key("T1"), b"\xff", "a"), 7)
     assert rubbish == Unreadable(told=Kind.POSITION, heard_ns=7, source="a")
     position = das_pb2.Position(time_ns=NOW_NS)
     position.quality = 99  # type: ignore[assignment]
-    odd = codec.heard(decoded(POSITION, POSITION.key("T1"), position.SerializeToString(), "a"), 7)
+    odd = codec.decode(decoded(POSITION, POSITION.key("T1"), position.SerializeToString(), "a"), 7)
     assert isinstance(odd, Unreadable)
     assert "99" in odd.why
 
 
 @pytest.mark.parametrize("topic", [CONTROL, TRUTH])
 def test_what_the_cab_does_not_hear_is_nothing(topic: Any) -> None:
-    assert codec.heard(decoded(topic, topic.key("T1"), b""), 7) is None
+    assert codec.decode(decoded(topic, topic.key("T1"), b""), 7) is None
 
 
 def test_an_advice_becomes_a_message_field_by_field() -> None:
     advice = Advice(
-        time_ns=NOW_NS, s_m=1.0, speed_mps=2.0, mode=Mode.COAST, horizon_speed_mps=(1.0, 2.0), source=Source.TABLE,
+        time_ns=NOW_NS, s_m=1.0, speed_mps=2.0, mode=Regime.COAST, horizon_speed_mps=(1.0, 2.0), source=Source.TABLE,
         reason="least energy on time",
     )  # fmt: skip
-    topic, message = codec.said(advice, tick=3)
+    topic, message = codec.encode_output(advice, tick=3)
     assert (topic.name, message.tick) == ("advice", 3)  # type: ignore[attr-defined]
     assert not message.HasField("coach")
     for field in dataclasses.fields(advice):
@@ -109,13 +109,13 @@ def test_an_advice_becomes_a_message_field_by_field() -> None:
         there, here = getattr(message, field.name), getattr(advice, field.name)
         there = tuple(there) if isinstance(here, tuple) else there
         assert there == here or (math.isnan(there) and math.isnan(here)), field.name
-    silent = codec.said(Advice(time_ns=1, cause=Cause.POSITION_STALE, reason="old")).message
+    silent = codec.encode_output(Advice(time_ns=1, cause=Cause.POSITION_STALE, reason="old")).message
     assert silent.cause == das_pb2.CAUSE_POSITION_STALE  # type: ignore[attr-defined]
 
 
-COAST = Instruction(mode=Mode.COAST, speed_mps=20.0, effort_ratio=0.0, way_m=30.0, in_s=1.5)
-BRAKE = Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=5.0, effort_ratio=-0.35, way_m=900.0, in_s=40.0)
-HOLD = Instruction(mode=Mode.CRUISE, speed_mps=27.5)
+COAST = Instruction(mode=Regime.COAST, speed_mps=20.0, effort_ratio=0.0, way_m=30.0, in_s=1.5)
+BRAKE = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=5.0, effort_ratio=-0.35, way_m=900.0, in_s=40.0)
+HOLD = Instruction(mode=Regime.CRUISE, speed_mps=27.5)
 
 
 def same(message: Any, value: Any) -> None:
@@ -143,7 +143,7 @@ def test_what_the_coach_says_survives_the_message_field_by_field(
         now=now, following=following, target_m=1200.0, target_s=44.0, force_n=-1.25e5, reason="coast for the 100",
         reference_force_n=-8e4, worth_j=3.5e6, replan=replan,
     )  # fmt: skip
-    sent = codec.said(Advice(time_ns=NOW_NS, coach=coaching)).message.SerializeToString()
+    sent = codec.encode_output(Advice(time_ns=NOW_NS, coach=coaching)).message.SerializeToString()
     message = das_pb2.Advice.FromString(sent)
     assert message.HasField("coach")
     same(message.coach, coaching)
@@ -151,7 +151,7 @@ def test_what_the_coach_says_survives_the_message_field_by_field(
 
 def test_status_estimate_and_event_become_messages() -> None:
     status = Status(time_ns=NOW_NS, state=NodeState.WITHDRAWN, reason="x", cause=Cause.NO_PLAN, section="s", advices=4)
-    message: Any = codec.said(status).message
+    message: Any = codec.encode_output(status).message
     assert (message.state, message.cause, message.reason, message.advices) == (
         *(das_pb2.Status.STATE_WITHDRAWN, das_pb2.CAUSE_NO_PLAN, "x", 4),
     )
@@ -159,9 +159,9 @@ def test_status_estimate_and_event_become_messages() -> None:
         time_ns=1, mass_ratio=1.1, mass_sd_ratio=0.1, resistance_ratio=0.9, resistance_sd_ratio=0.2, samples=5,
         usable=True, differs=False,
     )  # fmt: skip
-    said: Any = codec.said(found).message
+    said: Any = codec.encode_output(found).message
     assert (said.mass_ratio, said.samples, said.usable) == (1.1, 5, True)
-    event: Any = codec.said(Event(time_ns=NOW_NS, severity=Severity.ERROR, text="t")).message
+    event: Any = codec.encode_output(Event(time_ns=NOW_NS, severity=Severity.ERROR, text="t")).message
     assert (event.timestamp.ToNanoseconds(), event.level, event.message, event.name) == (NOW_NS, 4, "t", "das-node")
 
 
@@ -169,7 +169,7 @@ def test_status_estimate_and_event_become_messages() -> None:
     ("ours", "theirs", "prefix"),
     [
         (Cause, das_pb2.WithdrawalCause, "CAUSE_"),
-        (Mode, das_pb2.Mode, "MODE_"),
+        (Regime, das_pb2.Mode, "MODE_"),
         (ReplanCause, das_pb2.ReplanCause, "REPLAN_"),
         (Source, das_pb2.Advice.Source, "SOURCE_"),
         (NodeState, das_pb2.Status.State, "STATE_"),

@@ -12,7 +12,7 @@ import pytest
 
 from das.advice.advice import Timetable
 from das.advice.cause import Cause
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.advice.settings import DEFAULT
 from das.bus import das_pb2
 from das.bus.topics import RESTRICTION
@@ -163,14 +163,14 @@ def test_a_hill_that_cannot_be_climbed_under_a_restriction_withdraws_with_the_re
     steep = replace(LINE, gradients_ratio=hill)
     made = SmallTrip(Situation(route=steep, vehicle=TRAIN), Fronts(threads=1))
     made.begin(steep.stops, DUE)
-    assert at(made, 60, 2000.0, 24.0).mode is not Mode.NONE
+    assert at(made, 60, 2000.0, 24.0).mode is not Regime.NONE
     made.set_restrictions([Restriction(start_m=2300.0, end_m=2700.0, limit_mps=3.0)])
     silent = at(made, 61, 2024.0, 24.0)
-    assert silent.mode is Mode.NONE
+    assert silent.mode is Regime.NONE
     assert "restriction set" in silent.reason
     assert "stalls" in silent.reason
     made.set_restrictions([])
-    assert at(made, 62, 2048.0, 24.0).mode is not Mode.NONE
+    assert at(made, 62, 2048.0, 24.0).mode is not Regime.NONE
 
 
 # --- other trains, loads, levels, conditions -------------------------------------------------------------------------
@@ -245,7 +245,7 @@ def test_a_journey_that_cannot_be_driven_is_refused_and_the_one_before_goes_on()
         made.begin(LINE.stops, [DUE[0], Timetable(departure_ns=ns(330), arrival_ns=ns(330))])
     with pytest.raises(DasError, match="leads forwards"):
         made.begin([Stop(name="A", position_m=0.0), Stop(name="Z", position_m=1e6)], DUE[:1])
-    assert at(made, 61, 1524.0, 24.0).mode is not Mode.NONE
+    assert at(made, 61, 1524.0, 24.0).mode is not Regime.NONE
 
 
 # --- time ------------------------------------------------------------------------------------------------------------

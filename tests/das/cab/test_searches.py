@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Source
-from das.advice.modes import Mode
 from das.advice.passing import PassingFronts
+from das.advice.regimes import Regime
 from das.cab.fronts import Found, Fronts
 from das.cab.heard import Target
 from das.cab.preparation import TRY_AGAIN_S
@@ -76,7 +76,7 @@ def test_with_no_plan_before_it_advises_the_fastest_safe_run() -> None:
     made = trip(fronts, background=True)
     try:
         advice = at(made, 60, 1500.0, 24.0)
-        assert (advice.source, advice.mode) == (Source.FALLBACK, Mode.FULL_TRACTION)
+        assert (advice.source, advice.mode) == (Source.FALLBACK, Regime.FULL_TRACTION)
         assert advice.reason == "solving: the fastest safe run"
         assert max(speed for _, speed in highest(advice)) <= 30.0 + 1e-9
     finally:
@@ -90,7 +90,7 @@ def test_a_search_that_fails_withdraws_with_the_reason() -> None:
             raise MemoryError("no room")
 
     advice = at(trip(Broken()), 60, 1500.0, 24.0)
-    assert (advice.mode, advice.reason) == (Mode.NONE, "solving failed (MemoryError: no room)")
+    assert (advice.mode, advice.reason) == (Regime.NONE, "solving failed (MemoryError: no room)")
 
 
 class Flaky(Fronts):
@@ -112,13 +112,13 @@ def test_a_search_that_failed_is_made_again_after_a_while() -> None:
     fronts.room = False
     made = trip(fronts)
     silent, asked = at(made, 60, 1500.0, 24.0), fronts.asked
-    assert silent.mode is Mode.NONE
+    assert silent.mode is Regime.NONE
     fronts.room = True
     assert at(made, 60 + 0.9 * TRY_AGAIN_S, 1700.0, 24.0).reason == silent.reason
     assert fronts.asked == asked
     made.take_news()
     again = at(made, 61 + TRY_AGAIN_S, 1764.0, 24.0)
-    assert (again.mode is Mode.NONE, again.source) == (False, Source.SOLVED)
+    assert (again.mode is Regime.NONE, again.source) == (False, Source.SOLVED)
     assert {news.text for news in made.take_news()} == {"A – B: solved", "B – C: solved"}
     asked = fronts.asked
     for second in range(12, 60):
@@ -137,7 +137,7 @@ def test_a_search_that_failed_is_made_again_when_anything_is_told() -> None:
         fronts = Flaky()
         fronts.room = False
         made = trip(fronts)
-        assert at(made, 60, 1500.0, 24.0).mode is Mode.NONE
+        assert at(made, 60, 1500.0, 24.0).mode is Regime.NONE
         fronts.room = True
         tell(made)
         assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
@@ -165,7 +165,7 @@ def test_a_section_that_cannot_be_driven_is_not_looked_for_again() -> None:
     assert at(made, 60, 1500.0, 24.0).reason == "it cannot be driven"
     asked = fronts.asked
     made.set_targets([Target(stop="C", arrival_ns=ns(600))])
-    assert at(made, 61 + TRY_AGAIN_S, 1764.0, 24.0).mode is Mode.NONE
+    assert at(made, 61 + TRY_AGAIN_S, 1764.0, 24.0).mode is Regime.NONE
     assert fronts.asked == asked
 
 
@@ -203,7 +203,7 @@ def test_a_point_that_was_passed_stays_passed_in_a_dropout() -> None:
     before = at(made, 60, 1500.0, 20.0)
     assert before.reason.startswith("pass km 3.5")
     asked = fronts.asked
-    assert made.update(ns(70)).mode is Mode.NONE
+    assert made.update(ns(70)).mode is Regime.NONE
     assert at(made, 71, 1720.0, 20.0).reason.startswith("pass km 3.5")
     assert fronts.asked == asked
 
@@ -221,7 +221,7 @@ def test_while_it_is_solved_for_a_moved_point_the_fronts_of_the_old_one_are_not_
         fronts.go.clear()
         made.set_targets([Target(s_m=3000.0, earliest_ns=ns(200))])
         meanwhile = at(made, 60, 1000.0, 20.0)
-        assert meanwhile.mode is not Mode.NONE
+        assert meanwhile.mode is not Regime.NONE
         assert meanwhile.reason.startswith("least energy")
     finally:
         fronts.go.set()

@@ -135,11 +135,11 @@ def test_a_table_that_cannot_be_trusted_is_refused_and_solved_instead(
 
 def test_a_table_damaged_while_in_use_cannot_reach_the_advice(tables: Path) -> None:
     front = read_front(tables / "a-b", planned_section(TRAIN, 5000.0))
-    before = front.trajectory(300.0).ledger.input
+    before = front.trajectory(300.0).balance.input
     for path in (tables / "a-b").glob("*.npy"):
         with path.open("r+b") as file:
             file.truncate(100)
-    assert front.trajectory(300.0).ledger.input == before
+    assert front.trajectory(300.0).balance.input == before
 
 
 def test_fronts_are_kept_up_to_a_size_the_last_one_always() -> None:
@@ -167,7 +167,7 @@ def test_for_a_train_under_way_only_what_is_ahead_is_solved() -> None:
         found = fronts.find(build_section(LINE, TRAIN), s_m).front
         assert found is under_way
         expected = whole.find(section).front.trajectory(400.0, s_m, 20.0)
-        assert found.trajectory(400.0, s_m, 20.0).ledger.input == expected.ledger.input
+        assert found.trajectory(400.0, s_m, 20.0).balance.input == expected.balance.input
     assert under_way.sweep.known_from == known_from
     # The leg is driven once more from its begin: the same front is solved to its begin.
     assert fronts.find(section, 0.0).front is under_way

@@ -162,8 +162,8 @@ def test_a_passing_costs_what_the_planner_of_whole_journeys_says() -> None:
     assert ours.feasible
     assert time_at(ours.trajectory, 3000.0) == pytest.approx(to_point_s, abs=0.05)
     assert ours.time_s == pytest.approx(total_s, abs=0.05)
-    assert ours.ledger.input == pytest.approx(theirs.input_j, rel=2e-3)
-    assert ours.ledger.residual_ratio < 1e-6
+    assert ours.balance.input == pytest.approx(theirs.input_j, rel=2e-3)
+    assert ours.balance.residual_ratio < 1e-6
 
 
 def test_a_window_that_ends_before_it_begins_is_refused() -> None:

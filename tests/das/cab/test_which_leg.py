@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from das.advice.advice import Timetable
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.cab.fronts import Fronts
 from das.cab.situation import Situation
 from das.domain.errors import DasError
@@ -59,7 +59,7 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early() -
         s, v = s + 0.5 * (v + after), after
     assert departures == [a for a, _ in DUE_S]
     assert arrivals == pytest.approx([b for _, b in DUE_S], abs=6)
-    assert advice.mode is Mode.STOP
+    assert advice.mode is Regime.STOP
     assert advice.reason.startswith("arrived")
 
 
@@ -96,7 +96,7 @@ def test_a_late_train_that_nearly_stands_is_not_sent_off() -> None:
         advices.append(made.update(ns(300 + second)))
     assert made.legs.index == 1
     assert [advice.advised_speed_mps for advice in advices[2:4]] == [0.0, 0.0]
-    assert advices[-1].mode is Mode.DEPART
+    assert advices[-1].mode is Regime.DEPART
 
 
 def test_one_position_far_off_is_not_believed() -> None:
@@ -105,7 +105,7 @@ def test_one_position_far_off_is_not_believed() -> None:
         made.set_position(PositionFix(time_ns=ns(250 + second), s_m=s, speed_mps=20.0))
         assert made.legs.index == 1
         advice = made.update(ns(250 + second))
-        assert advice.mode is not Mode.NONE
+        assert advice.mode is not Regime.NONE
         assert advice.s_m == pytest.approx(4000.0 + 20.0 * second, abs=5.0)
     assert made.localisation.at(ns(252)).rejected == 1
 
@@ -115,7 +115,7 @@ def test_the_state_outlives_a_new_timetable() -> None:
     made.set_position(PositionFix(time_ns=ns(250), s_m=4000.0, speed_mps=20.0))
     made.begin(STOPS, timetables([(a, b + 30) for a, b in DUE_S]), vehicle=TRAIN)
     assert made.legs.index == 1
-    assert made.update(ns(250)).mode is not Mode.NONE
+    assert made.update(ns(250)).mode is not Regime.NONE
 
 
 def test_a_stop_run_through_withdraws_the_advice() -> None:
@@ -123,7 +123,7 @@ def test_a_stop_run_through_withdraws_the_advice() -> None:
     for second, s in enumerate((2960.0, 2985.0, 3010.0, 3035.0, 3060.0)):
         made.set_position(PositionFix(time_ns=ns(190 + second), s_m=s, speed_mps=25.0))
         advice = made.update(ns(190 + second))
-    assert advice.mode is Mode.NONE
+    assert advice.mode is Regime.NONE
     assert advice.reason == "ran 60 m past the stop"
 
 
@@ -139,7 +139,7 @@ def test_a_journey_told_again_does_not_send_a_train_off_that_rolls_past_its_mark
     assert made.legs.index == 0
     made.begin(STOPS, timetables(DUE_S), vehicle=TRAIN)
     assert made.legs.index == 0
-    assert made.update(ns(102)).mode in (Mode.FULL_BRAKE, Mode.FRICTION_BRAKE)
+    assert made.update(ns(102)).mode in (Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
     # Without that stop the train is on its way to the next one.
     made.begin((STOPS[0], *STOPS[2:]), timetables(((0, 440), (480, 640))), vehicle=TRAIN)
     assert made.leg.end.position_m == STOPS_M[2]

@@ -1,4 +1,5 @@
-"""Trajectories: the ledger of hand-built motions closes, and does not for wrong ones; resistance against quadrature."""
+"""Trajectories: the energy balance of hand-built motions closes, and does not for wrong ones; resistance against
+quadrature."""
 
 from __future__ import annotations
 
@@ -66,12 +67,12 @@ def motions(draw: st.DrawFn) -> Trajectory:
 
 
 @given(motions())
-def test_the_ledger_closes(run: Trajectory) -> None:
+def test_the_energy_balance_closes(run: Trajectory) -> None:
     loss = EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.2, idle_w=1e5)
-    ledger = run.ledger(train(), loss)
-    assert ledger.residual_ratio < 1e-6
-    assert ledger.irreversible == pytest.approx(ledger.input - ledger.kinetic - ledger.potential, rel=1e-6, abs=10)
-    assert min(ledger.resistance, ledger.component_loss, ledger.friction_brake + 1) > 0
+    balance = run.balance(train(), loss)
+    assert balance.residual_ratio < 1e-6
+    assert balance.irreversible == pytest.approx(balance.input - balance.kinetic - balance.potential, rel=1e-6, abs=10)
+    assert min(balance.resistance, balance.component_loss, balance.friction_brake + 1) > 0
 
 
 def climb(force_el_n: float = 70e3, force_friction_n: float = -10e3) -> Trajectory:
@@ -90,21 +91,21 @@ def climb(force_el_n: float = 70e3, force_friction_n: float = -10e3) -> Trajecto
     )
 
 
-def test_the_ledger_of_a_climb_by_hand() -> None:
+def test_the_energy_balance_of_a_climb_by_hand() -> None:
     wheel_n = 12_416 + 39_240 + 10_000
-    ledger = climb(wheel_n).ledger(train(), EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.0, idle_w=1e5))
-    assert ledger.resistance == pytest.approx(12.416e6)
-    assert ledger.potential == pytest.approx(39.24e6)
-    assert ledger.friction_brake == pytest.approx(10e6)
-    assert ledger.kinetic == 0
-    assert ledger.component_loss == pytest.approx(0.1 * wheel_n * 1000 + 1e5 * 50)
-    assert ledger.input == pytest.approx(1.1 * wheel_n * 1000 + 5e6)
-    assert ledger.comfort == pytest.approx(250e3 * 50)
-    assert ledger.residual_ratio < 1e-12
+    balance = climb(wheel_n).balance(train(), EfficiencyLoss(traction_ratio=0.1, brake_ratio=0.0, idle_w=1e5))
+    assert balance.resistance == pytest.approx(12.416e6)
+    assert balance.potential == pytest.approx(39.24e6)
+    assert balance.friction_brake == pytest.approx(10e6)
+    assert balance.kinetic == 0
+    assert balance.component_loss == pytest.approx(0.1 * wheel_n * 1000 + 1e5 * 50)
+    assert balance.input == pytest.approx(1.1 * wheel_n * 1000 + 5e6)
+    assert balance.comfort == pytest.approx(250e3 * 50)
+    assert balance.residual_ratio < 1e-12
 
 
-def test_a_ledger_of_forces_that_do_not_fit_the_motion_does_not_close() -> None:
-    assert climb(70e3).ledger(train(), EfficiencyLoss.symmetric(0.9)).residual_ratio > 0.05
+def test_a_energy_balance_of_forces_that_do_not_fit_the_motion_does_not_close() -> None:
+    assert climb(70e3).balance(train(), EfficiencyLoss.symmetric(0.9)).residual_ratio > 0.05
 
 
 def there_and_back() -> Trajectory:
@@ -137,9 +138,9 @@ def test_cross_evaluation_brakes_as_the_level_does() -> None:
     blended = replace(
         vehicle, brake_policy=BrakePolicy.BLENDED, electric_brake=replace(vehicle.electric_brake, max_force_n=50e3)
     )
-    ledger = evaluated_at(run, blended, Level.L0_REG)
-    assert ledger.friction_brake == pytest.approx(30e6)
-    assert ledger.input == pytest.approx(work - 50e6)
+    balance = evaluated_at(run, blended, Level.L0_REG)
+    assert balance.friction_brake == pytest.approx(30e6)
+    assert balance.input == pytest.approx(work - 50e6)
 
 
 def test_cross_evaluation_needs_the_level() -> None:

@@ -25,7 +25,7 @@ from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.journey.chains import Split
-from das.solver.journey.plan import HopPlan, JourneyPlan, JourneyPlanner, plan_journey
+from das.solver.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan, plan_journey
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
 from tests.support.benchmark import journey_path, track_path, train_path
@@ -74,32 +74,32 @@ def front(route: Route, train: Vehicle, start_m: float, end_m: float, end_mps: f
 def events(plan: JourneyPlan) -> list[tuple[Window, float]]:
     """Every window of the plan with its time."""
     result = []
-    for hop in plan.hops:
-        result.append((hop.start.departure, hop.departure.time_s))
-        result += [(x.passing.window, x.timing.time_s) for x in hop.passings]
-        result.append((hop.end.arrival, hop.arrival.time_s))
+    for section in plan.sections:
+        result.append((section.start.departure, section.departure.time_s))
+        result += [(x.passing.window, x.timing.time_s) for x in section.passings]
+        result.append((section.end.arrival, section.arrival.time_s))
     return result
 
 
 def assert_kept(plan: JourneyPlan) -> None:
-    """Windows, dwells, passing speeds and the ledger of a plan, from its times and arrays alone."""
+    """Windows, dwells, passing speeds and the energy balance of a plan, from its times and arrays alone."""
     for window, time_s in events(plan):
         assert window.earliest_s - 0.025 <= time_s <= window.latest_s + 0.025
-    for before, after in pairwise(plan.hops):
+    for before, after in pairwise(plan.sections):
         assert after.departure.time_s - before.arrival.time_s >= before.end.dwell_s - 0.005
-    for hop in plan.hops:
-        run = hop.trajectory
-        assert hop.feasible
-        assert (run.s_m[0], run.s_m[-1]) == (hop.start.position_m, hop.end.position_m)
+    for section in plan.sections:
+        run = section.trajectory
+        assert section.feasible
+        assert (run.s_m[0], run.s_m[-1]) == (section.start.position_m, section.end.position_m)
         assert (run.v_mps[0], run.v_mps[-1]) == (0.0, 0.0)
         assert (np.maximum(run.v_mps[:-1], run.v_mps[1:]) <= run.limit_mps + 1e-6).all()
-        assert hop.departure.time_s + run.time_s == pytest.approx(hop.arrival.time_s, abs=1e-9)
-        assert hop.ledger.residual_ratio < 1e-6
-        for x in hop.passings:
+        assert section.departure.time_s + run.time_s == pytest.approx(section.arrival.time_s, abs=1e-9)
+        assert section.balance.residual_ratio < 1e-6
+        for x in section.passings:
             assert x.speed_mps == pytest.approx(np.interp(x.passing.position_m, run.s_m, run.v_mps), abs=1e-6)
             lowest = x.passing.lowest_mps * (1 - tol.PASSING_BAND_RATIO)
             assert lowest - 1e-6 <= x.speed_mps <= x.passing.highest_mps + 1e-6
-            when_s = hop.departure.time_s + np.interp(x.passing.position_m, run.s_m, run.t_s)
+            when_s = section.departure.time_s + np.interp(x.passing.position_m, run.s_m, run.t_s)
             assert x.timing.time_s == pytest.approx(when_s, abs=1e-6)
 
 
@@ -110,10 +110,10 @@ def test_equal_sections_get_equal_times() -> None:
     route = flat(6_000.0, 30.0)
     plan = JourneyPlanner(journey(start(), stop(3_000.0, 20.0), end(6_000.0, 320.0)), route, TRAIN).plan()
     assert_kept(plan)
-    first, second = (hop.trajectory.time_s for hop in plan.hops)
+    first, second = (section.trajectory.time_s for section in plan.sections)
     assert first == pytest.approx(150.0, abs=0.05)
     assert second == pytest.approx(150.0, abs=0.05)
-    assert plan.hops[0].lambda_w == plan.hops[1].lambda_w
+    assert plan.sections[0].lambda_w == plan.sections[1].lambda_w
 
 
 def test_the_split_without_resistance_is_that_of_the_closed_form() -> None:
@@ -132,9 +132,9 @@ def test_the_split_without_resistance_is_that_of_the_closed_form() -> None:
     points = (start(), stop(lengths[0], 30.0), end(sum(lengths), total_s + 30.0))
     plan = JourneyPlanner(journey(*points), flat(sum(lengths)), make_train(), level=Level.L0_NOREG).plan()
     assert_kept(plan)
-    assert plan.hops[0].trajectory.time_s == pytest.approx(first_s, abs=1.0)
+    assert plan.sections[0].trajectory.time_s == pytest.approx(first_s, abs=1.0)
     assert plan.input_j == pytest.approx(energy_j, rel=3e-3)
-    assert plan.hops[0].lambda_w[0] == pytest.approx(-marginal(lengths[0], first_s), rel=0.03)
+    assert plan.sections[0].lambda_w[0] == pytest.approx(-marginal(lengths[0], first_s), rel=0.03)
 
 
 STOPS_M = (0.0, 2_800.0, 5_200.0, 9_000.0)
@@ -147,7 +147,7 @@ def tables() -> tuple[list[int], list[np.ndarray]]:
     for a, b in pairwise(STOPS_M):
         own = front(HILLY, TRAIN, a, b)
         firsts.append(math.ceil(own.fastest().time_s))
-        energies.append(np.array([own.trajectory(firsts[-1] + i).ledger.input for i in range(70)]))
+        energies.append(np.array([own.trajectory(firsts[-1] + i).balance.input for i in range(70)]))
     return firsts, energies
 
 
@@ -206,7 +206,7 @@ def test_the_plan_is_that_of_brute_force_over_all_times(
     assert 0.0 <= plan.gap_ratio < 0.01
     # λ does not rise where a departure is held at its latest nor fall where it is at its earliest, and else it stays; a
     # window may hold a departure by less than the time tolerance, and then λ stays as well.
-    for before, after in pairwise(plan.hops):
+    for before, after in pairwise(plan.sections):
         step = after.lambda_w[0] / before.lambda_w[0] - 1
         signs = {Held.FREE: step == 0, Held.LATEST: step <= 0, Held.EARLIEST: step >= 0, Held.FIXED: True}
         assert signs[after.departure.held]
@@ -214,11 +214,11 @@ def test_the_plan_is_that_of_brute_force_over_all_times(
 
 def test_a_window_that_is_not_tight_changes_nothing() -> None:
     free = JourneyPlanner(journey(start(), stop(4_000.0, 20.0), end(9_000.0, 480.0)), HILLY, TRAIN).plan()
-    arrival_s = free.hops[0].arrival.time_s
+    arrival_s = free.sections[0].arrival.time_s
     around = Window(earliest_s=arrival_s - 3.0, latest_s=arrival_s + 3.0)
     bound = JourneyPlanner(journey(start(), stop(4_000.0, 20.0, around), end(9_000.0, 480.0)), HILLY, TRAIN).plan()
     assert bound.input_j == free.input_j
-    assert bound.hops[0].arrival == free.hops[0].arrival
+    assert bound.sections[0].arrival == free.sections[0].arrival
 
 
 def test_the_proportional_split_has_the_same_buffer_everywhere_and_costs_more() -> None:
@@ -226,11 +226,11 @@ def test_the_proportional_split_has_the_same_buffer_everywhere_and_costs_more() 
     planner = JourneyPlanner(journey(start(), stop(3_000.0, 20.0), end(9_000.0, 510.0)), route, TRAIN)
     plan, same = planner.plan(), planner.plan(Split.PROPORTIONAL)
     assert_kept(same)
-    assert same.hops[0].buffer_ratio == pytest.approx(same.hops[1].buffer_ratio, abs=2e-4)
+    assert same.sections[0].buffer_ratio == pytest.approx(same.sections[1].buffer_ratio, abs=2e-4)
     assert plan.time_s == pytest.approx(same.time_s, abs=0.01)
     assert plan.input_j < 0.99 * same.input_j
     assert planner.fastest_j() == pytest.approx(
-        sum(front(route, TRAIN, a, b).fastest().ledger.input for a, b in pairwise((0.0, 3_000.0, 9_000.0))), rel=1e-9
+        sum(front(route, TRAIN, a, b).fastest().balance.input for a, b in pairwise((0.0, 3_000.0, 9_000.0))), rel=1e-9
     )
 
 
@@ -239,9 +239,9 @@ def test_with_the_least_time_every_section_is_as_fast_as_it_can_be() -> None:
     planner = JourneyPlanner(journey(start(), stop(4_000.0, 20.0), end(9_000.0, sum(times_s) + 20.0)), HILLY, TRAIN)
     plan = planner.plan()
     assert_kept(plan)
-    assert [hop.trajectory.time_s for hop in plan.hops] == pytest.approx(times_s, abs=0.01)
+    assert [section.trajectory.time_s for section in plan.sections] == pytest.approx(times_s, abs=0.01)
     assert plan.input_j == pytest.approx(planner.fastest_j(), rel=1e-3)
-    assert [hop.lambda_w for hop in plan.hops] == [(math.inf,)] * 2
+    assert [section.lambda_w for section in plan.sections] == [(math.inf,)] * 2
     assert plan.table_bound_j == -math.inf, "no price of time, no bound"
     assert plan.gap_reason.startswith("a part of the journey has no price of time")
     assert math.isnan(plan.gap_ratio)
@@ -265,7 +265,7 @@ def brute_force_speed_j(position_m: float, first_s: float, second_s: float) -> f
         before = front(HILLY, TRAIN, 0.0, position_m, v)
         if before.fastest().time_s <= first_s and ahead.least_time_s(position_m, v) <= second_s:
             parts = before.trajectory(first_s), ahead.trajectory(second_s, position_m, v)
-            best = min(best, sum(part.ledger.input for part in parts))
+            best = min(best, sum(part.balance.input for part in parts))
     return best
 
 
@@ -275,15 +275,15 @@ def test_a_tight_passing_is_that_of_brute_force_over_its_speed(shift_s: float, h
     free = JourneyPlanner(
         journey(start(), Passing(name="P", position_m=position_m), end(9_000.0, total_s)), HILLY, TRAIN
     )
-    at_s = free.plan().hops[0].passings[0].timing.time_s + shift_s
+    at_s = free.plan().sections[0].passings[0].timing.time_s + shift_s
     window = Window(latest_s=at_s) if held is Held.LATEST else Window(earliest_s=at_s)
     passing = Passing(name="P", position_m=position_m, window=window)
     plan = JourneyPlanner(journey(start(), passing, end(9_000.0, total_s)), HILLY, TRAIN).plan()
     assert_kept(plan)
-    (hop,) = plan.hops
-    assert hop.passings[0].timing.held is held
-    assert hop.passings[0].timing.time_s == pytest.approx(at_s, abs=0.01)
-    assert (hop.lambda_w[0] > hop.lambda_w[1]) == (held is Held.LATEST)
+    (section,) = plan.sections
+    assert section.passings[0].timing.held is held
+    assert section.passings[0].timing.time_s == pytest.approx(at_s, abs=0.01)
+    assert (section.lambda_w[0] > section.lambda_w[1]) == (held is Held.LATEST)
     assert plan.input_j > free.plan().input_j
     found_j = brute_force_speed_j(position_m, at_s, total_s - at_s)
     assert plan.input_j == pytest.approx(found_j, rel=3e-4)
@@ -303,15 +303,15 @@ def test_two_tight_passings_are_those_of_brute_force_over_both_speeds() -> None:
         for v in speeds[0]:
             parts = firsts[v], middle.trajectory(times[1] - times[0], places[0], v), lasts[w]
             if all(abs(part.time_s - part.requested_s) < 0.1 for part in parts):
-                found_j = min(found_j, sum(part.ledger.input for part in parts))
+                found_j = min(found_j, sum(part.balance.input for part in parts))
     passings = [
         Passing(name=f"{x:g}", position_m=x, window=Window(earliest_s=t, latest_s=t))
         for x, t in zip(places, times, strict=True)
     ]
     plan = JourneyPlanner(journey(start(), *passings, end(9_000.0, 480.0)), HILLY, TRAIN).plan()
     assert_kept(plan)
-    assert [x.timing.held for x in plan.hops[0].passings] == [Held.FIXED, Held.FIXED]
-    assert len(plan.hops[0].lambda_w) == 3
+    assert [x.timing.held for x in plan.sections[0].passings] == [Held.FIXED, Held.FIXED]
+    assert len(plan.sections[0].lambda_w) == 3
     assert plan.input_j == pytest.approx(found_j, rel=1e-3)
     assert plan.table_bound_j <= found_j
 
@@ -320,13 +320,13 @@ def test_a_train_that_may_wait_departs_later_and_is_not_slower_than_at_least_ene
     passing = Passing(name="P", position_m=4_000.0, window=Window(earliest_s=900.0, latest_s=960.0))
     waiting = JourneyPlanner(journey(start(math.inf), passing, end(9_000.0, 1_300.0)), HILLY, IDLING).plan()
     assert_kept(waiting)
-    assert waiting.hops[0].departure.time_s > 200.0
-    assert waiting.hops[0].passings[0].timing.held is Held.EARLIEST
-    assert min(waiting.hops[0].lambda_w) == 0.0
+    assert waiting.sections[0].departure.time_s > 200.0
+    assert waiting.sections[0].passings[0].timing.held is Held.EARLIEST
+    assert min(waiting.sections[0].lambda_w) == 0.0
     # One that must leave has to be slower than that: a negative price of time, and more energy.
     leaving = JourneyPlanner(journey(start(), passing, end(9_000.0, 1_300.0)), HILLY, IDLING).plan()
     assert_kept(leaving)
-    assert leaving.hops[0].lambda_w[0] < 0.0
+    assert leaving.sections[0].lambda_w[0] < 0.0
     assert leaving.input_j > waiting.input_j * 1.05
     assert leaving.table_bound_j > waiting.input_j
     assert waiting.input_j < leaving.bound_j <= leaving.input_j
@@ -339,7 +339,7 @@ def test_speeds_at_a_passing_are_kept() -> None:
         assert_kept(plan)
         free = JourneyPlanner(journey(start(), replace(passing, lowest_mps=0.0, highest_mps=math.inf),
                                       end(9_000.0, 520.0)), HILLY, TRAIN).plan()  # fmt: skip
-        assert not lowest <= free.hops[0].passings[0].speed_mps <= highest, "the bounds bind"
+        assert not lowest <= free.sections[0].passings[0].speed_mps <= highest, "the bounds bind"
         assert plan.input_j > free.input_j
 
 
@@ -485,20 +485,20 @@ def test_the_journey_of_the_benchmark_with_a_later_end_is_planned(train: str) ->
     later = replace(asked.points[-1], arrival=Window(earliest_s=1400.0, latest_s=1600.0))
     plan = JourneyPlanner(replace(asked, points=(*asked.points[:-1], later)), route, vehicle, point_mass=True).plan()
     assert_kept(plan)
-    held = [x.timing.held for hop in plan.hops for x in hop.passings]
+    held = [x.timing.held for section in plan.sections for x in section.passings]
     assert held == [Held.LATEST, Held.EARLIEST]
     assert abs(plan.table_gap_ratio) < 2e-3
     assert 0.0 <= plan.gap_ratio < 0.02
     raw = Train.read(train_path(train))
     raw = replace(raw, length_m=0.0)  # planned as a point mass
     line = Line.read(track_path("CH_StGallen_Wil"))
-    for hop in plan.hops:
-        assert_driven(hop, line, raw, constant_efficiencies(0.9, 0.9))
+    for section in plan.sections:
+        assert_driven(section, line, raw, constant_efficiencies(0.9, 0.9))
 
 
-def assert_driven(hop: HopPlan, line: Line, train: Train, loss: Loss) -> None:
-    """Nothing the verifier finds wrong in a hop: limits, forces, motion, ledger."""
-    run = hop.trajectory
+def assert_driven(section: SectionPlan, line: Line, train: Train, loss: Loss) -> None:
+    """Nothing the verifier finds wrong in a section: limits, forces, motion, energy balance."""
+    run = section.trajectory
     found = verify(csv_rows(run), line, train, loss, ends_m=(float(run.s_m[0]), float(run.s_m[-1])))
     assert found == []
 
@@ -512,17 +512,17 @@ def test_the_metro_of_the_benchmark_is_planned_over_its_13_sections() -> None:
     planner = JourneyPlanner(Journey.over_stops(route.stops, time_s=total_s, dwell_s=30.0), route, train)
     plan = planner.plan()
     assert_kept(plan)
-    assert len(plan.hops) == 13
+    assert len(plan.sections) == 13
     assert plan.time_s == pytest.approx(total_s, abs=0.01)
-    assert len({hop.lambda_w for hop in plan.hops}) == 1
+    assert len({section.lambda_w for section in plan.sections}) == 1
     assert abs(plan.table_gap_ratio) < 1e-3
     assert plan.input_j < 0.997 * planner.plan(Split.PROPORTIONAL).input_j
     # Two seconds moved between any neighbours cost energy.
-    fronts = [front(route, train, hop.start.position_m, hop.end.position_m) for hop in plan.hops[:5]]
-    for (a, own), (b, other) in itertools.pairwise(zip(plan.hops[:5], fronts, strict=True)):
+    fronts = [front(route, train, section.start.position_m, section.end.position_m) for section in plan.sections[:5]]
+    for (a, own), (b, other) in itertools.pairwise(zip(plan.sections[:5], fronts, strict=True)):
         for moved_s in (-2.0, 2.0):
             parts = own.trajectory(a.trajectory.time_s + moved_s), other.trajectory(b.trajectory.time_s - moved_s)
-            assert sum(x.ledger.input for x in parts) > a.ledger.input + b.ledger.input
+            assert sum(x.balance.input for x in parts) > a.balance.input + b.balance.input
 
 
 def test_a_route_of_stops_may_be_driven_in_one_journey_trajectory() -> None:

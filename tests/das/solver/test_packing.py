@@ -67,7 +67,7 @@ def test_a_run_from_packed_policies_needs_the_same_energy(whole: Front, buffer_r
     time_s = whole.fastest().time_s * (1 + buffer_ratio)
     one, other = whole.trajectory(time_s), packed.trajectory(time_s)
     saved_by_time_j = one.lambda_w * abs(one.time_s - other.time_s)
-    assert abs(other.ledger.input - one.ledger.input) <= 1e-5 * one.ledger.input + saved_by_time_j
+    assert abs(other.balance.input - one.balance.input) <= 1e-5 * one.balance.input + saved_by_time_j
 
 
 def test_large_policies_are_packed_by_themselves(whole: Front, monkeypatch: pytest.MonkeyPatch) -> None:

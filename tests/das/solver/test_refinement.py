@@ -109,7 +109,7 @@ def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Leve
     """Time and energy are those of the trajectory; the wanted time is used to within the solver's tolerance."""
     given, found = run_of(line, level, buffer_ratio), refined_of(line, level, buffer_ratio)
     assert given.time_s - 0.02 <= found.time_s <= given.time_s
-    assert found.ledger.input <= given.ledger.input * (1.0 - LEAST_SAVED.get((line, level), 0.0))
+    assert found.balance.input <= given.balance.input * (1.0 - LEAST_SAVED.get((line, level), 0.0))
     assert_possible(found, found.section)
     assert (found.trajectory.s_m == given.trajectory.s_m).all()
 
@@ -119,7 +119,7 @@ def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Leve
 def test_a_wider_and_finer_tube_finds_next_to_nothing_more(line: str, level: Level, buffer_ratio: float) -> None:
     found = refined_of(line, level, buffer_ratio)
     witness = refined(run_of(line, level, buffer_ratio), WITNESS)
-    assert found.ledger.input <= witness.ledger.input * (1.0 + PRECISE_RATIO)
+    assert found.balance.input <= witness.balance.input * (1.0 + PRECISE_RATIO)
 
 
 @pytest.mark.slow
@@ -130,7 +130,7 @@ def test_nothing_is_wrong_with_a_refined_run(level: Level) -> None:
     front = solve_front(section)
     given = front.trajectory(1.07 * front.fastest().time_s)
     found = refined(given)
-    assert found.ledger.input < given.ledger.input * (1.0 - 3e-4)
+    assert found.balance.input < given.balance.input * (1.0 - 3e-4)
     line, train = Line.read(locate_route("zurich-luzern")), Train.read(locate_vehicle("re460-ic"))
     ends_m = (section.start_m, section.end_m)
     if level is Level.L3:
@@ -151,7 +151,7 @@ def test_every_refined_benchmark_row_needs_less_than_the_public_optimiser() -> N
         given = front.trajectory(result.time_s)
         found = refined(given)
         assert found.time_s <= given.time_s
-        assert found.ledger.input / KWH <= min(given.ledger.input / KWH, result.energy_kwh)
+        assert found.balance.input / KWH <= min(given.balance.input / KWH, result.energy_kwh)
         ends_m, run = (front.section.start_m, front.section.end_m), csv_rows(found.trajectory)
         assert verify(run, line, train, loss, ends_m=ends_m, end_speeds_mps=(1.0, 1.0)) == [], result
 
@@ -174,7 +174,7 @@ def test_a_run_of_least_energy_may_take_the_time_that_was_asked_for_and_no_more(
     found = refined(early)
     assert found.fit is Fit.EARLY
     assert found.time_s <= early.requested_s
-    assert found.ledger.input <= early.ledger.input
+    assert found.balance.input <= early.balance.input
 
 
 def test_a_budget_that_is_over_returns_the_run_itself() -> None:
@@ -186,7 +186,7 @@ def test_a_budget_ends_the_refinement_between_two_passes() -> None:
     """Three passes save something, and no more than all of them."""
     given, left = run_of("short", Level.L1, 0.07), iter([False, False, False, True])
     found = refined(given, is_over=lambda: next(left))
-    assert refined_of("short", Level.L1, 0.07).ledger.input <= found.ledger.input <= given.ledger.input
+    assert refined_of("short", Level.L1, 0.07).balance.input <= found.balance.input <= given.balance.input
 
 
 def test_the_same_run_is_refined_to_the_same_bytes() -> None:
@@ -198,7 +198,7 @@ def test_the_same_run_is_refined_to_the_same_bytes() -> None:
 def test_a_refined_run_is_hardly_refined_any_more() -> None:
     found = refined_of("short", Level.L1, 0.07)
     again = refined(found)
-    assert found.ledger.input * (1.0 - 5e-4) <= again.ledger.input <= found.ledger.input
+    assert found.balance.input * (1.0 - 5e-4) <= again.balance.input <= found.balance.input
 
 
 @pytest.mark.slow
@@ -210,7 +210,7 @@ def test_a_run_from_under_way_is_refined_from_there() -> None:
     found = refined(given)
     assert (found.trajectory.s_m[0], found.trajectory.v_mps[0]) == (s_m, v_mps)
     assert found.time_s <= given.time_s
-    assert found.ledger.input < given.ledger.input
+    assert found.balance.input < given.balance.input
 
 
 @pytest.mark.slow
@@ -228,7 +228,7 @@ def test_random_sections_are_never_made_worse(seed: int) -> None:
     front = solve_front(section, threads=1)
     given = front.trajectory(front.fastest().time_s * (1.0 + float(draw.uniform(0.002, 0.4))))
     found = refined(given)
-    assert found.ledger.input <= given.ledger.input
+    assert found.balance.input <= given.balance.input
     assert found.time_s <= max(given.time_s, given.requested_s if given.fit is Fit.EARLY else 0.0)
     assert_possible(found, section)
 
@@ -261,8 +261,8 @@ def test_runs_refined_together_are_as_good_as_each_alone() -> None:
     for before, after in zip(given(), found, strict=True):
         assert after.feasible
         assert after.time_s <= before.time_s
-        assert after.ledger.input <= before.ledger.input
-        assert after.ledger.input <= refined(before).ledger.input * (1 + 2e-4)
+        assert after.balance.input <= before.balance.input
+        assert after.balance.input <= refined(before).balance.input * (1 + 2e-4)
         assert after.gap_ratio < 1e-3
     again = refined_runs(given(), TABLE)
     for one, other in zip(found, again, strict=True):

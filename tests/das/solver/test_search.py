@@ -86,7 +86,7 @@ def test_the_bound_of_the_table_is_near_the_energy_and_unknown_above_the_envelop
     found, state = wanted.run(), wanted.state
     bound_j = state.table_bound_j(front.policies, state.totals(front.policies), found.time_s)
     assert bound_j == found.table_bound_j
-    assert bound_j <= found.ledger.input * 1.004
+    assert bound_j <= found.balance.input * 1.004
     above = State.at(front.section, 4_400.0, 35.0)
     assert above.table_bound_j(front.policies, above.totals(front.policies), 300.0) == -math.inf
 

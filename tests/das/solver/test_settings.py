@@ -106,7 +106,7 @@ def test_shorter_decision_steps_need_less_energy_where_the_limit_changes_often()
     usual = solve_front(build_section(route, train))
     time_s = 1.05 * usual.fastest().time_s
     fine = solve_front(build_section(route, train, options=SectionOptions(longest_step_m=12.5)))
-    assert fine.trajectory(time_s).ledger.input < usual.trajectory(time_s).ledger.input
+    assert fine.trajectory(time_s).balance.input < usual.trajectory(time_s).balance.input
 
 
 def test_the_options_of_a_section() -> None:

@@ -65,7 +65,7 @@ def assert_possible(solution: Solution, section: Section) -> None:
         friction = friction + np.minimum(train.electric_force_n, train.electric_power_w / faster)
     assert (-run.force_friction_n <= friction * (1 + 1e-6) + 1e-6).all()
     assert np.allclose(np.diff(run.t_s), 2 * step / (v[:-1] + v[1:]), rtol=1e-9)
-    assert solution.ledger.residual_ratio < 1e-6
+    assert solution.balance.residual_ratio < 1e-6
     assert solution.feasible
 
 
@@ -85,7 +85,7 @@ def test_run_up_to_an_end_speed_without_resistance_uses_the_whole_force_at_the_e
     section = build_section(flat(1_000.0, 20.0), make_train(), options=SectionOptions(end_speed_mps=20.0))
     front = solve_front(section)
     assert front.fastest().time_s == pytest.approx(60.0, rel=1e-3)
-    assert front.trajectory(90.0).ledger.input == pytest.approx(0.5 * 1e5 * 20.0**2, rel=1e-6)
+    assert front.trajectory(90.0).balance.input == pytest.approx(0.5 * 1e5 * 20.0**2, rel=1e-6)
     dragging = build_section(
         flat(1_000.0, 20.0), make_train(resistance=(0.0, 0.0, 5.0)), options=SectionOptions(end_speed_mps=20.0)
     )
@@ -119,13 +119,13 @@ def test_lossless_train_without_resistance_needs_no_energy(buffer_ratio: float) 
     front = solve_front(build_section(flat(3_000.0), make_train()))
     solution = front.trajectory(front.fastest().time_s * (1 + buffer_ratio))
     kinetic = 0.5 * 1e5 * solution.trajectory.v_mps.max() ** 2
-    assert abs(solution.ledger.input) < 1e-9 * kinetic
+    assert abs(solution.balance.input) < 1e-9 * kinetic
 
 
 def test_energy_on_a_slope_is_potential_energy() -> None:
     route = make_route(3_000.0, [(0.0, 30.0)], [(0.0, 0.01)])
     solution = solve_front(build_section(route, make_train())).trajectory(200.0)
-    assert solution.ledger.input == pytest.approx(1e5 * 9.81 * 0.01 * 3_000.0, rel=1e-9)
+    assert solution.balance.input == pytest.approx(1e5 * 9.81 * 0.01 * 3_000.0, rel=1e-9)
 
 
 def test_cruising_speed_obeys_the_price_of_time() -> None:
@@ -179,7 +179,7 @@ def test_supported_front_matches_brute_force_on_a_tiny_section() -> None:
     assert len(best) > 1_000
     assert len(s) == nodes
     for time_s, energy in sorted(best)[:: len(best) // 40]:
-        assert front.trajectory(time_s).ledger.input <= energy * 1.001 + 1.0
+        assert front.trajectory(time_s).balance.input <= energy * 1.001 + 1.0
 
 
 # --- properties -------------------------------------------------------------------------------------------------
@@ -187,7 +187,7 @@ def test_supported_front_matches_brute_force_on_a_tiny_section() -> None:
 
 def test_more_time_never_costs_more(hilly: Front) -> None:
     least = hilly.fastest().time_s
-    energies = [hilly.trajectory(least * (1 + b)).ledger.input for b in np.linspace(0, 0.6, 25)]
+    energies = [hilly.trajectory(least * (1 + b)).balance.input for b in np.linspace(0, 0.6, 25)]
     assert all(b <= a * (1 + 5e-4) for a, b in itertools.pairwise(energies))
 
 
@@ -252,12 +252,12 @@ def test_a_section_off_the_route_is_refused(hilly: Front, start_m: float, end_m:
 
 def test_grid_refinement_changes_little(monkeypatch: pytest.MonkeyPatch, hilly: Front) -> None:
     time_s = hilly.fastest().time_s * 1.1
-    coarse = hilly.trajectory(time_s).ledger.input
+    coarse = hilly.trajectory(time_s).balance.input
     for name in ("SHORT_SPEED_STEPS", "SPEED_STEPS", "STEPS_OF_A_SECTION"):
         monkeypatch.setattr(tol, name, 2 * getattr(tol, name))
     refined = build_section(hilly.section.route, hilly.section.vehicle)
     assert len(refined.decision) > 1.2 * len(hilly.section.decision)
-    fine = solve_front(refined).trajectory(time_s).ledger.input
+    fine = solve_front(refined).trajectory(time_s).balance.input
     assert coarse == pytest.approx(fine, rel=1e-3)
 
 
@@ -399,7 +399,7 @@ def assert_no_worse(results: list[ReferenceResult], map_path: Path | None = None
         solution = front.trajectory(result.time_s)
         assert abs(solution.time_s - result.time_s) < 0.1
         assert_possible(solution, front.section)
-        assert solution.ledger.input / KWH <= result.energy_kwh * 1.001, (key, result.time_s)
+        assert solution.balance.input / KWH <= result.energy_kwh * 1.001, (key, result.time_s)
         claim = solution_json(solution, solution.least_time_s, 0.0)
         ends_m, run = (front.section.start_m, front.section.end_m), csv_rows(solution.trajectory)
         assert verify(run, line, train, loss, ends_m=ends_m, end_speeds_mps=(1.0, 1.0), claim=claim) == [], key

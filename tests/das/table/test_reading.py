@@ -78,7 +78,7 @@ def test_every_trajectory_comes_back_as_it_was_solved(table: Table, front: Front
         np.testing.assert_allclose(arrays["run_force_el_n"][index], stored.force_el_n, rtol=1e-6, atol=1e-2)
         np.testing.assert_array_equal(arrays["run_s_m"], stored.s_m)
         assert run["time_s"] == stored.time_s
-        assert run["energy_input_j"] == pytest.approx(stored.ledger(train(), front.section.loss).input, rel=1e-12)
+        assert run["energy_input_j"] == pytest.approx(stored.balance(train(), front.section.loss).input, rel=1e-12)
         assert run["fit"] == str(solved.fit)
     assert runs[-1]["fit"] == str(Fit.EARLY)
     energies = [run["energy_input_j"] for run in runs]
@@ -88,10 +88,10 @@ def test_every_trajectory_comes_back_as_it_was_solved(table: Table, front: Front
 def test_what_was_read_does_not_change_with_the_files(copied: Path, section: Section) -> None:
     """The files are not mapped: a cut file would end a process that has it mapped."""
     front = read_front(copied, section)
-    before = front.trajectory(250.0).ledger.input
+    before = front.trajectory(250.0).balance.input
     for path in copied.glob("*.npy"):
         os.truncate(path, 100)
-    assert front.trajectory(250.0).ledger.input == before
+    assert front.trajectory(250.0).balance.input == before
     assert not front.value_j.flags.writeable
     assert front.value_j.dtype == np.float32
 
@@ -115,13 +115,13 @@ def test_table_answers_as_the_full_front_does(stored: Front, front: Front) -> No
     """From the start and from mid-route: the time is hit, and the energy is nearly that of 64 multipliers."""
     start = (front.section.start_m, 0.0)
     cases = [(*start, front.fastest().time_s * (1 + b)) for b in (0.003, 0.01, 0.035, 0.12, 0.3)] + states(front, 12)
-    scale_j = abs(front.fastest().ledger.input)
+    scale_j = abs(front.fastest().balance.input)
     for s_m, v_mps, time_s in cases:
         full, by_table = front.trajectory(time_s, s_m, v_mps), stored.trajectory(time_s, s_m, v_mps)
         assert (by_table.fit, by_table.feasible) == (full.fit, True)
         assert by_table.fit is Fit.EARLY or abs(by_table.time_s - time_s) <= 2 * tol.TIME_TOLERANCE_S
         later_j = full.lambda_w * (by_table.time_s - full.time_s)
-        assert by_table.ledger.input + later_j - full.ledger.input < 2e-3 * scale_j
+        assert by_table.balance.input + later_j - full.balance.input < 2e-3 * scale_j
 
 
 def test_nothing_is_compiled_after_the_warm_up(stored: Front) -> None:

@@ -87,7 +87,7 @@ def assert_possible(run: Baseline, section: Section) -> None:
     rate = np.diff(v**2) / (2 * step)
     assert (-rate <= vehicle.max_deceleration_mps2 * (1 + 1e-6)).all()
     assert (rate <= vehicle.max_acceleration_mps2 * (1 + 1e-6)).all()
-    assert run.ledger.residual_ratio < 1e-6
+    assert run.balance.residual_ratio < 1e-6
     assert run.feasible
 
 
@@ -145,7 +145,7 @@ def test_four_modes_with_dissipative_brakes_and_no_resistance() -> None:
     run = four_modes(section, 300.0)
     assert_on_time(run, 300.0)
     v = (300.0 - math.sqrt(300.0**2 - 4 * 6_000.0)) / 2
-    assert run.ledger.input == pytest.approx(0.5 * MASS_KG * v * v, rel=1e-2)
+    assert run.balance.input == pytest.approx(0.5 * MASS_KG * v * v, rel=1e-2)
     assert run.trajectory.v_mps.max() == pytest.approx(v, rel=5e-3)
 
 
@@ -226,7 +226,7 @@ def test_best_cruising_speed_and_coasting_point_by_brute_force(time_s: float) ->
     loss = EfficiencyLoss.from_efficiencies(ETA, ETA)
     run = four_modes(build_section(make_route(LENGTH_M, [(0.0, 40.0)]), train(C0_N, C2, loss=loss)), time_s)
     assert_on_time(run, time_s)
-    assert run.ledger.input == pytest.approx(best_j, rel=2e-4)
+    assert run.balance.input == pytest.approx(best_j, rel=2e-4)
     assert run.trajectory.v_mps.max() == pytest.approx(best_mps, rel=0.01)
 
 
@@ -238,10 +238,10 @@ def test_four_modes_are_the_optimum_of_constant_efficiency() -> None:
     section = build_section(load_route("flat-6km"), load_vehicle("re460-ic"), level=Level.L1)
     front = solve_front(section)
     time_s = 1.07 * front.fastest().time_s
-    optimal_j = front.trajectory(time_s).ledger.input
+    optimal_j = front.trajectory(time_s).balance.input
     run, rms = both(section, time_s)
-    assert run.ledger.input == pytest.approx(optimal_j, rel=1e-3)
-    assert rms.ledger.input > 1.02 * optimal_j
+    assert run.balance.input == pytest.approx(optimal_j, rel=1e-3)
+    assert rms.balance.input > 1.02 * optimal_j
     assert len(run.coasting_m) == 1
     # The four modes, and not more than the three intervals in which one gives way to the next.
     way = run.trajectory
@@ -256,9 +256,9 @@ def test_four_modes_are_the_optimum_of_constant_efficiency() -> None:
 @pytest.mark.parametrize("buffer_ratio", [0.03, pytest.param(0.1, marks=pytest.mark.more), 0.3])
 def test_a_hilly_section(hilly: Section, hilly_front: Front, buffer_ratio: float) -> None:
     time_s = fastest(hilly).time_s * (1 + buffer_ratio)
-    optimal_j = hilly_front.trajectory(time_s).ledger.input
+    optimal_j = hilly_front.trajectory(time_s).balance.input
     run, rms = both(hilly, time_s)
-    assert optimal_j - SOLVER_RATIO * abs(optimal_j) < run.ledger.input <= rms.ledger.input
+    assert optimal_j - SOLVER_RATIO * abs(optimal_j) < run.balance.input <= rms.balance.input
     assert rms.trajectory.v_mps.max() <= rms.cruise_speed_mps + 1e-9
 
 
@@ -279,9 +279,9 @@ def test_the_bundled_route_at_every_level(level: Level, reverse: bool) -> None:
     section = build_section(route.reversed() if reverse else route, load_vehicle("re460-ic"), level=level)
     time_s = fastest(section).time_s * 1.07
     run, rms = both(section, time_s)
-    optimal_j = solve_front(section).trajectory(time_s).ledger.input
-    assert optimal_j * (1 - SOLVER_RATIO) < run.ledger.input < 1.03 * optimal_j
-    assert run.ledger.input <= rms.ledger.input
+    optimal_j = solve_front(section).trajectory(time_s).balance.input
+    assert optimal_j * (1 - SOLVER_RATIO) < run.balance.input < 1.03 * optimal_j
+    assert run.balance.input <= rms.balance.input
 
 
 @pytest.mark.parametrize(("start_mps", "end_mps"), [(0.0, 160 / 3.6), (160 / 3.6, 0.0), (10.0, 20.0)])
@@ -293,8 +293,8 @@ def test_sections_that_begin_or_end_at_speed(start_mps: float, end_mps: float) -
     assert_possible(quickest, section)
     run, rms = both(section, quickest.time_s * 1.1)
     optimal = solve_front(section).trajectory(quickest.time_s * 1.1)
-    scale = max(abs(optimal.ledger.input), optimal.ledger.irreversible)
-    assert optimal.ledger.input - SOLVER_RATIO * scale < run.ledger.input <= rms.ledger.input
+    scale = max(abs(optimal.balance.input), optimal.balance.irreversible)
+    assert optimal.balance.input - SOLVER_RATIO * scale < run.balance.input <= rms.balance.input
 
 
 def test_a_hill_that_needs_momentum() -> None:
@@ -304,7 +304,7 @@ def test_a_hill_that_needs_momentum() -> None:
     run, rms = both(section, 900.0)
     for each in (run, rms):
         assert each.trajectory.v_mps[int(np.searchsorted(each.trajectory.s_m, 4_200.0))] > 10.9
-    assert run.ledger.input <= rms.ledger.input
+    assert run.balance.input <= rms.balance.input
 
 
 TRACKS = {"CH_Fribourg_Bern": "CH_Stadler_FLIRT_TPF", "SE_Vasteras_Kolback": "NL_Intercity_VIRM6"}
@@ -327,7 +327,7 @@ def test_public_tracks(track: str) -> None:
     front = solve_front(section)
     for buffer_ratio in (0.05, 0.2):
         time_s = front.fastest().time_s * (1 + buffer_ratio)
-        optimal_j = front.trajectory(time_s).ledger.input
+        optimal_j = front.trajectory(time_s).balance.input
         runs = both(section, time_s)
         for run in runs:
             rows, claim = csv_rows(run.trajectory), solution_json(run, run.least_time_s, 0.0)
@@ -335,7 +335,7 @@ def test_public_tracks(track: str) -> None:
                 rows, line, train, train.own_loss(), ends_m=ends_m, end_speeds_mps=(1.0, 1.0), claim=claim
             )
             assert findings == [], [str(finding) for finding in findings]
-        assert optimal_j * (1 - SOLVER_RATIO) < runs[0].ledger.input < runs[1].ledger.input
+        assert optimal_j * (1 - SOLVER_RATIO) < runs[0].balance.input < runs[1].balance.input
 
 
 # --- times ------------------------------------------------------------------------------------------------------
@@ -354,7 +354,7 @@ def test_four_modes_do_not_waste_energy_on_being_late(hilly: Section) -> None:
     assert run.fit is Fit.EARLY
     assert_possible(run, hilly)
     assert_on_time(rms, 5_000.0)
-    assert run.ledger.input < rms.ledger.input
+    assert run.balance.input < rms.balance.input
     slowest = reduced_maximum_speed(hilly, 1e6)
     assert (slowest.fit, slowest.cruise_speed_mps) == (Fit.EARLY, 1.0)
 
@@ -363,7 +363,7 @@ def test_more_time_never_costs_more_and_braking_is_left_to_the_motors(hilly: Sec
     """Friction wastes what the motors would give back: with time in hand it only helps where they cannot hold."""
     least_s = fastest(hilly).time_s
     runs = [four_modes(hilly, least_s * (1 + buffer_ratio)) for buffer_ratio in (0.01, 0.03, 0.1, 0.3, 0.03)]
-    energies = [run.ledger.input for run in runs[:-1]]
+    energies = [run.balance.input for run in runs[:-1]]
     assert all(b <= a + 1e-3 * abs(a) for a, b in itertools.pairwise(energies))
     assert np.array_equal(runs[1].trajectory.v_mps, runs[-1].trajectory.v_mps), "the same, to the last bit"
     assert not (runs[2].trajectory.force_friction_n < -1.0).any()
@@ -407,9 +407,9 @@ def test_four_modes_on_a_metro_section_stay_near_the_optimum() -> None:
     energies = []
     for buffer_ratio in (0.02, 0.03, 0.05, 0.07, 0.10, 0.15, 0.20):
         run = four_modes(section, least_s * (1 + buffer_ratio))
-        best_j = front.trajectory(least_s * (1 + buffer_ratio)).ledger.input
-        assert -2e-3 * best_j < run.ledger.input - best_j < 5e-3 * best_j
-        energies.append(run.ledger.input)
+        best_j = front.trajectory(least_s * (1 + buffer_ratio)).balance.input
+        assert -2e-3 * best_j < run.balance.input - best_j < 5e-3 * best_j
+        energies.append(run.balance.input)
     assert energies == sorted(energies, reverse=True), "more time never costs more"
 
 

@@ -75,8 +75,8 @@ def test_the_search_for_a_time_finds_what_bisection_finds(section: Section, fron
     assert plain.time_s == pytest.approx(found_s)
     assert found_s == pytest.approx(time_s, rel=0.02)
     assert solution.fit is Fit.ON_TIME
-    input_j = plain.ledger(section.vehicle, section.loss).input + solution.lambda_w * (found_s - solution.time_s)
-    assert solution.ledger.input == pytest.approx(input_j, rel=3e-4)
+    input_j = plain.balance(section.vehicle, section.loss).input + solution.lambda_w * (found_s - solution.time_s)
+    assert solution.balance.input == pytest.approx(input_j, rel=3e-4)
 
 
 def test_the_work_is_counted(section: Section) -> None:

@@ -60,8 +60,9 @@ def test_a_command_that_is_gone_says_what_to_run_instead(name: str, tmp_path: Pa
         done = das_precompute(tmp_path, name, *more)
         assert (done.returncode, done.stdout) == (2, "")
         assert done.stderr == f"error: {name} is no longer a command of this program; run instead: {GONE[name]}\n"
-        (module,) = re.findall(r"docs\.studies\.\w+", done.stderr)
-        assert (REPOSITORY / f"{module.replace('.', '/')}.py").is_file()
+        studies = re.findall(r"docs\.studies\.\w+", done.stderr)
+        assert all((REPOSITORY / f"{one.replace('.', '/')}.py").is_file() for one in studies)
+        assert studies or GONE[name].removeprefix("das-precompute ") in {entry.name for entry in COMMANDS}
     assert f"  {name} " not in das_precompute(tmp_path, "-h").stdout
 
 
@@ -84,7 +85,7 @@ PRINTED = {
     "solve flat-6km re460-ic --buffer 7 --strategy rms": ("fit: ",),
     "front zurich-luzern re460-ic --to Thalwil --level l2": ("λ: ", "gap: ", "saved: "),
     "front flat-6km re460-ic --exact --max-buffer 1": ("supported: ", "solver: "),
-    "calm flat-6km re460-ic --prices 0.03": ("price: ", "chg: ", "/min: ", "short: ", "more: "),
+    "few-switch flat-6km re460-ic --prices 0.03": ("price: ", "chg: ", "/min: ", "short: ", "more: "),
     "journey zurich-luzern zurich-luzern re460-ic": ("λ: ", "buffer: ", "≥, ≤, =: "),
     "sensitivity flat-6km re460-ic --buffer 7 --vary 'mass=±10%, wind=-20..20'": (
         "per step: ", "off plan: ", "on time: ", "saved: ",
@@ -138,7 +139,9 @@ def test_the_suffix_tells_the_kind_of_a_picture(suffix: str, begins: bytes, tmp_
 
 # --- refused in one line ----------------------------------------------------------------------------------------
 
-SOLVE, FRONT, CALM, VARY = (f"{name} flat-6km re460-ic" for name in ("solve", "front", "calm", "sensitivity"))
+SOLVE, FRONT, FEW_SWITCH, VARY = (
+    f"{name} flat-6km re460-ic" for name in ("solve", "front", "few-switch", "sensitivity")
+)
 ONE_TIME = "give either --time (s) or --buffer (%)"
 READ = "the file to write is one that is read"
 REFUSED = {
@@ -186,11 +189,11 @@ REFUSED = {
     ),
     f"{FRONT} --exact --out no/front.csv": "no/front.csv: no such folder no",
     "front flat-6km own.toml --exact -o own.toml": f"own.toml: {READ}",
-    f"{CALM} --prices 0,much": "--prices 0,much: expected numbers with commas between, like 0,5,10",
-    f"{CALM} --prices -1": "--prices -1: expected times from 0 to 100 s",
-    f"{CALM} --prices 101": "--prices 101: expected times from 0 to 100 s",
-    f"{CALM} --buffers -1": "buffer -1.0 %: expected a number from 0 to 10000",
-    f"{CALM} --buffers ''": "--buffers : expected numbers with commas between, like 0,5,10",
+    f"{FEW_SWITCH} --prices 0,much": "--prices 0,much: expected numbers with commas between, like 0,5,10",
+    f"{FEW_SWITCH} --prices -1": "--prices -1: expected times from 0 to 100 s",
+    f"{FEW_SWITCH} --prices 101": "--prices 101: expected times from 0 to 100 s",
+    f"{FEW_SWITCH} --buffers -1": "buffer -1.0 %: expected a number from 0 to 10000",
+    f"{FEW_SWITCH} --buffers ''": "--buffers : expected numbers with commas between, like 0,5,10",
     f"{VARY}": ONE_TIME,
     f"{VARY} --buffer 7 --time 220": ONE_TIME,
     f"{VARY} --buffer 7 --vary mass": "--vary mass: cannot read 'mass'",

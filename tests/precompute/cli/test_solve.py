@@ -22,7 +22,7 @@ pytestmark = pytest.mark.processes
 SOLVE = ("solve", "flat-6km", "re460-ic")
 MASS_KG, FORCE_N, POWER_W, LIMIT_MPS, LENGTH_M = 440e3, 300e3, 6.1e6, 160 / 3.6, 6000.0
 Solved = tuple[dict[str, Any], Path]
-LEDGER = {"resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort"}
+BALANCE = {"resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort"}
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +40,15 @@ def test_solve_prints_one_json_object_and_draws_a_picture(solved: Solved) -> Non
     result = solved[0]
     numbers = ("min_time_s", "time_s", "energy_input_kwh", "energy_irreversible_kwh", "gap_ratio", "solve_s")
     assert all(isinstance(result[name], float) for name in numbers)
-    ledger = result["ledger_kwh"]
-    assert set(ledger) == LEDGER
+    balance = result["ledger_kwh"]
+    assert set(balance) == BALANCE
     assert result["time_s"] == pytest.approx(1.07 * result["min_time_s"], abs=0.05)
     assert (result["fit"], result["feasible"]) == ("on-time", True)
-    lost = ledger["resistance"] + ledger["component_loss"] + ledger["friction_brake"]
+    lost = balance["resistance"] + balance["component_loss"] + balance["friction_brake"]
     assert result["energy_irreversible_kwh"] == pytest.approx(lost)
-    assert result["energy_input_kwh"] == ledger["input"] == pytest.approx(lost + ledger["kinetic"], rel=1e-6)
-    assert ledger["potential"] == 0
-    assert ledger["comfort"] == pytest.approx(250 * result["time_s"] / 3600)
+    assert result["energy_input_kwh"] == balance["input"] == pytest.approx(lost + balance["kinetic"], rel=1e-6)
+    assert balance["potential"] == 0
+    assert balance["comfort"] == pytest.approx(250 * result["time_s"] / 3600)
     assert 0.0 <= result["gap_ratio"] < 0.05
     assert (result["gap_reason"], abs(result["table_gap_ratio"]) < 0.01) == ("", True)
     assert 0 < result["solve_s"] < 30
@@ -115,7 +115,7 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
     assert energies[0] > 1.2 * energies[-1]
     for point in points:
         assert point["time_s"] == pytest.approx(result["min_time_s"] * (1 + point["buffer_percent"] / 100), abs=0.05)
-        assert set(point["ledger_kwh"]) == LEDGER
+        assert set(point["ledger_kwh"]) == BALANCE
     assert points[2]["energy_input_kwh"] == pytest.approx(solved[0]["energy_input_kwh"], rel=1e-5)
     done = das_precompute(tmp_path, *words[:3], "--buffers", "7", "--refine", "off", "--json")
     assert json.loads(done.stdout)["points"][0]["energy_input_kwh"] > points[2]["energy_input_kwh"]

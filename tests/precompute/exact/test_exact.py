@@ -182,10 +182,10 @@ def test_every_point_is_a_run(paper: ExactFront) -> None:
     assert (np.diff(paper.energy_j) < 0).all()
     for index in np.linspace(0, len(paper.time_s) - 1, 25).astype(int):
         run = paper.trajectory(int(index))
-        ledger = run.ledger(section.vehicle, section.loss)
+        balance = run.balance(section.vehicle, section.loss)
         assert run.time_s == pytest.approx(float(paper.time_s[index]), abs=1e-6)
-        assert ledger.input == pytest.approx(float(paper.energy_j[index]), abs=1.0)
-        assert ledger.residual_ratio < 1e-9
+        assert balance.input == pytest.approx(float(paper.energy_j[index]), abs=1.0)
+        assert balance.residual_ratio < 1e-9
         mid = run.mean_speed_mps()
         assert (run.force_el_n <= section.vehicle.traction.force_n(mid) * (1 + 1e-6)).all()
         assert (run.v_mps <= 160 * KMH + 1e-9).all()
@@ -203,7 +203,7 @@ def test_the_fast_solver_agrees_with_the_exact_front(paper: ExactFront) -> None:
     for buffer_ratio in (0.02, 0.05, 0.07, 0.09):
         time_s = paper.least_time_s * (1 + buffer_ratio)
         exact_j = float(paper.energy_j[paper.index_at(time_s)])
-        fast_j = front.trajectory(time_s).ledger.input
+        fast_j = front.trajectory(time_s).balance.input
         assert fast_j < exact_j * 1.001
         assert fast_j > exact_j * 0.98
 
@@ -233,7 +233,7 @@ def test_buckets_give_runs_between_the_exact_front_and_a_little_more(paper: Exac
     for index in np.linspace(0, len(near.time_s) - 1, 25).astype(int):
         run = near.trajectory(int(index))
         assert run.time_s == pytest.approx(float(near.time_s[index]), abs=1e-6)
-        energy_j = run.ledger(paper.section.vehicle, paper.section.loss).input
+        energy_j = run.balance(paper.section.vehicle, paper.section.loss).input
         assert energy_j == pytest.approx(float(near.energy_j[index]), abs=1.0)
 
 

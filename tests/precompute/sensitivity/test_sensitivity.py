@@ -91,7 +91,7 @@ def test_a_variation_of_nothing_is_the_plan_bit_for_bit(
     outcome = varied(there, plan, parameter, value)
     for name in ("s_m", "t_s", "v_mps", "force_el_n", "force_friction_n"):
         assert np.array_equal(getattr(outcome.followed.trajectory, name), getattr(plan.trajectory, name)), name
-    assert outcome.followed.ledger == plan.ledger
+    assert outcome.followed.balance == plan.balance
     assert (outcome.late_s, outcome.extra_ratio, outcome.followed.off_plan_ratio) == (0.0, 0.0, 0.0)
     assert (outcome.trouble, outcome.per_step(outcome.late_s)) == (None, None)
     assert outcome.saved_ratio == pytest.approx(0.0, abs=1e-4)
@@ -105,21 +105,23 @@ def test_energy_of_the_same_speeds_goes_with_the_inertial_mass(mass_ratio: float
     plan = planned(world(flat(LENGTH_M), gentle(train))(nothing_back), 0.1)
     followed = follow(plan.trajectory, world(flat(LENGTH_M), train)(replace(nothing_back, mass_ratio=mass_ratio)))
     inertial_kg = mass_ratio * 1e5 + 0.1 * 1e5
-    assert followed.ledger.input == pytest.approx(plan.ledger.input * inertial_kg / 1.1e5, rel=1e-12)
-    assert followed.ledger.input == pytest.approx(0.5 * inertial_kg * plan.trajectory.v_mps.max() ** 2, rel=1e-6)
+    assert followed.balance.input == pytest.approx(plan.balance.input * inertial_kg / 1.1e5, rel=1e-12)
+    assert followed.balance.input == pytest.approx(0.5 * inertial_kg * plan.trajectory.v_mps.max() ** 2, rel=1e-6)
     assert followed.time_s == pytest.approx(plan.time_s, rel=1e-12)
     assert followed.off_plan_ratio == 0.0
 
 
 @pytest.mark.parametrize("percent", [-30.0, 25.0])
-def test_resistance_adds_its_percentage_of_the_resistance_in_the_ledger(percent: float) -> None:
+def test_resistance_adds_its_percentage_of_the_resistance_in_the_energy_balance(percent: float) -> None:
     train = make_train(resistance=(2000.0, 30.0, 6.0))
     plan = planned(world(flat(LENGTH_M), gentle(train))(AS_PLANNED), 0.1)
     outcome = varied(world(flat(LENGTH_M), train), plan, "resistance", percent)
-    assert outcome.followed.ledger.resistance == pytest.approx((1 + percent / 100) * plan.ledger.resistance, rel=1e-12)
+    assert outcome.followed.balance.resistance == pytest.approx(
+        (1 + percent / 100) * plan.balance.resistance, rel=1e-12
+    )
     # Without losses all that is put in is resistance.
     slope = outcome.per_step(outcome.extra_ratio)
-    assert slope == pytest.approx(0.01 * plan.ledger.resistance / plan.ledger.input, rel=1e-9)
+    assert slope == pytest.approx(0.01 * plan.balance.resistance / plan.balance.input, rel=1e-9)
     assert outcome.late_s == pytest.approx(0.0, abs=1e-9)
 
 
@@ -130,8 +132,8 @@ def test_receptivity_gives_back_its_share_of_the_braking(receptivity: float) -> 
     plan = planned(world(flat(LENGTH_M), train)(AS_PLANNED), 0.1)
     followed = follow(plan.trajectory, world(flat(LENGTH_M), train)(Conditions(receptivity_ratio=receptivity)))
     kinetic_j = 0.5 * 1e5 * plan.trajectory.v_mps.max() ** 2
-    assert followed.ledger.input == pytest.approx(kinetic_j * (1 / 0.9 - receptivity * 0.8), rel=2e-3)
-    fed_back_j = plan.ledger.input - followed.ledger.input
+    assert followed.balance.input == pytest.approx(kinetic_j * (1 / 0.9 - receptivity * 0.8), rel=2e-3)
+    fed_back_j = plan.balance.input - followed.balance.input
     assert -fed_back_j == pytest.approx((1 - receptivity) * kinetic_j * 0.8, rel=2e-3, abs=1e-6)
     assert np.array_equal(followed.trajectory.v_mps, plan.trajectory.v_mps)
 
@@ -145,8 +147,8 @@ def test_wind_costs_what_the_faster_air_takes(wind_kmh: float) -> None:
     s = np.linspace(0.0, LENGTH_M, 800_001)
     v, w = np.sqrt(np.interp(s, plan.trajectory.s_m, plan.trajectory.v_mps**2)), wind_kmh / 3.6
     extra_j = np.trapezoid(6.0 * ((v + w) ** 2 - v**2), s)
-    assert outcome.followed.ledger.input - plan.ledger.input == pytest.approx(extra_j, rel=1e-6)
-    assert outcome.extra_ratio == pytest.approx(extra_j / plan.ledger.input, rel=1e-6)
+    assert outcome.followed.balance.input - plan.balance.input == pytest.approx(extra_j, rel=1e-6)
+    assert outcome.extra_ratio == pytest.approx(extra_j / plan.balance.input, rel=1e-6)
     assert outcome.followed.off_plan_ratio == 0.0
 
 

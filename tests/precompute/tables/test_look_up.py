@@ -23,11 +23,11 @@ def look_up(section: Section, folder: Path) -> LookUp:
 
 
 def test_look_up_agrees_with_the_roll_out(look_up: LookUp, front: Front) -> None:
-    scale_j = abs(front.fastest().ledger.input)
+    scale_j = abs(front.fastest().balance.input)
     for s_m, v_mps, time_s in states(front, 40):
         found, run = look_up(s_m, v_mps, time_s), front.trajectory(time_s, s_m, v_mps)
         assert found.fit == run.fit
-        assert found.energy_to_go_j == pytest.approx(run.ledger.input, abs=2e-3 * scale_j)
+        assert found.energy_to_go_j == pytest.approx(run.balance.input, abs=2e-3 * scale_j)
         assert found.time_to_go_s == pytest.approx(run.time_s, abs=0.3)
         there = int(np.searchsorted(run.trajectory.s_m, found.next_m - 1e-6))
         assert found.speed_mps == pytest.approx(run.trajectory.v_mps[there], abs=0.6)
@@ -45,7 +45,7 @@ def test_look_up_from_memory_and_from_disk_agree(look_up: LookUp, front: Front) 
     for s_m, v_mps, time_s in states(front, 20):
         here, there = solved(s_m, v_mps, time_s), look_up(s_m, v_mps, time_s)
         assert there.speed_mps == pytest.approx(here.speed_mps, abs=0.6)
-        assert there.energy_to_go_j == pytest.approx(here.energy_to_go_j, abs=2e-3 * abs(front.fastest().ledger.input))
+        assert there.energy_to_go_j == pytest.approx(here.energy_to_go_j, abs=2e-3 * abs(front.fastest().balance.input))
 
 
 def test_look_up_says_late_and_early(look_up: LookUp, front: Front) -> None:

@@ -64,11 +64,11 @@ def test_trajectories_are_refined_and_some_are_proven(section: Section, front: F
     assert manifest["refine"] == "on"
     assert "refinement" in manifest["inputs_sha256"]
     fastest, *others = [front.trajectory(front.fastest().time_s * (1 + buffer / 100)) for buffer in BUFFERS]
-    assert (runs[0]["refinement_saved_j"], runs[0]["energy_input_j"]) == (0.0, fastest.ledger.input)
+    assert (runs[0]["refinement_saved_j"], runs[0]["energy_input_j"]) == (0.0, fastest.balance.input)
     for run, before in zip(runs[1:], others, strict=True):
         assert run["time_s"] <= before.time_s
-        assert run["energy_input_j"] < before.ledger.input
-        assert run["refinement_saved_j"] == pytest.approx(before.ledger.input - run["energy_input_j"])
+        assert run["energy_input_j"] < before.balance.input
+        assert run["refinement_saved_j"] == pytest.approx(before.balance.input - run["energy_input_j"])
     proven = [run for run in runs if run["gap_ratio"] is not None]
     assert [run["buffer_percent"] for run in proven] == [BUFFERS[1], BUFFERS[-1]]
     assert all(0 <= run["gap_ratio"] < 1e-3 and run["gap_reason"] == "" for run in proven)

@@ -64,9 +64,9 @@ def test_a_run_and_its_recording_are_equally_far_above_the_optimum_of_the_true_t
     assert recorded.driven_j == pytest.approx(run.driven_j, rel=2e-3)
     assert run.ratio is not None
     assert recorded.ratio == pytest.approx(run.ratio, abs=2e-3)
-    account = driven()[1].known_account
-    assert account.other_train_j > 0.03 * run.optimum_j  # a heavier train needs more than the plan's
-    assert sum(account.by_cause.values()) == pytest.approx(account.difference_j, abs=1.0)
+    attribution = driven()[1].known_attribution
+    assert attribution.other_train_j > 0.03 * run.optimum_j  # a heavier train needs more than the plan's
+    assert sum(attribution.by_cause.values()) == pytest.approx(attribution.difference_j, abs=1.0)
 
 
 def test_a_run_and_its_recording_have_the_same_limits_and_advice() -> None:
@@ -79,7 +79,7 @@ def test_a_run_and_its_recording_have_the_same_limits_and_advice() -> None:
 
 def test_every_figure_is_found_once() -> None:
     drive = driven()[1]
-    for name in ("course", "clock", "calls", "limit_mps", "events", "motion", "legs", "stability", "known_account"):
+    for name in ("course", "clock", "calls", "limit_mps", "events", "motion", "legs", "stability", "known_attribution"):
         assert getattr(drive, name) is getattr(drive, name), name
 
 
@@ -91,16 +91,16 @@ def test_a_record_without_truth_is_used_as_it_is_in_memory() -> None:
     (leg,) = alone.legs
     first, last = alone.calls
     assert (leg.motion.time_ns[0], leg.motion.time_ns[-1]) == (first.departed_ns, last.arrived_ns)
-    assert not alone.known_account.measured
+    assert not alone.known_attribution.measured
     # Of a lighter train that brakes with its motors first, as far as anybody knows.
-    assert 0.4 < alone.known_account.driven_j / simulated.known_account.driven_j < 1.0
+    assert 0.4 < alone.known_attribution.driven_j / simulated.known_attribution.driven_j < 1.0
     assert alone.late_s == pytest.approx(simulated.late_s, abs=3.0)
 
 
 def test_a_run_that_nobody_recorded_has_its_figures_and_says_why_it_has_no_others() -> None:
     drive = driven()[0].drive
-    assert (drive.account, drive.likely) == (None, None)
-    assert drive.why_no_account.startswith("this run was not recorded")
+    assert (drive.attribution, drive.likely) == (None, None)
+    assert drive.why_no_attribution.startswith("this run was not recorded")
     with pytest.raises(DasError, match="was not recorded"):
         _ = drive.events
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from sim.drive.drive import Drive
-from sim.drive.stability import Restlessness, ShownWatch, recorded_restlessness
+from sim.drive.stability import AdviceStability, ShownWatch, recorded_stability
 from sim.drivers.cab import Presentation
 from sim.drivers.presentations.presenter import Shown
 from sim.drivers.registry import DriverKind
@@ -29,12 +29,12 @@ from sim.world.over_bus import OverBus
 from tests.support.flat_days import service_of
 
 T, R, H, C, B, F, S = (
-    *(Mode.FULL_TRACTION, Mode.REDUCED_TRACTION, Mode.CRUISE, Mode.COAST),
-    *(Mode.REDUCED_BRAKE, Mode.FRICTION_BRAKE, Mode.STOP),
+    *(Regime.FULL_TRACTION, Regime.REDUCED_TRACTION, Regime.CRUISE, Regime.COAST),
+    *(Regime.REDUCED_BRAKE, Regime.FRICTION_BRAKE, Regime.STOP),
 )
 
 
-def found(shown: list[Shown | None], speeds_mps: list[float] | None = None) -> Restlessness:
+def found(shown: list[Shown | None], speeds_mps: list[float] | None = None) -> AdviceStability:
     """The measures of what is shown second by second to the driver of a train that moves, or has these speeds."""
     watch = ShownWatch()
     for second, (one, v) in enumerate(zip(shown, speeds_mps or [20.0] * len(shown), strict=True)):
@@ -42,7 +42,7 @@ def found(shown: list[Shown | None], speeds_mps: list[float] | None = None) -> R
     return watch.found
 
 
-def modes(*spells: tuple[Mode, int]) -> list[Shown | None]:
+def modes(*spells: tuple[Regime, int]) -> list[Shown | None]:
     """Modes that stand for so many seconds each."""
     return [Shown(mode=mode) for mode, seconds in spells for _ in range(seconds)]
 
@@ -70,7 +70,7 @@ def test_a_standing_train_and_withdrawn_advice_count_neither_as_time_nor_as_chan
 
 def test_to_accelerate_after_being_told_to_depart_is_no_change() -> None:
     """The train moves already when the advice to accelerate comes."""
-    shown: list[Shown | None] = [Shown(Mode.DEPART, 90, 0)] * 5 + [Shown(T, 90, 5)] * 21
+    shown: list[Shown | None] = [Shown(Regime.DEPART, 90, 0)] * 5 + [Shown(T, 90, 5)] * 21
     measured = found(shown, [0.0] * 3 + [0.2] * 2 + [5.0] * 21)
     assert (measured.changes, measured.shown_s) == (0, 20.0)
     assert math.isnan(measured.shortest_mode_s)
@@ -116,7 +116,7 @@ def test_it_agrees_with_a_count_by_lists() -> None:
     random = np.random.default_rng(3)
     for _ in range(50):
         length = 400
-        order = [Shown(Mode(int(random.integers(1, 8))), int(random.integers(50, 53))) for _ in range(length)]
+        order = [Shown(Regime(int(random.integers(1, 8))), int(random.integers(50, 53))) for _ in range(length)]
         keep = random.random(length) < 0.85
         held = [order[max(j for j in range(i + 1) if j == 0 or not keep[j])] for i in range(length)]
         shown = [None if random.random() < 0.01 else one for one in held]
@@ -126,7 +126,7 @@ def test_it_agrees_with_a_count_by_lists() -> None:
         changes = sum(a != b for spell in spells for a, b in pairwise(spell))
         grouped = [[list(g) for _, g in groupby(spell, key=lambda one: one.mode)] for spell in spells]
         pairs = [(a, b) for spell in grouped for a, b in pairwise(spell)]
-        brakes = {Mode.REDUCED_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE}
+        brakes = {Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE}
         blocks = [len(a) for a, b in pairs if not {a[0].mode, b[0].mode} & brakes]
         measured = found(shown, speeds)
         assert measured.changes == changes
@@ -193,7 +193,7 @@ def test_a_recording_gives_the_measures_of_its_run(
 ) -> None:
     outage = '[[disturbances]]\nkind = "bus-outage"\nfrom_s = 60\nfor_s = 9\n'
     run, recording = recorded(tmp_path / "a.mcap", flat(outage), presentation)
-    measured, again = run.restlessness, recorded_restlessness(recording)
+    measured, again = run.stability, recorded_stability(recording)
     assert dataclasses.asdict(again) == pytest.approx(dataclasses.asdict(measured), nan_ok=True)
     if presentation is Presentation.NONE:
         assert measured.shown_s == 0
@@ -214,5 +214,5 @@ def test_a_recording_older_than_the_shown_speed_is_measured_by_the_advised_one(t
         file.add(topics.CAB, topics.CAB.key("t1"), cab, at_ns)
         file.add(topics.TRUTH, topics.TRUTH.key("t1"), truth, at_ns)
     file.close()
-    measured = recorded_restlessness(read_recording(tmp_path / "a.mcap"))
+    measured = recorded_stability(read_recording(tmp_path / "a.mcap"))
     assert (measured.changes, measured.shown_s) == (1, 60.0)

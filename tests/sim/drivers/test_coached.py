@@ -10,7 +10,7 @@ import pytest
 
 from das.advice.advice import Advice
 from das.advice.coach.coaching import Coaching, Instruction
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Driver, Efforts, Presentation
@@ -33,7 +33,7 @@ QUICK = HumanParameters(
 
 def advice(now: Instruction | None, *, force_n: float = 0.0, **fields: Any) -> Advice:
     coach = None if now is None else Coaching(now=now, force_n=force_n, **fields)
-    return Advice(time_ns=0, speed_mps=20.0, mode=Mode.CRUISE, valid_until_ns=3 * 10**9, coach=coach)
+    return Advice(time_ns=0, speed_mps=20.0, mode=Regime.CRUISE, valid_until_ns=3 * 10**9, coach=coach)
 
 
 def view(now: Instruction, **fields: Any) -> AdviceView:
@@ -47,17 +47,17 @@ def cab(shown: AdviceView | None, **fields: Any) -> CabView:
     return CabView(**{**usual, "departure_s": -100.0, "arrival_s": 300.0, "advice": shown, **fields})
 
 
-TRACTION = Instruction(mode=Mode.REDUCED_TRACTION, speed_mps=100.4 * KMH, effort_ratio=0.8)
-DEPART = Instruction(mode=Mode.DEPART, speed_mps=100.4 * KMH, effort_ratio=0.8)
-HOLD = Instruction(mode=Mode.CRUISE, speed_mps=20.0)
-ROLL = Instruction(mode=Mode.COAST, speed_mps=10.0, effort_ratio=0.0)
-BRAKE = Instruction(mode=Mode.REDUCED_BRAKE, speed_mps=10.0, effort_ratio=-0.4)
+TRACTION = Instruction(mode=Regime.REDUCED_TRACTION, speed_mps=100.4 * KMH, effort_ratio=0.8)
+DEPART = Instruction(mode=Regime.DEPART, speed_mps=100.4 * KMH, effort_ratio=0.8)
+HOLD = Instruction(mode=Regime.CRUISE, speed_mps=20.0)
+ROLL = Instruction(mode=Regime.COAST, speed_mps=10.0, effort_ratio=0.0)
+BRAKE = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=10.0, effort_ratio=-0.4)
 
 
 def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() -> None:
     following = (replace(ROLL, in_s=42.0, way_m=900.0),)
     seen = view(TRACTION, force_n=1e5, following=following, target_m=800.0, reason="accelerate to 100")
-    assert (seen.mode, seen.next_mode, seen.next_change_s) == (Mode.REDUCED_TRACTION, Mode.COAST, 42.0)
+    assert (seen.mode, seen.next_mode, seen.next_change_s) == (Regime.REDUCED_TRACTION, Regime.COAST, 42.0)
     assert (seen.speed_mps, seen.display_speed_mps) == pytest.approx((100.4 * KMH, 100 * KMH))
     assert (seen.next_speed_mps, seen.next_effort_ratio) == (10.0, 0.0)
     assert (seen.target_way_m, seen.reason, seen.due_s) == (800.0, "accelerate to 100", 0.0)
@@ -70,27 +70,27 @@ def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() ->
 def test_nobody_is_told_with_what_effort_to_hold_a_speed() -> None:
     seen = view(HOLD, force_n=3e4)
     assert math.isnan(seen.lever_ratio)
-    assert Shown.of(seen) == Shown(mode=Mode.CRUISE, speed_kmh=72, effort=None)
+    assert Shown.of(seen) == Shown(mode=Regime.CRUISE, speed_kmh=72, effort=None)
 
 
 def test_a_display_says_to_depart_with_no_effort_yet_and_how_to_depart_when_cleared() -> None:
     seen = view(DEPART, reason="depart when cleared")
-    assert (seen.mode, seen.lever_ratio, seen.force_n) == (Mode.DEPART, 0.0, 0.0)
+    assert (seen.mode, seen.lever_ratio, seen.force_n) == (Regime.DEPART, 0.0, 0.0)
     assert seen.display_speed_mps == pytest.approx(100 * KMH)
-    assert (seen.next_mode, seen.next_speed_mps, seen.next_effort_ratio) == (Mode.REDUCED_TRACTION, 100.4 * KMH, 0.8)
+    assert (seen.next_mode, seen.next_speed_mps, seen.next_effort_ratio) == (Regime.REDUCED_TRACTION, 100.4 * KMH, 0.8)
     assert math.isnan(seen.next_change_s)
     read = seen.departure
-    assert Shown.of(read) == Shown(mode=Mode.REDUCED_TRACTION, speed_kmh=100, effort=4)
+    assert Shown.of(read) == Shown(mode=Regime.REDUCED_TRACTION, speed_kmh=100, effort=4)
     assert read.departure is read
     held = view(replace(DEPART, effort_ratio=math.nan))
-    assert held.departure.mode == Mode.CRUISE
+    assert held.departure.mode == Regime.CRUISE
 
 
 def told_to_depart(presentation: Presentation) -> AdviceView:
     """What a display shows of advice to depart with 0.8 of the traction, to 20 m/s."""
     given = Advice(
-        time_ns=0, speed_mps=0.0, mode=Mode.DEPART, four_mode=Mode.DEPART, next_mode=Mode.REDUCED_TRACTION,
-        next_four_mode=Mode.CRUISE, advised_speed_mps=0.0, display_speed_mps=0.0, advised_force_n=0.0,
+        time_ns=0, speed_mps=0.0, mode=Regime.DEPART, four_mode=Regime.DEPART, next_mode=Regime.REDUCED_TRACTION,
+        next_four_mode=Regime.CRUISE, advised_speed_mps=0.0, display_speed_mps=0.0, advised_force_n=0.0,
         horizon_speed_mps=(0.0,) * 30, horizon_force_n=(0.0,) * 30, departure_speed_mps=20.0,
         departure_force_ratio=0.8, valid_until_ns=100 * 10**9, reduced_max_speed_mps=20.0,
         coach=Coaching(now=replace(DEPART, speed_mps=20.0)),
@@ -133,7 +133,7 @@ def test_to_accelerate_is_not_new_to_a_human_who_departs(presentation: Presentat
 
 def test_a_top_speed_says_nothing_of_how_to_depart() -> None:
     seen = told_to_depart(Presentation.RMS)
-    assert (seen.mode, seen.speed_mps, seen.departure) == (Mode.DEPART, 20.0, seen)
+    assert (seen.mode, seen.speed_mps, seen.departure) == (Regime.DEPART, 20.0, seen)
 
 
 @pytest.mark.parametrize("now", [None, Instruction()])
@@ -142,7 +142,7 @@ def test_where_there_is_no_reference_nothing_is_shown(now: Instruction | None) -
 
 
 def test_withdrawn_advice_is_not_shown() -> None:
-    withdrawn = replace(advice(HOLD), mode=Mode.NONE)
+    withdrawn = replace(advice(HOLD), mode=Regime.NONE)
     assert present(withdrawn, Presentation.COACH, LINE.train) is None
 
 
@@ -173,7 +173,7 @@ def test_a_human_holds_the_speed_that_he_has_reached() -> None:
 def test_a_human_does_not_begin_what_would_be_over_at_once() -> None:
     """Full traction from 20 to 20.4 m/s would last a second: he holds the speed; and a brake to 19.7 he leaves."""
     efforts = Efforts.at(20.0, LINE.train)
-    full = replace(TRACTION, mode=Mode.FULL_TRACTION, effort_ratio=1.0)
+    full = replace(TRACTION, mode=Regime.FULL_TRACTION, effort_ratio=1.0)
     assert settled(replace(full, speed_mps=20.4), force_n=efforts.traction_n) < 0.3
     assert settled(replace(full, speed_mps=30.0), force_n=efforts.traction_n) == 1.0
     assert settled(replace(BRAKE, speed_mps=19.7), force_n=-0.3 * efforts.brakes_n) == pytest.approx(0.0, abs=1e-9)
@@ -189,7 +189,7 @@ def test_a_human_never_goes_above_the_limit_for_the_coach() -> None:
     [
         (replace(HOLD, speed_mps=20.05), False),
         (replace(HOLD, speed_mps=22.0), True),
-        (replace(HOLD, mode=Mode.COAST, effort_ratio=0.0), True),
+        (replace(HOLD, mode=Regime.COAST, effort_ratio=0.0), True),
     ],
 )
 def test_only_another_mode_speed_or_effort_is_new_to_a_human(after: Instruction, new: bool) -> None:
@@ -260,16 +260,16 @@ def test_a_perfect_driver_brakes_to_the_speed_at_its_place_and_no_harder_than_th
 @pytest.mark.parametrize(
     ("mode", "speed_mps", "low", "high"),
     [
-        (Mode.FULL_TRACTION, 30.0, 0.9, 1.0),  # his own effort: all of it, far below the target
-        (Mode.FULL_TRACTION, 20.0, 0.0, 0.2),  # reached: what the resistance takes
-        (Mode.CRUISE, 20.0, 0.0, 0.2),
-        (Mode.COAST, 10.0, 0.0, 0.0),
-        (Mode.FULL_BRAKE, 10.0, -0.6, -0.2),  # the deceleration that he plans with, not all that the brakes can do
-        (Mode.FULL_BRAKE, 20.5, -0.1, 0.0),  # reached
+        (Regime.FULL_TRACTION, 30.0, 0.9, 1.0),  # his own effort: all of it, far below the target
+        (Regime.FULL_TRACTION, 20.0, 0.0, 0.2),  # reached: what the resistance takes
+        (Regime.CRUISE, 20.0, 0.0, 0.2),
+        (Regime.COAST, 10.0, 0.0, 0.0),
+        (Regime.FULL_BRAKE, 10.0, -0.6, -0.2),  # the deceleration that he plans with, not all that the brakes can do
+        (Regime.FULL_BRAKE, 20.5, -0.1, 0.0),  # reached
     ],
 )
 def test_a_target_speed_without_effort_is_reached_his_own_way(
-    mode: Mode, speed_mps: float, low: float, high: float
+    mode: Regime, speed_mps: float, low: float, high: float
 ) -> None:
     driver = HumanDriver(LINE, QUICK, seed=1)
     seen = AdviceView(time_s=0.0, valid_until_s=100.0, presentation=Presentation.VECTOR, mode=mode, speed_mps=speed_mps)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Timetable
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import das_pb2
 from das.domain.errors import InputError
 from das.domain.files.load import load_route, load_vehicle
@@ -70,7 +70,7 @@ class Case:
         return ride(self.plant, driver, self.line, self.leg, advise)
 
     def input_ratio(self, run: Ride) -> float:
-        return self.plant.ledger(run.states[0], run.states[-1]).input / self.plan.ledger.input
+        return self.plant.balance(run.states[0], run.states[-1]).input / self.plan.balance.input
 
     def excess_mps(self, run: Ride) -> float:
         """The most by which any state is above the limit over the train."""
@@ -154,7 +154,7 @@ def test_each_driver_by_rule_is_what_it_is_called(zug_luzern: Case) -> None:
 def test_rms_holds_the_speed_on_the_display(zug_luzern: Case) -> None:
     def display(state: PlantState) -> AdviceView | None:
         given = replace(
-            advice(Mode.CRUISE),
+            advice(Regime.CRUISE),
             time_ns=round(1e9 * state.time_s),
             valid_until_ns=round(1e9 * state.time_s + 3e9),
             reduced_max_speed_mps=25.0,
@@ -325,7 +325,7 @@ def test_a_ceiling_keeps_limits_over_the_whole_train_and_the_planned_braking() -
 # --- what the display shows --------------------------------------------------------------------------------------
 
 
-def advice(mode: Mode, force_n: float = 0.0, speed_mps: float = 20.0) -> Advice:
+def advice(mode: Regime, force_n: float = 0.0, speed_mps: float = 20.0) -> Advice:
     return Advice(
         time_ns=7_000_000_000,
         valid_until_ns=10_000_000_000,
@@ -334,18 +334,18 @@ def advice(mode: Mode, force_n: float = 0.0, speed_mps: float = 20.0) -> Advice:
         advised_force_n=force_n,
         horizon_speed_mps=(20.5,) * 30,
         horizon_force_n=(force_n,) * 30,
-        next_mode=Mode.REDUCED_BRAKE,
+        next_mode=Regime.REDUCED_BRAKE,
         next_change_s=12.0,
         reduced_max_speed_mps=27.0,
         four_mode=mode,
-        next_four_mode=Mode.FULL_BRAKE,
+        next_four_mode=Regime.FULL_BRAKE,
         next_four_change_s=13.0,
     )
 
 
 def test_presentations_show_what_they_are_for_and_no_more() -> None:
     train = LineKnowledge(route=flat(100.0), vehicle=RE460).train
-    given = advice(Mode.CRUISE, 5e4)
+    given = advice(Regime.CRUISE, 5e4)
     full = present(given, Presentation.VECTOR, train, clock_zero_ns=2_000_000_000)
     assert full is not None
     assert (full.time_s, full.valid_until_s, full.speed_mps, full.force_n) == (5.0, 8.0, 20.0, 5e4)
@@ -356,7 +356,7 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     assert modes.next_change_s == 13.0
     assert math.isnan(modes.lever_ratio)
     assert not modes.horizon_speed_mps
-    coasting = present(advice(Mode.COAST), Presentation.FOUR_MODE, train)
+    coasting = present(advice(Regime.COAST), Presentation.FOUR_MODE, train)
     assert coasting is not None
     assert math.isnan(coasting.speed_mps)
     reduced = present(given, Presentation.RMS, train)
@@ -369,15 +369,15 @@ def test_presentations_show_what_they_are_for_and_no_more() -> None:
     assert late.deviation_s == 12.0
     assert math.isnan(late.speed_mps)
     assert not late.horizon_speed_mps
-    assert late.next_mode == Mode.NONE
+    assert late.next_mode == Regime.NONE
     assert present(given, Presentation.DEVIATION, train) is None
-    assert present(advice(Mode.NONE), Presentation.VECTOR, train) is None
+    assert present(advice(Regime.NONE), Presentation.VECTOR, train) is None
     assert lever_ratio(-1e9, 20.0, train) == -1.0
     assert lever_ratio(-3.5e5, 20.0, train) == pytest.approx(-0.5, rel=0.01)  # 700 kN of both brakes
 
 
 def test_advice_that_is_no_longer_valid_is_not_followed(short: Case) -> None:
-    view = present(advice(Mode.FULL_TRACTION, 3e5), Presentation.VECTOR, short.line.train)
+    view = present(advice(Regime.FULL_TRACTION, 3e5), Presentation.VECTOR, short.line.train)
     cab = cab_of(short.plant.at(100.0, 20.0, 10.5), stop_m=6000.0, advice=view)
     assert cab.shown is None
     assert cab._replace(time_s=9.0).shown is view
@@ -401,7 +401,7 @@ def test_a_human_arrives_stops_at_the_mark_and_keeps_limits(
     assert run.states[-1].s_m == pytest.approx(LUZERN_M, abs=10.0)
     assert case.excess_mps(run) < 1.0
     assert run.arrival_s == pytest.approx(case.time_s, abs=60.0)
-    assert case.plant.ledger(run.states[0], run.states[-1]).residual_ratio < 1e-6
+    assert case.plant.balance(run.states[0], run.states[-1]).residual_ratio < 1e-6
 
 
 def test_advice_helps_a_human_to_save_energy_and_be_on_time(zug_luzern: Case) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, Diary, Presentation
 from sim.drivers.handling import HAND, Hand, HumanSettings, SpeedHold
 from sim.drivers.human import HumanDriver
@@ -21,14 +21,14 @@ WILLING = replace(
 )
 
 
-def view(mode: Mode, lever_ratio: float, time_s: float, speed_mps: float = 20.0) -> AdviceView:
+def view(mode: Regime, lever_ratio: float, time_s: float, speed_mps: float = 20.0) -> AdviceView:
     return AdviceView(
         time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=mode, speed_mps=speed_mps,
         display_speed_mps=speed_mps, lever_ratio=lever_ratio, force_n=0.0,
     )  # fmt: skip
 
 
-def driven(human: HumanDriver, mode: Mode, lever_ratio: float, *, looks: int = 100, v_mps: float = 20.0) -> Command:
+def driven(human: HumanDriver, mode: Regime, lever_ratio: float, *, looks: int = 100, v_mps: float = 20.0) -> Command:
     """The last command of a driver who is shown one advice for a while."""
     command = COAST
     for i in range(looks):
@@ -50,12 +50,12 @@ def test_friction_is_a_matter_of_the_policy_and_only_by_advice_of_what_is_shown(
 ) -> None:
     willing = replace(WILLING, friction_ratio=0.4)
     for human, expected in ((willing, followed), (replace(willing, comply_brake_ratio=0.0), refused)):
-        command = driven(HumanDriver(endless(), human, friction=policy), Mode.REDUCED_BRAKE, -0.3)
+        command = driven(HumanDriver(endless(), human, friction=policy), Regime.REDUCED_BRAKE, -0.3)
         assert command.friction_ratio == expected
 
 
-@pytest.mark.parametrize(("mode", "end"), [(Mode.FULL_TRACTION, 1.0), (Mode.FULL_BRAKE, -1.0)])
-def test_the_ends_of_the_scale_are_set_exactly_whatever_the_error_of_efforts(mode: Mode, end: float) -> None:
+@pytest.mark.parametrize(("mode", "end"), [(Regime.FULL_TRACTION, 1.0), (Regime.FULL_BRAKE, -1.0)])
+def test_the_ends_of_the_scale_are_set_exactly_whatever_the_error_of_efforts(mode: Regime, end: float) -> None:
     """Drivers with errors of 50 %: of twenty, about half would set less than they are told."""
     set_to = [
         driven(HumanDriver(endless(), replace(WILLING, force_error_ratio=0.5), seed=seed), mode, end).value
@@ -78,14 +78,14 @@ def test_two_speeds_that_are_minded_at_once_do_not_disturb_each_other() -> None:
 def test_at_departure_the_advice_up_to_the_stop_is_over() -> None:
     """A brake was followed into the stop; at departure he sees full traction and sets it, without braking at first."""
     human = HumanDriver(endless(), replace(WILLING, glance_mean_s=30.0, glance_least_s=10.0), seed=1)
-    assert driven(human, Mode.REDUCED_BRAKE, -0.4).value < 0
+    assert driven(human, Regime.REDUCED_BRAKE, -0.4).value < 0
     stands = PlantState(30.0, 200.0, 0.0)
-    waiting = cab_of(stands, stop_m=50_000.0, advice=view(Mode.FULL_TRACTION, 1.0, 30.0, 5.0))
+    waiting = cab_of(stands, stop_m=50_000.0, advice=view(Regime.FULL_TRACTION, 1.0, 30.0, 5.0))
     assert human.command(waiting._replace(departure_s=60.0)) == COAST
     set_to = []
     for i in range(40):
         now_s = 60.0 + 0.2 * i
-        cab = cab_of(stands._replace(time_s=now_s), stop_m=50_000.0, advice=view(Mode.FULL_TRACTION, 1.0, now_s, 5.0))
+        cab = cab_of(stands._replace(time_s=now_s), stop_m=50_000.0, advice=view(Regime.FULL_TRACTION, 1.0, now_s, 5.0))
         set_to.append(human.command(cab).value)
     assert min(set_to) >= 0.0
     assert set_to[-1] == 1.0
@@ -94,12 +94,12 @@ def test_at_departure_the_advice_up_to_the_stop_is_over() -> None:
 def test_who_comes_to_a_stand_between_stops_releases_the_brakes_and_goes_on_after_a_reaction() -> None:
     """Advice to brake was followed to a stand far from any stop; then full traction is shown."""
     human = HumanDriver(endless(), replace(WILLING, reaction_median_s=3.0), seed=1)
-    assert driven(human, Mode.FULL_TRACTION, 1.0, looks=50).value == 1.0
+    assert driven(human, Regime.FULL_TRACTION, 1.0, looks=50).value == 1.0
     set_to = []
     for i in range(50, 150):
-        now_s, mode, ratio = 0.2 * i, Mode.FULL_TRACTION, 1.0
+        now_s, mode, ratio = 0.2 * i, Regime.FULL_TRACTION, 1.0
         if i < 100:
-            mode, ratio = Mode.REDUCED_BRAKE, -0.4
+            mode, ratio = Regime.REDUCED_BRAKE, -0.4
         shown, v_mps = view(mode, ratio, now_s, 3.0), 3.0 if i < 100 else 0.0
         cab = cab_of(PlantState(now_s, 300.0, v_mps), stop_m=50_000.0, advice=shown)
         set_to.append(human.command(cab).value)
@@ -110,7 +110,7 @@ def test_who_comes_to_a_stand_between_stops_releases_the_brakes_and_goes_on_afte
 
 def test_advice_that_is_withdrawn_is_given_up_after_a_reaction() -> None:
     human = HumanDriver(endless(), replace(WILLING, reaction_median_s=3.0), seed=1)
-    assert driven(human, Mode.FULL_TRACTION, 1.0, looks=100).value == 1.0
+    assert driven(human, Regime.FULL_TRACTION, 1.0, looks=100).value == 1.0
     noticed = human.events[-1].time_s
     set_to = []
     for i in range(100, 160):
@@ -124,12 +124,12 @@ def test_advice_that_is_withdrawn_is_given_up_after_a_reaction() -> None:
 
 
 def test_the_speed_that_is_read_is_the_one_on_the_display() -> None:
-    seen = replace(view(Mode.CRUISE, 0.0, 0.0), speed_mps=20.3, display_speed_mps=20.0)
+    seen = replace(view(Regime.CRUISE, 0.0, 0.0), speed_mps=20.3, display_speed_mps=20.0)
     assert seen.shown_speed_mps == 20.0
     assert replace(seen, display_speed_mps=math.nan).shown_speed_mps == 20.3
 
 
-def announced(mode: Mode, next_mode: Mode, change_s: float, time_s: float) -> AdviceView:
+def announced(mode: Regime, next_mode: Regime, change_s: float, time_s: float) -> AdviceView:
     return replace(view(mode, 0.0, time_s), next_mode=next_mode, next_change_s=change_s - time_s)
 
 
@@ -137,8 +137,8 @@ def reactions(driver: HumanDriver, *, said: bool) -> tuple[list[float], list[flo
     """Show a change from hold to coast at 30 s, announced or not; the reactions, and the times of glances after it."""
     for i in range(300):
         now_s = 0.2 * i
-        mode, change_s = (Mode.CRUISE, 30.0) if now_s < 30.0 else (Mode.COAST, 90.0)
-        following = {Mode.CRUISE: Mode.COAST, Mode.COAST: Mode.FULL_BRAKE}[mode]
+        mode, change_s = (Regime.CRUISE, 30.0) if now_s < 30.0 else (Regime.COAST, 90.0)
+        following = {Regime.CRUISE: Regime.COAST, Regime.COAST: Regime.FULL_BRAKE}[mode]
         shown = announced(mode, following, change_s, now_s) if said else view(mode, 0.0, now_s)
         driver.command(cab_of(PlantState(now_s, 100.0, 20.0), stop_m=50_000.0, advice=shown))
     glances = [event.time_s for event in driver.events if event.what == "glance" and event.time_s >= 30.0]
@@ -163,7 +163,7 @@ def test_who_is_told_how_late_he_is_drives_faster_or_lets_the_train_roll(deviati
     human = HumanDriver(endless(), replace(WILLING, haste_ratio=0.6), seed=1)
     for i in range(150):
         shown = AdviceView(
-            time_s=0.2 * i, valid_until_s=0.2 * i + 3.0, presentation=Presentation.DEVIATION, mode=Mode.CRUISE,
+            time_s=0.2 * i, valid_until_s=0.2 * i + 3.0, presentation=Presentation.DEVIATION, mode=Regime.CRUISE,
             deviation_s=deviation_s,
         )  # fmt: skip
         cab = cab_of(PlantState(0.2 * i, 100.0, 30.0), stop_m=30_000.0, arrival_s=1200.0, advice=shown)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.domain.units import KMH
 from das.front_door import chosen
@@ -59,8 +59,8 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert len(views) == len(shown) > 100
     assert {message.presentation for message in shown} == {17}
     assert {view.presentation for view in views} == {traffic_light}
-    assert {Mode.FULL_TRACTION, Mode.COAST, Mode.FULL_BRAKE} <= {Mode(view.mode) for view in views}
-    assert any(event.what == "followed" and event.value == Mode.COAST for event in driver.events)
+    assert {Regime.FULL_TRACTION, Regime.COAST, Regime.FULL_BRAKE} <= {Regime(view.mode) for view in views}
+    assert any(event.what == "followed" and event.value == Regime.COAST for event in driver.events)
 
     trip = DrivenCourse.of(recording)
     lane = next(one for one in lanes(Drive(source=recording)) if one.name == "shown")
@@ -88,23 +88,23 @@ def test_a_number_of_the_bus_is_a_presentation_or_nothing_is_shown() -> None:
 @pytest.mark.parametrize(("late_s", "words"), [(12.4, "12 s late"), (-3.0, "3 s early"), (0.2, "on time")])
 def test_a_display_of_the_deviation_has_no_mode_in_its_headline(late_s: float, words: str) -> None:
     view = AdviceView(
-        time_s=0.0, valid_until_s=3.0, presentation=Presentation.DEVIATION, mode=Mode.COAST, deviation_s=late_s
+        time_s=0.0, valid_until_s=3.0, presentation=Presentation.DEVIATION, mode=Regime.COAST, deviation_s=late_s
     )
     assert presenter_of(Presentation.DEVIATION).headline(view) == words
 
 
-def view(presentation: Presentation, mode: Mode = Mode.CRUISE, **fields: Any) -> AdviceView:
+def view(presentation: Presentation, mode: Regime = Regime.CRUISE, **fields: Any) -> AdviceView:
     given = {"speed_mps": 81.4 * KMH, "display_speed_mps": 82 * KMH, "lever_ratio": 0.31, **fields}
     return AdviceView(time_s=0.0, valid_until_s=3.0, presentation=presentation, mode=mode, **given)
 
 
 def test_each_presentation_shows_what_it_is_for() -> None:
     assert Shown.of(view(Presentation.RMS)) == Shown(mode=None, speed_kmh=82, effort=None)
-    assert Shown.of(view(Presentation.FOUR_MODE)) == Shown(mode=Mode.CRUISE, speed_kmh=82, effort=None)
-    assert Shown.of(view(Presentation.FOUR_MODE, Mode.COAST)) == Shown(mode=Mode.COAST, speed_kmh=None, effort=None)
+    assert Shown.of(view(Presentation.FOUR_MODE)) == Shown(mode=Regime.CRUISE, speed_kmh=82, effort=None)
+    assert Shown.of(view(Presentation.FOUR_MODE, Regime.COAST)) == Shown(mode=Regime.COAST, speed_kmh=None, effort=None)
     late = view(Presentation.DEVIATION, deviation_s=12.4)
     assert Shown.of(late) == Shown(mode=None, speed_kmh=None, effort=None, deviation_s=12)
-    assert Shown.of(view(Presentation.VECTOR)) == Shown(mode=Mode.CRUISE, speed_kmh=82, effort=2)
+    assert Shown.of(view(Presentation.VECTOR)) == Shown(mode=Regime.CRUISE, speed_kmh=82, effort=2)
 
 
 @pytest.mark.parametrize(("ratio", "steps"), [(0.0, 0), (0.09, 0), (0.11, 1), (-0.29, -1), (-0.31, -2), (1.0, 5)])
@@ -114,5 +114,5 @@ def test_effort_is_read_in_fifths_of_the_controller(ratio: float, steps: int) ->
 
 def test_what_is_not_known_is_not_shown() -> None:
     nothing = view(Presentation.VECTOR, speed_mps=math.nan, display_speed_mps=math.nan, lever_ratio=math.nan)
-    assert Shown.of(nothing) == Shown(mode=Mode.CRUISE)
+    assert Shown.of(nothing) == Shown(mode=Regime.CRUISE)
     assert Shown.of(view(Presentation.RMS, display_speed_mps=math.nan)) == Shown(speed_kmh=81)

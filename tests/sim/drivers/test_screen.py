@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import pytest
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from das.domain.errors import DasError, InputError
 from sim.drivers.cab import AdviceView, Presentation
 from sim.drivers.screen import Screen, ScreenSettings, recorded_screen, screen_metadata
 
 
-def advice(time_s: float, mode: Mode = Mode.CRUISE, speed_mps: float = 20.0) -> AdviceView:
+def advice(time_s: float, mode: Regime = Regime.CRUISE, speed_mps: float = 20.0) -> AdviceView:
     return AdviceView(
         time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=int(mode),
         speed_mps=speed_mps, lever_ratio=0.2, horizon_speed_mps=(20.0, 21.0, 22.0), horizon_force_n=(1.0, 2.0, 3.0),
-        next_mode=int(Mode.COAST), next_change_s=2.5, reason="late",
+        next_mode=int(Regime.COAST), next_change_s=2.5, reason="late",
     )  # fmt: skip
 
 
@@ -45,19 +45,19 @@ def test_an_interval_shows_every_nth_advice_and_keeps_it_valid() -> None:
 def test_what_is_read_is_held_but_brakes_and_withdrawals_are_not() -> None:
     screen = Screen(ScreenSettings(hold_s=8.0))
     shown(screen, advice(0))
-    shown(screen, advice(1, Mode.COAST))
-    assert shown(screen, advice(7, Mode.COAST)).mode == Mode.CRUISE
-    assert shown(screen, advice(8, Mode.COAST)).mode == Mode.COAST
-    assert shown(screen, advice(9, Mode.FULL_BRAKE)).mode == Mode.FULL_BRAKE
+    shown(screen, advice(1, Regime.COAST))
+    assert shown(screen, advice(7, Regime.COAST)).mode == Regime.CRUISE
+    assert shown(screen, advice(8, Regime.COAST)).mode == Regime.COAST
+    assert shown(screen, advice(9, Regime.FULL_BRAKE)).mode == Regime.FULL_BRAKE
     assert screen.show(None, 10.0, stands=False) is None
-    assert shown(screen, advice(11, Mode.COAST)).mode == Mode.COAST
+    assert shown(screen, advice(11, Regime.COAST)).mode == Regime.COAST
 
 
 def test_a_top_speed_is_held_though_the_advice_behind_it_brakes() -> None:
     """Nothing of braking can be read off a reduced maximum speed."""
     screen = Screen(ScreenSettings(hold_s=8.0))
     shown(screen, replace(advice(0), presentation=Presentation.RMS))
-    lower = replace(advice(1, Mode.FULL_BRAKE, speed_mps=10.0), presentation=Presentation.RMS)
+    lower = replace(advice(1, Regime.FULL_BRAKE, speed_mps=10.0), presentation=Presentation.RMS)
     assert shown(screen, lower).speed_mps == 20.0
 
 
@@ -67,17 +67,17 @@ def test_a_value_that_reads_alike_is_not_held() -> None:
     assert shown(screen, advice(1, speed_mps=20.05)).speed_mps == 20.05
 
 
-@pytest.mark.parametrize(("before", "stands"), [(Mode.STOP, True), (Mode.DEPART, False)])
-def test_what_is_shown_at_a_stand_is_not_held(before: Mode, stands: bool) -> None:
+@pytest.mark.parametrize(("before", "stands"), [(Regime.STOP, True), (Regime.DEPART, False)])
+def test_what_is_shown_at_a_stand_is_not_held(before: Regime, stands: bool) -> None:
     """A standing train is shown everything at once, and "depart" leaves the display as soon as the train moves."""
     screen = Screen(ScreenSettings(update_interval_s=60.0, hold_s=60.0))
     shown(screen, advice(0, before), stands=True)
-    assert shown(screen, advice(1, Mode.FULL_TRACTION), stands=stands).mode == Mode.FULL_TRACTION
+    assert shown(screen, advice(1, Regime.FULL_TRACTION), stands=stands).mode == Regime.FULL_TRACTION
 
 
 def test_preview_and_reason_are_cut() -> None:
     cut = shown(Screen(ScreenSettings(preview_s=2.0, reason=False)), advice(0))
-    assert (cut.horizon_speed_mps, cut.next_mode, cut.reason) == ((20.0, 21.0), Mode.NONE, "")
+    assert (cut.horizon_speed_mps, cut.next_mode, cut.reason) == ((20.0, 21.0), Regime.NONE, "")
     assert math.isnan(cut.next_change_s)
     near = shown(Screen(ScreenSettings(preview_s=3.0)), advice(0))
     assert (near.next_change_s, near.reason) == (2.5, "late")

@@ -72,7 +72,7 @@ def test_the_energy_is_split_without_rest(vector: Driven) -> None:
     assert found["gap_to_optimum_ratio"] == pytest.approx(found["energy_kwh"] / found["energy_hindsight_kwh"] - 1.0)
     front = vector.day.service.fronts[0]
     planned_s = vector.day.service.timetables[0].arrival_ns - vector.day.service.timetables[0].departure_ns
-    on_time_kwh = front.trajectory(planned_s * 1e-9).ledger.input / 3.6e6
+    on_time_kwh = front.trajectory(planned_s * 1e-9).balance.input / 3.6e6
     equal = found["energy_kwh"] - found["energy_hindsight_kwh"] + on_time_kwh
     assert found["energy_at_equal_arrival_kwh"] == pytest.approx(equal)
 
@@ -135,8 +135,8 @@ def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
     found, energies = measured(driven, list(MEASURES)), driven.outcome.energies
     assert found["control_movements_per_min"] is None
     assert found["glances_per_min"] is None
-    assert found["gap_to_optimum_ratio"] == pytest.approx(energies.driven_j / energies.hindsight_j - 1.0)
-    assert energies.hindsight_j < energies.own_braking_j < energies.driven_j < 1.01 * energies.own_braking_j
+    assert found["gap_to_optimum_ratio"] == pytest.approx(energies.driven_j / energies.optimum_as_driven_j - 1.0)
+    assert energies.optimum_as_driven_j < energies.own_braking_j < energies.driven_j < 1.01 * energies.own_braking_j
 
 
 def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
@@ -149,7 +149,7 @@ def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
         energies = driven.outcome.energies
         gaps[level] = energies.above.gap_ratio
         time_s = driven.outcome.running_time_s
-        assert energies.hindsight_j == pytest.approx(own.fronts[0].trajectory(time_s).ledger.input, rel=1e-12)
+        assert energies.optimum_as_driven_j == pytest.approx(own.fronts[0].trajectory(time_s).balance.input, rel=1e-12)
     assert gaps[Level.L1] is not None
     assert gaps[None] is not None
     assert gaps[Level.L1] > gaps[None] + 0.001

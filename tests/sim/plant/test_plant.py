@@ -91,7 +91,7 @@ def test_a_train_stops_within_a_step_where_its_kinetic_energy_is_spent() -> None
     assert stopped.speed_mps == 0
     assert stopped.s_m == pytest.approx(0.03**2 / 2.0, rel=1e-9)
     assert stopped.component_loss_j == pytest.approx(1e5 * 0.03, rel=1e-9)
-    assert plant.ledger(start, stopped).residual_ratio < 1e-9
+    assert plant.balance(start, stopped).residual_ratio < 1e-9
 
 
 def test_full_traction_on_the_power_hyperbola_takes_the_time_of_a_quadrature() -> None:
@@ -199,7 +199,7 @@ def test_the_error_falls_with_the_square_of_the_step() -> None:
 
 @pytest.mark.parametrize("length_m", [0.0, 260.0])
 @pytest.mark.parametrize("seed", range(5))
-def test_the_ledger_closes_whatever_the_driver_does(seed: int, length_m: float) -> None:
+def test_the_energy_balance_closes_whatever_the_driver_does(seed: int, length_m: float) -> None:
     random = np.random.default_rng(seed)
     patches = (Patch(from_m=500.0, to_m=1500.0, adhesion_ratio=0.5), Patch(from_s=30.0, to_s=90.0, head_wind_mps=-9.0))
     train = long_train(adhesive_mass_kg=5e4)
@@ -208,10 +208,10 @@ def test_the_ledger_closes_whatever_the_driver_does(seed: int, length_m: float) 
     for _ in range(90):
         command = lever(random.uniform(-0.4, 1.0), friction_ratio=random.uniform(0, 1))
         state = plant.advance(state, command, 2.0)
-        ledger = plant.ledger(start, state)
-        assert ledger.residual_ratio < 1e-6
-    assert min(ledger.friction_brake, ledger.unreturned, ledger.component_loss) > 0
-    assert ledger.comfort == pytest.approx(5e4 * 180.0)
+        balance = plant.balance(start, state)
+        assert balance.residual_ratio < 1e-6
+    assert min(balance.friction_brake, balance.unreturned, balance.component_loss) > 0
+    assert balance.comfort == pytest.approx(5e4 * 180.0)
     assert state.s_m > 1500.0
 
 
@@ -396,7 +396,7 @@ def test_at_level_l0_noreg_nothing_comes_back() -> None:
     start = plant.at(0.0, 30.0)
     end = plant.advance(start, lever(-0.5), 20.0)
     assert end.force_el_n == end.input_j == 0.0
-    assert plant.ledger(start, end).friction_brake == pytest.approx(-plant.ledger(start, end).kinetic)
+    assert plant.balance(start, end).friction_brake == pytest.approx(-plant.balance(start, end).kinetic)
 
 
 def test_the_true_train_may_be_heavier_and_stiffer_than_the_plans() -> None:

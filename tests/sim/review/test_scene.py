@@ -1,4 +1,5 @@
-"""What the scene of a review holds: limits in force, silences, signals, targets, lanes, marks, and the account."""
+"""What the scene of a review holds: limits in force, silences, signals, targets, lanes, marks, and the energy
+attribution."""
 
 from __future__ import annotations
 
@@ -164,31 +165,31 @@ def test_notes_are_bookmarks(tmp_path: Path) -> None:
 @pytest.mark.more
 @pytest.mark.slow
 @pytest.mark.processes
-def test_the_account_in_the_viewer_sums_to_the_account(tmp_path: Path) -> None:
+def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution(tmp_path: Path) -> None:
     from sim.review.picture import picture_of
-    from sim.review.scene import LEAST_KWH, OTHER_THAN_ADVISED, AccountView, spans_of
+    from sim.review.scene import LEAST_KWH, OTHER_THAN_ADVISED, AttributionView, spans_of
 
     path = tmp_path / "run.mcap"
     answer = das_sim("run", "clear-day", "--driver", "human", "--seed", "2", "--out", str(path), cwd=tmp_path)
     assert answer.returncode == 0, answer.stderr
-    account = Drive(source=read_recording(path)).known_account
-    shown = AccountView.of(account)
+    attribution = Drive(source=read_recording(path)).known_attribution
+    shown = AttributionView.of(attribution)
     beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
-    driving = sum(energy_j for cause, energy_j in account.by_cause.items() if cause not in beside)
-    motion = sum(leg.energies.motors_j[-1] - leg.committed.energy_j[0] for leg in account.legs)
+    driving = sum(energy_j for cause, energy_j in attribution.by_cause.items() if cause not in beside)
+    motion = sum(leg.energies.motors_j[-1] - leg.committed.energy_j[0] for leg in attribution.legs)
     assert shown.series["lost/driving"][1][-1] == pytest.approx(kwh(motion), abs=1e-6)
     assert shown.series["lost/driving"][1][-1] == pytest.approx(kwh(driving), abs=0.1)
-    other = sum(account.by_cause.get(cause, 0.0) for cause in OTHER_THAN_ADVISED)
+    other = sum(attribution.by_cause.get(cause, 0.0) for cause in OTHER_THAN_ADVISED)
     assert shown.series["lost/advice"][1][-1] == pytest.approx(kwh(other), abs=1e-6)
-    assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(account.optimum_j), rel=1e-6)
+    assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(attribution.optimum_j), rel=1e-6)
     times = [change.time_ns for change in shown.lane.changes]
     assert times == sorted(set(times))
-    spans = [span for leg in account.legs for span in spans_of(leg)]
+    spans = [span for leg in attribution.legs for span in spans_of(leg)]
     assert sum(span.energy_j for span in spans) == pytest.approx(motion, rel=1e-9)
     worth = [span for span in spans if abs(kwh(span.energy_j)) >= LEAST_KWH]
     in_lane = [change.state for change in shown.lane.changes if change.state]
     assert in_lane == [f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" for span in worth]
-    assert f"Above the optimum for the same times: {kwh(account.difference_j):+.1f} kWh" in shown.text
+    assert f"Above the optimum for the same times: {kwh(attribution.difference_j):+.1f} kWh" in shown.text
     names = [
         axis.get_ylabel() or axis.get_yticklabels()[0].get_text() for axis in picture_of(read_recording(path)).axes
     ]

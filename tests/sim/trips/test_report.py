@@ -101,7 +101,7 @@ def test_dirt_hardly_changes_the_energy(tmp_path: Path, driven: tuple[Trip, Sect
     mapped = route(LENGTH_M, geometry=True)
     on = replace(section.route, **{name: getattr(mapped, name) for name in names})
     run = on_route(tmp_path, all_together(clean()), on).run
-    energy_j = estimate_run(section, run.time_s, run.s_m, run.speed_mps).ledger.input
+    energy_j = estimate_run(section, run.time_s, run.s_m, run.speed_mps).balance.input
     assert energy_j == pytest.approx(found.estimate_j, rel=0.01)
 
 
@@ -251,7 +251,7 @@ def test_the_range_above_the_optimum_is_that_of_all_trains_it_may_have_been(
         )
         force = train.mass_kg * a + mass * more * C0_N + more * C2 * (v + wind) ** 2
         taken = np.maximum(force, 0.0) if brakes is FRICTION else force
-        ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.ledger.input
+        ends[mass, more, wind, brakes] = float((taken * np.diff(run.s_m)).sum()) - optimum.balance.input
     found = above_in_all_cases(trip, solve_front(section))
     smoothing = next(u for u in found.unknowns if u.name.startswith("smoothing"))
     unsure_j = smoothing.high_j - smoothing.low_j
@@ -282,7 +282,7 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
     points = [Point(float(a), float(b), float(c)) for a, b, c in zip(t, s, v, strict=True)]
     trip = on_route(tmp_path, points, section.route, positions=True)
     found = above_in_all_cases(trip, front)
-    least_j = best.ledger(section.vehicle, section.loss).input
+    least_j = best.balance(section.vehicle, section.loss).input
     assert abs(found.estimate_j) < 0.01 * least_j
     assert not replay_report.certainly_above(found, least_j)
     figures: dict[str, Any] = {"above_optimum_kwh": 1.0, "above_optimum_ratio": 0.01, "direction_known": True}

@@ -19,7 +19,7 @@ from das.bus.session import endpoint, free_ports
 from das.bus.topics import CAB, CONTROLS, LOG, Topic
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
-from sim.drive.stability import recorded_restlessness
+from sim.drive.stability import recorded_stability
 from sim.drivers.cab import AdviceView, CabView, Presentation
 from sim.drivers.kinds import EXTERNAL, DriverKind
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
@@ -29,7 +29,7 @@ from sim.world.external import SILENT_S, DeadMan, ExternalDriver
 from sim.world.in_process import InProcess
 from sim.world.lockstep import Answers
 from sim.world.loop import World
-from sim.world.over_bus import How, Recorded, make_crew, run_over_bus
+from sim.world.over_bus import How, Recorded, make_processes, run_over_bus
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim
 
@@ -102,7 +102,7 @@ def day_of(folder: Path, name: str, seed: int = 3) -> Day:
 
 def driven(day: Day, place: str, out: Path, shown: Presentation) -> Recorded:
     how = How(driver=EXTERNAL, advice=shown, train="T1", command="test", driver_at=place)
-    return run_over_bus(day, ExternalDriver(day), shown, make_crew(day, how, out))
+    return run_over_bus(day, ExternalDriver(day), shown, make_processes(day, how, out))
 
 
 @pytest.mark.processes
@@ -127,7 +127,7 @@ def test_a_human_in_another_process_drives_to_the_same_states_bit_for_bit(
     recording = read_recording(tmp_path / "a.mcap")
     looks = [entry.message.look for entry in recording.of(CAB)]
     assert looks == list(range(1, len(looks) + 1))
-    assert recorded_restlessness(recording).as_dict() == run.restlessness.as_dict()  # of one look a second
+    assert recorded_stability(recording).as_dict() == run.stability.as_dict()  # of one look a second
 
 
 @pytest.mark.more
@@ -209,7 +209,7 @@ class Prompt:
 
     def __init__(self, silent: range = range(0)) -> None:
         self._silent = silent
-        self.answers, self.crew = Answers(), None
+        self.answers, self.processes = Answers(), None
         self.logs: list[str] = []
         self.now_s = 0.0
         self._look = 0

@@ -14,7 +14,7 @@ from das.domain.units import KMH, KWH
 from sim.drive.above_optimum import AboveOptimum
 from sim.drive.drive import Drive
 from sim.drive.limits import Violations
-from sim.drive.stability import Restlessness
+from sim.drive.stability import AdviceStability
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind
 from sim.jobs.batch import FIGURES, SCHEMA_NAMES
@@ -79,7 +79,7 @@ def test_names_and_values_of_the_figures(flat: Callable[[str], Path]) -> None:
     # The price of service braking on 6 km, and what a perfect driver needs beyond it.
     assert 1.01 < figures["energy_own_braking_kwh"] / figures["energy_hindsight_kwh"] < 1.04
     assert figures["energy_kwh"] < 1.01 * figures["energy_own_braking_kwh"]
-    parts = shares(found.ledger)
+    parts = shares(found.balance)
     assert list(parts) == list(SHARES)
     assert sum(ratio for _, ratio in parts.values()) == pytest.approx(1.0)
     assert all(figures[f"{name}_kwh"] == parts[name][0] / KWH for name in SHARES)
@@ -115,7 +115,7 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
     flat: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     day, run = driven(flat(""))
-    calm = Restlessness(shown_s=600.0, changes=12, reversals=3, shortest_mode_s=9.0)
+    calm = AdviceStability(shown_s=600.0, changes=12, reversals=3, shortest_mode_s=9.0)
     restless = dataclasses.replace(calm, changes=123, shortest_mode_s=2.0)
     for measured, warns in ((calm, False), (restless, True)):
         found = outcome(day, run)
@@ -161,7 +161,7 @@ def test_a_plan_with_other_losses_is_compared_with_the_optimum_of_the_true_ones(
     true = outcome_on(service_at(path))
     assert (plain.level, true.level) == ("l1", "l3")
     of_map = service_at(path).fronts[0].trajectory(plain.running_time_s)
-    assert plain.energies.hindsight_j == pytest.approx(of_map.ledger.input, rel=1e-12)
+    assert plain.energies.optimum_as_driven_j == pytest.approx(of_map.balance.input, rel=1e-12)
     gaps = [found.energies.above.ratio for found in (plain, true)]
     assert all(gap is not None and 0.0 < gap < 0.05 for gap in gaps)
     # The plan of the wrong level cannot be better for the train than the plan of its own.
@@ -172,7 +172,7 @@ def test_a_heavier_train_has_a_higher_optimum(flat: Callable[[str], Path]) -> No
     heavy = service_at(flat("[truth]\nmass_ratio = 1.2"))
     found = outcome_on(heavy)
     of_plan = heavy.fronts[0].trajectory(found.running_time_s)
-    assert found.energies.hindsight_j > 1.05 * of_plan.ledger.input
+    assert found.energies.optimum_as_driven_j > 1.05 * of_plan.balance.input
     day = make_day(heavy, 1)
     assert true_fronts(day)[0] is true_fronts(day)[0], "solved once"
     assert true_fronts(day)[0].section.train.inertial_mass_kg == pytest.approx(day.plant.vehicle.inertial_mass_kg)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Final
 
-from das.advice.modes import Mode
+from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, LaneState, Presenter, Shown
 from sim.plant.kernels import TrainNumbers
 
-LIGHTS: Final = {Mode.COAST: "amber", Mode.FULL_BRAKE: "red"}
+LIGHTS: Final = {Regime.COAST: "amber", Regime.FULL_BRAKE: "red"}
 
 
 class TrafficLightPresenter(Presenter):
@@ -27,17 +27,17 @@ class TrafficLightPresenter(Presenter):
         return replace(blank, mode=int(advice.four_mode))
 
     def read(self, view: AdviceView) -> Shown:
-        return Shown(mode=Mode(view.mode))
+        return Shown(mode=Regime(view.mode))
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        if view.mode == Mode.COAST:
+        if view.mode == Regime.COAST:
             return 0.0
-        if view.mode == Mode.FULL_BRAKE:
+        if view.mode == Regime.FULL_BRAKE:
             return hands.set_effort(-0.5)
         return hands.handling.held(cab, outlook, allowed_mps)
 
     def headline(self, view: AdviceView) -> str:
-        return LIGHTS.get(Mode(view.mode), "green")
+        return LIGHTS.get(Regime(view.mode), "green")
 
 
 PRESENTER: Final = TrafficLightPresenter()

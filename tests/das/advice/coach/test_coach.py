@@ -13,9 +13,9 @@ from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching, ReplanCause
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.shown_brakes import BRAKES, SpeedsAllowed
-from das.advice.modes import Mode
 from das.advice.passing import PassingTarget
 from das.advice.planner import TrainState
+from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
@@ -24,9 +24,9 @@ from das.cab.situation import Situation
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from das.estimate.estimate import Estimate
-from tests.support.calm import BUNDLED, asked_s, section_of
 from tests.support.coach import Keeping, coach_front, goal_of, ns, started
 from tests.support.coach import keeper_of as keeper_of_section
+from tests.support.few_switch import BUNDLED, asked_s, section_of
 
 pytestmark = pytest.mark.slow
 LINE = BUNDLED[2]
@@ -78,13 +78,13 @@ def test_coasting_in_time_is_worth_more_than_going_on() -> None:
     for second in range(6, int(train.end_s) - 40):
         coaching = said(coach, train.at(second))
         worth.setdefault(coaching.now.mode, []).append(coaching.worth_j)
-    assert np.mean(worth[Mode.COAST]) > 0.0
+    assert np.mean(worth[Regime.COAST]) > 0.0
     assert max(max(values) for values in worth.values()) > 1e6
 
 
 def test_a_standing_train_is_told_to_stand_and_for_how_long() -> None:
     coaching = coach_of().stands(42.0)
-    assert (coaching.now.mode, coaching.now.speed_mps, coaching.target_s) == (Mode.STOP, 0.0, 42.0)
+    assert (coaching.now.mode, coaching.now.speed_mps, coaching.target_s) == (Regime.STOP, 0.0, 42.0)
 
 
 def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cleared() -> None:
@@ -94,8 +94,8 @@ def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cle
     told = coach.departs(state, goal_of(LINE, 0.15), FREE)
     assert told is not None
     gone = said(coach_of(), state)
-    assert gone.now.mode is Mode.FULL_TRACTION
-    assert told.now == replace(gone.now, mode=Mode.DEPART)
+    assert gone.now.mode is Regime.FULL_TRACTION
+    assert told.now == replace(gone.now, mode=Regime.DEPART)
     assert (told.force_n, told.reference_force_n, told.worth_j) == (0.0, 0.0, 0.0)
     assert told.reason == f"depart when cleared: {gone.reason}"
     assert told.following == gone.following
@@ -121,14 +121,14 @@ def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
 @pytest.mark.parametrize(
     ("mode", "late_s", "expected"),
     [
-        (Mode.COAST, -40.0, "coast for the 100 at km 12.3, 40 s spare"),
-        (Mode.COAST, -4.0, "coast for the 100 at km 12.3"),
-        (Mode.REDUCED_BRAKE, 30.0, "brake for the 100 at km 12.3"),
-        (Mode.CRUISE, 0.0, "hold 90"),
-        (Mode.FULL_TRACTION, 0.0, "accelerate to 90"),
+        (Regime.COAST, -40.0, "coast for the 100 at km 12.3, 40 s spare"),
+        (Regime.COAST, -4.0, "coast for the 100 at km 12.3"),
+        (Regime.REDUCED_BRAKE, 30.0, "brake for the 100 at km 12.3"),
+        (Regime.CRUISE, 0.0, "hold 90"),
+        (Regime.FULL_TRACTION, 0.0, "accelerate to 90"),
     ],
 )
-def test_reasons_are_what_a_driver_would_say(mode: Mode, late_s: float, expected: str) -> None:
+def test_reasons_are_what_a_driver_would_say(mode: Regime, late_s: float, expected: str) -> None:
     assert wording.reason(mode, 90 * KMH, wording.Aim(100 * KMH, 12_300.0), late_s) == expected
 
 

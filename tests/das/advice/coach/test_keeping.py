@@ -20,8 +20,8 @@ from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.solver.section import build_section
-from tests.support.calm import BUNDLED, Which, section_of
 from tests.support.coach import Keeping, coach_front, goal_of, keeper_of, ns, started
+from tests.support.few_switch import BUNDLED, Which, section_of
 
 pytestmark = pytest.mark.slow
 LINE = BUNDLED[2]

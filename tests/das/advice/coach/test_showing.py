@@ -17,16 +17,16 @@ from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import BRAKES, TRACTION, ShownBrakes, SpeedsAllowed, brake_of
-from das.advice.modes import Mode
 from das.advice.planner import TrainState
+from das.advice.regimes import Regime
 from das.domain.units import KMH
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
-from das.solver.calm.schedule import Schedule, known_run
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.schedule import Schedule, known_run
 from das.solver.kernels.forces import electric_limit, traction_limit
 from das.solver.section import Section
-from tests.support.calm import BUNDLED, section_of
 from tests.support.coach import Keeping, ns
+from tests.support.few_switch import BUNDLED, section_of
 
 pytestmark = pytest.mark.slow
 FREE = SpeedsAllowed(math.inf, math.inf)
@@ -51,7 +51,7 @@ class Shown(NamedTuple):
         kept = Kept(reference, self.schedule.forecast(s_m, v_mps), 0.0)
         return self.showing.show(kept, TrainState(ns(second), s_m, v_mps), place)
 
-    def modes(self, speeds: list[float], s_m: float, *, every_s: float = 10.0) -> list[Mode]:
+    def modes(self, speeds: list[float], s_m: float, *, every_s: float = 10.0) -> list[Regime]:
         """The modes shown one after the other, to trains with these speeds at one place."""
         return [self.at(every_s * i, s_m, v).now.mode for i, v in enumerate(speeds)]
 
@@ -66,9 +66,9 @@ def display() -> Shown:
     node_m = section().node_m
     begins = [int(np.searchsorted(node_m, place)) for place in PLACES_M]
     speeds = (TOP_MPS, TOP_MPS, 90 * KMH, 0.0)
-    kinds = (NotchKind.TRACTION, NotchKind.HOLD, NotchKind.COAST, NotchKind.BRAKE)
+    kinds = (NotchRegime.TRACTION, NotchRegime.HOLD, NotchRegime.COAST, NotchRegime.BRAKE)
     phases = tuple(
-        Phase(kind, 0.8 if kind is NotchKind.TRACTION else 0.0, begin, speed)
+        Phase(kind, 0.8 if kind is NotchRegime.TRACTION else 0.0, begin, speed)
         for kind, begin, speed in zip(kinds, begins, speeds, strict=True)
     )
     raw = Schedule(
@@ -87,7 +87,7 @@ def test_a_train_on_the_run_is_shown_each_phase_once(display: Shown) -> None:
         shown = display.at(second, state.s_m, state.v_mps)
         if not found or found[-1][0] is not shown.now.mode:
             found.append((shown.now.mode, state.s_m))
-    assert [mode for mode, _ in found[:3]] == [Mode.REDUCED_TRACTION, Mode.CRUISE, Mode.COAST]
+    assert [mode for mode, _ in found[:3]] == [Regime.REDUCED_TRACTION, Regime.CRUISE, Regime.COAST]
     assert {mode for mode, _ in found[3:]} <= set(BRAKES)
     lead_m = [begin - at for begin, (_, at) in zip(PLACES_M[2:], found[2:4], strict=True)]
     assert all(0.0 < lead <= (SETTINGS.lead.coasting_s + 1.0) * TOP_MPS for lead in lead_m)
@@ -106,12 +106,12 @@ def test_no_speed_is_shown_above_the_limit(display: Shown, s_m: float, v_kmh: fl
 @pytest.mark.parametrize(
     ("limit_mps", "shown"),
     [
-        (20.0, [Mode.CRUISE, Mode.REDUCED_BRAKE, Mode.REDUCED_BRAKE, Mode.FRICTION_BRAKE]),
-        (25.0, [Mode.FULL_BRAKE, Mode.FULL_BRAKE, Mode.FULL_BRAKE, Mode.FRICTION_BRAKE]),
+        (20.0, [Regime.CRUISE, Regime.REDUCED_BRAKE, Regime.REDUCED_BRAKE, Regime.FRICTION_BRAKE]),
+        (25.0, [Regime.FULL_BRAKE, Regime.FULL_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE]),
     ],
 )
 def test_too_fast_a_train_is_told_to_hold_what_is_allowed_or_to_brake(
-    display: Shown, limit_mps: float, shown: list[Mode]
+    display: Shown, limit_mps: float, shown: list[Regime]
 ) -> None:
     """Above a limit it holds that first; above the curve to a lower one, below the limit, it brakes fully."""
     found = []
@@ -125,23 +125,23 @@ def test_too_fast_a_train_is_told_to_hold_what_is_allowed_or_to_brake(
 def test_holding_does_not_flutter_within_the_band(display: Shown) -> None:
     """4 km/h each way, in and out again and again: it stays at holding the speed."""
     speeds = [TOP_MPS + by * KMH for by in (0.0, 3.5, -3.5, 3.9, -3.9, 0.0, -3.9, 3.9)]
-    assert set(display.modes([TOP_MPS, *speeds], 2000.0)) == {Mode.CRUISE}
+    assert set(display.modes([TOP_MPS, *speeds], 2000.0)) == {Regime.CRUISE}
 
 
 def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: Shown) -> None:
     """Below: traction up to half a m/s under it. Above: coasting down to it. Not only to the edge of the band."""
     slow = [TOP_MPS + by * KMH for by in (0.0, -5.5, -3.0, -2.2, -1.0, -3.0)]
-    assert display.modes(slow, 2000.0) == [Mode.CRUISE, *[Mode.REDUCED_TRACTION] * 3, Mode.CRUISE, Mode.CRUISE]
+    assert display.modes(slow, 2000.0) == [Regime.CRUISE, *[Regime.REDUCED_TRACTION] * 3, Regime.CRUISE, Regime.CRUISE]
     display.showing.forget()
     fast = [TOP_MPS + by * KMH for by in (0.0, 5.5, 3.0, 1.5, 0.5, 3.0)]
-    assert display.modes(fast, 2000.0) == [Mode.CRUISE, *[Mode.COAST] * 3, Mode.CRUISE, Mode.CRUISE]
+    assert display.modes(fast, 2000.0) == [Regime.CRUISE, *[Regime.COAST] * 3, Regime.CRUISE, Regime.CRUISE]
 
 
 def test_a_train_that_would_not_roll_down_to_the_speed_to_hold_brakes_to_it(display: Shown) -> None:
     """12 km/h above it on the flat: rolling would take minutes. The brake stands until the speed is reached."""
     display.at(0.0, 2000.0, TOP_MPS)
     found = [display.at(10.0 + i, 2000.0, TOP_MPS + by * KMH).now for i, by in enumerate((12.0, 7.0, 3.0, 0.5))]
-    assert [one.mode for one in found] == [*[Mode.REDUCED_BRAKE] * 3, Mode.CRUISE]
+    assert [one.mode for one in found] == [*[Regime.REDUCED_BRAKE] * 3, Regime.CRUISE]
     assert {one.speed_mps for one in found} == {TOP_MPS}
     assert len({one.effort_ratio for one in found[:3]}) == 1
     here, v_mps = section(), TOP_MPS + 12.0 * KMH
@@ -157,9 +157,9 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
     node_m = section().node_m
     first, end = (int(np.searchsorted(node_m, at)) for at in (3300.0, 3700.0))
     phases = (
-        Phase(NotchKind.HOLD, 0.0, 0, TOP_MPS),
-        Phase(NotchKind.BRAKE, 0.4, first, 20.0),
-        Phase(NotchKind.COAST, 0.0, end, 20.0),
+        Phase(NotchRegime.HOLD, 0.0, 0, TOP_MPS),
+        Phase(NotchRegime.BRAKE, 0.4, first, 20.0),
+        Phase(NotchRegime.COAST, 0.0, end, 20.0),
     )
     raw = Schedule(
         section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
@@ -167,9 +167,9 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
     schedule = raw.settled(0.0, 0.0)[0]
     brakes, state = ShownBrakes(schedule.section, SETTINGS), TrainState(0, 3200.0, 30.0)
     announced = Announcing(SETTINGS.ahead).following(schedule, 0, state.s_m, [3.0, 20.0])
-    assert [one.mode for one in announced] == [Mode.REDUCED_BRAKE, Mode.COAST]
+    assert [one.mode for one in announced] == [Regime.REDUCED_BRAKE, Regime.COAST]
     foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), as_shown=True)
-    for speed_mps, modes in ((20.0, [Mode.COAST]), (25.0, [Mode.REDUCED_BRAKE, Mode.COAST])):
+    for speed_mps, modes in ((20.0, [Regime.COAST]), (25.0, [Regime.REDUCED_BRAKE, Regime.COAST])):
         following = in_time(announced, brake_of(1.0, speed_mps), brakes, state, foreseen)
         assert [one.mode for one in following] == modes
 
@@ -178,25 +178,25 @@ def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(d
     """The phase accelerates up to 1000 m; the train is at its speed at 900 m, and then wanders below it."""
     by_kmh = (-20.0, -1.0, -2.5, -4.5, -2.5, -4.5, -5.5)
     speeds = [TOP_MPS + by * KMH for by in by_kmh]
-    held = [Mode.CRUISE] * 5
-    assert display.modes(speeds, 900.0) == [Mode.REDUCED_TRACTION, *held, Mode.CRUISE]
-    assert display.at(100.0, 2000.0, TOP_MPS - 5.5 * KMH).now.mode is Mode.REDUCED_TRACTION
+    held = [Regime.CRUISE] * 5
+    assert display.modes(speeds, 900.0) == [Regime.REDUCED_TRACTION, *held, Regime.CRUISE]
+    assert display.at(100.0, 2000.0, TOP_MPS - 5.5 * KMH).now.mode is Regime.REDUCED_TRACTION
 
 
 def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
     """From holding to traction after 8 s, and from traction to coasting after 8 s more."""
-    assert display.at(0.0, 2000.0, TOP_MPS).now.mode is Mode.CRUISE
+    assert display.at(0.0, 2000.0, TOP_MPS).now.mode is Regime.CRUISE
     for second in (1.0, 4.0, 7.9):
-        assert display.at(second, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.CRUISE
-    assert display.at(8.1, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
-    assert display.at(8.3, 3100.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
-    assert display.at(16.2, 3100.0, TOP_MPS - 5 * KMH).now.mode is Mode.COAST
+        assert display.at(second, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.CRUISE
+    assert display.at(8.1, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.REDUCED_TRACTION
+    assert display.at(8.3, 3100.0, TOP_MPS - 5 * KMH).now.mode is Regime.REDUCED_TRACTION
+    assert display.at(16.2, 3100.0, TOP_MPS - 5 * KMH).now.mode is Regime.COAST
 
 
 def test_a_standing_clock_that_is_put_back_holds_nothing_up(display: Shown) -> None:
     """A moment before the last one: what is wanted is shown."""
-    assert display.at(100.0, 2000.0, TOP_MPS).now.mode is Mode.CRUISE
-    assert display.at(50.0, 2000.0, TOP_MPS - 5 * KMH).now.mode is Mode.REDUCED_TRACTION
+    assert display.at(100.0, 2000.0, TOP_MPS).now.mode is Regime.CRUISE
+    assert display.at(50.0, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.REDUCED_TRACTION
 
 
 def test_the_effort_of_a_brake_stands_within_the_band(display: Shown) -> None:
@@ -229,7 +229,7 @@ def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again(display:
         display.at(10.0 * i, end_m - 600.0 + 20 * i, math.sqrt(2.0 * share * rate * (600.0 - 20 * i))).now.mode
         for i, share in enumerate(shares)
     ]
-    assert found[1:4] == [Mode.COAST] * 3
+    assert found[1:4] == [Regime.COAST] * 3
     assert {found[0], found[4]} <= set(BRAKES)
 
 
@@ -242,7 +242,7 @@ def test_who_has_braked_so_early_that_he_would_stand_short_of_the_stop_is_told_t
     modes = [
         display.at(10.0 * i, end_m - way_m, v).now for i, (way_m, v) in enumerate([(70, 4.0), (60, 2.0), (40, 3.2)], 1)
     ]
-    assert [one.mode for one in modes] == [Mode.COAST, Mode.CRUISE, Mode.CRUISE]
+    assert [one.mode for one in modes] == [Regime.COAST, Regime.CRUISE, Regime.CRUISE]
     assert modes[1].speed_mps == SETTINGS.brake.creep_mps
     assert display.at(60.0, end_m - 4.0, 3.0).now.mode in BRAKES
 
@@ -251,7 +251,7 @@ def test_the_next_two_changes_are_named_in_their_order(display: Shown) -> None:
     """On the way to the speed: coasting and the brake (holding the speed reached is no change)."""
     for second, (s_m, v_kmh) in enumerate([(10.0, 10), (500.0, 60), (900.0, 90)]):
         following = display.at(10.0 * second, s_m, v_kmh * KMH).following
-        assert [one.mode for one in following[:1]] == [Mode.COAST]
+        assert [one.mode for one in following[:1]] == [Regime.COAST]
         assert len(following) == 2
         assert following[1].mode in BRAKES
         assert [one.way_m for one in following] == pytest.approx([place - s_m for place in PLACES_M[2:]], abs=100.0)
@@ -270,8 +270,8 @@ def test_the_time_to_a_change_is_that_of_the_forecast(display: Shown) -> None:
 
 def test_a_phase_is_not_taken_up_again(display: Shown) -> None:
     """A train whose position is corrected backwards over the begin of coasting goes on coasting."""
-    assert display.at(0.0, 3005.0, TOP_MPS).now.mode is Mode.COAST
-    assert display.at(20.0, 2700.0, TOP_MPS).now.mode is Mode.COAST
+    assert display.at(0.0, 3005.0, TOP_MPS).now.mode is Regime.COAST
+    assert display.at(20.0, 2700.0, TOP_MPS).now.mode is Regime.COAST
 
 
 def test_forces_of_instructions_are_those_that_the_train_has(display: Shown) -> None:
@@ -281,11 +281,11 @@ def test_forces_of_instructions_are_those_that_the_train_has(display: Shown) -> 
     traction = replace(display.at(0.0, 300.0, v_mps).now, speed_mps=27.0)
     assert traction.mode in TRACTION
     assert brakes.force_n(traction, state) == pytest.approx(0.8 * float(traction_limit(v_mps, here.train)))
-    coast = replace(traction, mode=Mode.COAST, effort_ratio=0.0)
+    coast = replace(traction, mode=Regime.COAST, effort_ratio=0.0)
     assert brakes.force_n(coast, state) == 0.0
-    brake = replace(traction, mode=Mode.REDUCED_BRAKE, effort_ratio=-0.5)
+    brake = replace(traction, mode=Regime.REDUCED_BRAKE, effort_ratio=-0.5)
     assert brakes.force_n(brake, state) == pytest.approx(-0.5 * float(electric_limit(v_mps, here.train)))
-    hold = replace(traction, mode=Mode.CRUISE, effort_ratio=math.nan, speed_mps=v_mps)
+    hold = replace(traction, mode=Regime.CRUISE, effort_ratio=math.nan, speed_mps=v_mps)
     resistance = float(here.vehicle.resistance.force_n(np.array([v_mps]))[0])
     assert brakes.force_n(hold, state) == pytest.approx(resistance, rel=1e-6)
     closing_n = here.train.inertial_mass_kg * 0.2 / SETTINGS.limit.closes_in_s
@@ -306,10 +306,10 @@ def test_the_speed_of_a_brake_does_not_stand_above_a_limit_between_two_brakes() 
     node_m = section().node_m
     first, second = (int(np.searchsorted(node_m, at)) for at in (3000.0, 3300.0))
     phases = (
-        Phase(NotchKind.TRACTION, 0.8, 0, TOP_MPS),
-        Phase(NotchKind.BRAKE, 0.4, first, 25.0),
-        Phase(NotchKind.BRAKE, 0.4, second, 15.0),
-        Phase(NotchKind.HOLD, 0.0, int(np.searchsorted(node_m, 4000.0)), 15.0),
+        Phase(NotchRegime.TRACTION, 0.8, 0, TOP_MPS),
+        Phase(NotchRegime.BRAKE, 0.4, first, 25.0),
+        Phase(NotchRegime.BRAKE, 0.4, second, 15.0),
+        Phase(NotchRegime.HOLD, 0.0, int(np.searchsorted(node_m, 4000.0)), 15.0),
     )
     raw = Schedule(
         section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
@@ -345,7 +345,7 @@ def test_a_short_brake_before_coasting_is_shown_to_its_end(display: Shown) -> No
     node_m = section().node_m
     first = int(np.searchsorted(node_m, 3000.0))
     last, begin_m = first + 1, float(node_m[first])
-    coast, brake = (NotchKind.COAST, 0.0), (NotchKind.BRAKE, 0.0)
+    coast, brake = (NotchRegime.COAST, 0.0), (NotchRegime.BRAKE, 0.0)
     short = (
         *display.schedule.phases[:2],
         Phase(*brake, first, 95 * KMH),
@@ -355,7 +355,7 @@ def test_a_short_brake_before_coasting_is_shown_to_its_end(display: Shown) -> No
     shown = Shown(Showing(SETTINGS), replace(display.schedule, phases=short).settled(0.0, 0.0)[0])
     found = [shown.at(second, begin_m - 40.0 + 20.0 * second, 100 * KMH).now.mode for second in range(3)]
     assert {*found} <= {*BRAKES}
-    assert shown.at(4.0, float(node_m[last]) + 10.0, 95 * KMH).now.mode is Mode.COAST
+    assert shown.at(4.0, float(node_m[last]) + 10.0, 95 * KMH).now.mode is Regime.COAST
 
 
 def test_the_force_of_a_brake_not_due_yet_is_that_with_which_it_begins(display: Shown) -> None:
@@ -378,15 +378,15 @@ def test_a_train_far_too_fast_is_told_to_brake_fully_whatever_the_schedule_brake
     assert found[2].effort_ratio < found[1].effort_ratio
 
 
-def two_steps(kind: NotchKind, share: float, second_mps: float) -> Shown:
+def two_steps(kind: NotchRegime, share: float, second_mps: float) -> Shown:
     """A display of a schedule that accelerates, brakes to 20 m/s (3.0 to 3.2 km), and goes on to another speed."""
     node_m = section().node_m
     begins = [int(np.searchsorted(node_m, at)) for at in (0.0, 3000.0, 3200.0, 4500.0)]
     phases = (
-        Phase(NotchKind.TRACTION, 0.8, begins[0], 25.0),
-        Phase(NotchKind.BRAKE, 0.0, begins[1], 20.0),
+        Phase(NotchRegime.TRACTION, 0.8, begins[0], 25.0),
+        Phase(NotchRegime.BRAKE, 0.0, begins[1], 20.0),
         Phase(kind, share, begins[2], second_mps),
-        Phase(NotchKind.BRAKE, 0.0, begins[3], 0.0),
+        Phase(NotchRegime.BRAKE, 0.0, begins[3], 0.0),
     )
     raw = Schedule(
         section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), 20.0)), back_share=0.7
@@ -396,7 +396,7 @@ def two_steps(kind: NotchKind, share: float, second_mps: float) -> Shown:
 
 def test_a_brake_to_a_lower_speed_behind_a_brake_does_not_wait() -> None:
     """It is due as soon as it is shown, though the one before it has stood for a second only."""
-    display = two_steps(NotchKind.BRAKE, 0.0, 10.0)
+    display = two_steps(NotchRegime.BRAKE, 0.0, 10.0)
     end_m = display.schedule.begin_m(2)
     assert display.at(0.0, end_m - 55.0, 22.0).now.speed_mps == pytest.approx(20.0)
     shown = display.at(1.0, end_m - 33.0, 21.0)
@@ -409,13 +409,13 @@ def test_a_brake_to_a_lower_speed_behind_a_brake_does_not_wait() -> None:
 def test_an_acceleration_is_shown_before_it_is_due_where_the_limit_allows_its_speed(
     limit_mps: float, shown: bool
 ) -> None:
-    schedule = two_steps(NotchKind.TRACTION, 0.6, 30.0).schedule
+    schedule = two_steps(NotchRegime.TRACTION, 0.6, 30.0).schedule
     held = replace(
-        schedule, phases=(schedule.phases[0], schedule.phases[1]._replace(kind=NotchKind.HOLD), *schedule.phases[2:])
+        schedule, phases=(schedule.phases[0], schedule.phases[1]._replace(kind=NotchRegime.HOLD), *schedule.phases[2:])
     )
     display = Shown(Showing(SETTINGS), held)
     place = SpeedsAllowed(limit_mps, limit_mps)
-    assert display.at(0.0, 3100.0, 20.0, place).now.mode is Mode.CRUISE
+    assert display.at(0.0, 3100.0, 20.0, place).now.mode is Regime.CRUISE
     soon = display.at(10.0, held.begin_m(2) - 30.0, 20.0, place)
     assert (soon.now.mode in TRACTION) is shown
     assert soon.now.speed_mps <= limit_mps
@@ -427,19 +427,19 @@ def test_a_train_that_would_stand_short_of_its_stop_is_told_to_creep(
 ) -> None:
     """At 0.5 m/s a brake would end it within a metre."""
     shown = display.at(0.0, section().end_m - way_m, 0.5).now
-    assert (shown.mode is Mode.CRUISE) is creeps
-    assert shown.mode is Mode.CRUISE or shown.mode in BRAKES
+    assert (shown.mode is Regime.CRUISE) is creeps
+    assert shown.mode is Regime.CRUISE or shown.mode in BRAKES
 
 
 def test_a_creeping_train_is_told_no_speed_that_the_stop_does_not_allow(display: Shown) -> None:
     """It was told to creep 40 m before, and is found 2.5 m before its stop."""
-    assert display.at(0.0, section().end_m - 40.0, 0.5).now.mode is Mode.CRUISE
+    assert display.at(0.0, section().end_m - 40.0, 0.5).now.mode is Regime.CRUISE
     allowed_mps = float(np.interp(section().end_m - 2.5, section().node_m, section().envelope_mps))
     assert allowed_mps < 0.8 * SETTINGS.brake.creep_mps
     assert display.at(20.0, section().end_m - 2.5, 0.8).now.speed_mps <= allowed_mps + 0.3
 
 
-def shown_of(*phases: tuple[NotchKind, float, float], showing: Showing | None = None) -> Shown:
+def shown_of(*phases: tuple[NotchRegime, float, float], showing: Showing | None = None) -> Shown:
     """A display of phases (kind, place in m, target in m/s), as they are."""
     node_m = section().node_m
     made = tuple(Phase(kind, 0.0, int(np.searchsorted(node_m, at_m)), target) for kind, at_m, target in phases)
@@ -447,26 +447,26 @@ def shown_of(*phases: tuple[NotchKind, float, float], showing: Showing | None = 
     return Shown(showing or Showing(SETTINGS), Schedule(section=section(), phases=made, known=known, back_share=0.7))
 
 
-@pytest.mark.parametrize("kind", [NotchKind.HOLD, NotchKind.COAST, NotchKind.TRACTION])
-def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind: NotchKind) -> None:
+@pytest.mark.parametrize("kind", [NotchRegime.HOLD, NotchRegime.COAST, NotchRegime.TRACTION])
+def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind: NotchRegime) -> None:
     """A schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does."""
     allowed = section().envelope_mps
-    display = shown_of((kind, 0.0, 90.0), (NotchKind.BRAKE, 4700.0, 0.0))
+    display = shown_of((kind, 0.0, 90.0), (NotchRegime.BRAKE, 4700.0, 0.0))
     for second, s_m in enumerate((2000.0, 4000.0)):
         assert display.at(20.0 * second, s_m, 20.0).now.speed_mps <= allowed.max() + 1e-9
-    announced = shown_of((NotchKind.HOLD, 0.0, 20.0), (kind, 2500.0, 90.0), (NotchKind.BRAKE, 4700.0, 0.0))
+    announced = shown_of((NotchRegime.HOLD, 0.0, 20.0), (kind, 2500.0, 90.0), (NotchRegime.BRAKE, 4700.0, 0.0))
     assert announced.at(0.0, 2000.0, 20.0).following[0].speed_mps <= allowed.max() + 1e-9
 
 
 def test_coasting_does_not_stand_to_a_speed_that_the_end_of_its_phase_does_not_allow() -> None:
     """A new reference ends nearer to the stop; what was shown before would stand for 8 s."""
-    coasts = shown_of((NotchKind.COAST, 0.0, 25.0), (NotchKind.BRAKE, 4700.0, 0.0))
+    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
     assert coasts.at(0.0, 4500.0, 15.0).now.speed_mps == pytest.approx(25.0)
     end_m = section().end_m - 120.0
     allowed = float(np.interp(end_m, section().node_m, section().envelope_mps))
     assert allowed < 20.0
-    holds = shown_of((NotchKind.HOLD, 0.0, 15.0), (NotchKind.BRAKE, end_m, 0.0), showing=coasts.showing)
-    assert holds.at(1.0, 4530.0, 15.0).now.mode is Mode.CRUISE
+    holds = shown_of((NotchRegime.HOLD, 0.0, 15.0), (NotchRegime.BRAKE, end_m, 0.0), showing=coasts.showing)
+    assert holds.at(1.0, 4530.0, 15.0).now.mode is Regime.CRUISE
 
 
 def test_a_brake_is_announced_where_a_train_faster_than_its_schedule_comes_to_the_curve(display: Shown) -> None:
@@ -482,7 +482,7 @@ def test_a_brake_is_announced_where_a_train_faster_than_its_schedule_comes_to_th
 
 def test_a_train_nearly_at_the_speed_of_a_brake_brakes_on_to_it() -> None:
     """It is not told to roll over its last 4 km/h, and not to brake otherwise in its last 2 km/h."""
-    display = two_steps(NotchKind.HOLD, 0.0, 20.0)
+    display = two_steps(NotchRegime.HOLD, 0.0, 20.0)
     end_m = display.schedule.begin_m(2)
     first = display.at(0.0, end_m - 100.0, 23.0).now
     assert first.mode in BRAKES

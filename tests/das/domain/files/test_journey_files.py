@@ -272,27 +272,36 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], P
 @pytest.mark.processes
 @pytest.mark.slow
 def test_the_bundled_journey_keeps_its_windows(planned: tuple[dict[str, Any], Path]) -> None:
-    result, hops = planned[0], planned[0]["hops"]
-    assert [(hop["from"], hop["to"]) for hop in hops] == [
+    result, sections = planned[0], planned[0]["hops"]
+    assert [(section["from"], section["to"]) for section in sections] == [
         ("Zürich HB", "Thalwil"),
         ("Thalwil", "Zug"),
         ("Zug", "Luzern"),
     ]
-    assert hops[0]["departure"] == {"time_s": 25_800.0, "held": "earliest"}
-    assert 26_400.0 <= hops[1]["departure"]["time_s"] <= 26_440.0
-    assert 27_090.0 <= hops[2]["departure"]["time_s"] <= 27_150.0
-    assert hops[2]["arrival"] == {"time_s": pytest.approx(28_170.0, abs=0.01), "held": "latest"}
-    (tunnel,) = hops[1]["passings"]
+    assert sections[0]["departure"] == {"time_s": 25_800.0, "held": "earliest"}
+    assert 26_400.0 <= sections[1]["departure"]["time_s"] <= 26_440.0
+    assert 27_090.0 <= sections[2]["departure"]["time_s"] <= 27_150.0
+    assert sections[2]["arrival"] == {"time_s": pytest.approx(28_170.0, abs=0.01), "held": "latest"}
+    (tunnel,) = sections[1]["passings"]
     assert (tunnel["time_s"], tunnel["held"]) == (pytest.approx(26_760.0, abs=0.01), "earliest")
     # One price of time up to the window that is held at its earliest, a higher one after it.
-    assert hops[0]["lambda_kw"][0] == hops[1]["lambda_kw"][0] < hops[1]["lambda_kw"][1] == hops[2]["lambda_kw"][0]
+    assert (
+        sections[0]["lambda_kw"][0]
+        == sections[1]["lambda_kw"][0]
+        < sections[1]["lambda_kw"][1]
+        == sections[2]["lambda_kw"][0]
+    )
     assert result["feasible"]
     assert abs(result["table_gap_ratio"]) < 5e-3
     assert 0.0 <= result["gap_ratio"] < 0.02
-    assert result["energy_input_kwh"] == pytest.approx(sum(hop["energy_input_kwh"] for hop in hops))
+    assert result["energy_input_kwh"] == pytest.approx(sum(section["energy_input_kwh"] for section in sections))
     assert result["energy_input_kwh"] < result["others_kwh"]["proportional"] < result["others_kwh"]["fastest"]
     assert result["comfort_kwh"] == pytest.approx(250.0 * result["time_s"] / 3600.0)
-    assert 0.05 < sum(hop["time_s"] for hop in hops) / sum(hop["min_time_s"] for hop in hops) - 1 < 0.08
+    assert (
+        0.05
+        < sum(section["time_s"] for section in sections) / sum(section["min_time_s"] for section in sections) - 1
+        < 0.08
+    )
 
 
 @pytest.mark.more

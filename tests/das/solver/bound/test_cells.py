@@ -107,7 +107,7 @@ def test_cells_that_a_better_run_goes_through_stay_open() -> None:
     task = task_of(run(), run().time_s)
     rows, lambda_w = even_rows(map_rows(task, loss()), loss()), run().lambda_w
     line, cells = cell_line(task, lambda_w), all_cells(task, 0.05)
-    most_j = run().ledger.input + lambda_w * run().time_s
+    most_j = run().balance.input + lambda_w * run().time_s
     for parts in (2, 2):
         cells = split(cells, parts)
         assert values_behind(cells, line, rows) <= most_j
@@ -137,7 +137,7 @@ def test_cells_around_a_run_prove_nearly_all_of_its_cost(electric_n: float) -> N
     assert isinstance(map_of_it, LossMap)
     rows, line = even_rows(map_rows(task, map_of_it), map_of_it), cell_line(task, found.lambda_w)
     cells = cells_near(found.trajectory.v_mps, all_cells(task, 5e-4))
-    cost_j = found.ledger.input + found.lambda_w * found.time_s
+    cost_j = found.balance.input + found.lambda_w * found.time_s
     left = (cost_j - values_behind(cells, line, rows)) / cost_j
     assert 0.0 <= left <= 2e-3
 
@@ -145,14 +145,14 @@ def test_cells_around_a_run_prove_nearly_all_of_its_cost(electric_n: float) -> N
 def tight_j(budget_s: float, settings: TightSettings = SETTINGS) -> float:
     """The bound by cells of the run (J), with a clock that adds a second at each look."""
     ticks = iter(range(10_000))
-    incumbent, task = Incumbent(run().ledger.input, run().lambda_w), task_of(run(), run().time_s)
+    incumbent, task = Incumbent(run().balance.input, run().lambda_w), task_of(run(), run().time_s)
     return tightened_j(task, loss(), incumbent, budget_s, settings=settings, clock=lambda: float(next(ticks)))
 
 
 @pytest.mark.slow
 def test_the_bound_gets_tighter_and_stays_below_the_run() -> None:
     """Of the quick bound's gap of 1.0 % less than a half is left, after three passes."""
-    quick, energy_j = certificate(run()), run().ledger.input
+    quick, energy_j = certificate(run()), run().balance.input
     found_j = tight_j(10.0)
     assert quick.bound_j < found_j <= energy_j
     assert energy_j - found_j < 0.5 * (energy_j - quick.bound_j)
@@ -166,7 +166,7 @@ def test_a_pass_that_would_not_end_in_time_is_not_begun() -> None:
     """With a clock that adds a second at each look there is one pass for 1 s, and several for 100 s."""
     coarser = replace(SETTINGS, first_width=0.1, narrowest_width=0.02)
     once_j, often_j = tight_j(1.0, coarser), tight_j(100.0, coarser)
-    assert -math.inf < once_j < often_j <= run().ledger.input
+    assert -math.inf < once_j < often_j <= run().balance.input
 
 
 def test_constant_efficiencies_need_no_tight_bound() -> None:

@@ -41,7 +41,7 @@ def test_the_bound_is_near_the_energy(front: Front, buffer_ratio: float) -> None
     run = front.trajectory(front.fastest().time_s * (1 + buffer_ratio))
     assert run.gap_reason == ""
     assert 0.0 <= run.gap_ratio < 0.01
-    assert run.bound_j == run.certificate.bound_j <= run.ledger.input
+    assert run.bound_j == run.certificate.bound_j <= run.balance.input
 
 
 def test_a_level_run_at_one_speed_has_next_to_no_gap() -> None:
@@ -147,7 +147,7 @@ def test_what_more_supply_saves_the_bound_sees(front: Front) -> None:
         )
     )
     time_s = front.fastest().time_s * 1.05
-    assert other.trajectory(time_s).bound_j > 1.02 * front.trajectory(time_s).ledger.input
+    assert other.trajectory(time_s).bound_j > 1.02 * front.trajectory(time_s).balance.input
 
 
 def test_no_run_is_ahead_of_the_fastest(front: Front) -> None:

@@ -74,7 +74,7 @@ def test_planes_are_near_the_run(train: str) -> None:
         + planes.constant
     ).max(axis=1)
     step = np.diff(path.s_m)
-    assert float(heights @ step) == pytest.approx(run.ledger.input, rel=0.03)
+    assert float(heights @ step) == pytest.approx(run.balance.input, rel=0.03)
     assert 0.0 <= run.gap_ratio < 0.04
 
 

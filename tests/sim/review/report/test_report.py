@@ -61,23 +61,23 @@ def fast() -> ReviewedDrive:
 def other(recording: Recording | None = None, **known: object) -> Drive:
     """The fast drive with figures that are found already, or with something else in its recording."""
     found = Drive(source=recording or fast().drive.recording, given=inputs_of_day(day()))
-    vars(found).update({"_any_account": fast().drive.any_account, **known})
+    vars(found).update({"_any_attribution": fast().drive.any_attribution, **known})
     return found
 
 
 def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
     text = paragraph(fast().drive)
-    account = fast().drive.account
-    assert account is not None
+    attribution = fast().drive.attribution
+    assert attribution is not None
     assert "ran the 6.0 km from" in text
-    assert f"It drew {account.driven_j / 3.6e6:.1f} kWh" in text
+    assert f"It drew {attribution.driven_j / 3.6e6:.1f} kWh" in text
     assert "against the advice" in text
     assert "kept every limit" in text
 
 
 def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() -> None:
     """A share of an optimum that is none is nonsense: −339 % and 540 % were told of one real trip."""
-    found = other(_any_account=DasError("fast.mcap: not comparable: this train cannot arrive as early"))
+    found = other(_any_attribution=DasError("fast.mcap: not comparable: this train cannot arrive as early"))
     text = paragraph(found)
     assert "Where its energy went cannot be said: not comparable: this train cannot arrive as early." in text
     assert "%" not in text.partition("While a speed")[0]
@@ -119,8 +119,8 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     assert figures["temporary restrictions told"] == "none (an empty list was told)"
     assert "Advice was never withdrawn." in text
     assert re.search(r"The most was lost from km [\d.]+ to [\d.]+: [\d.]+ kWh \(against the advice", text)
-    account = fast().drive.account
-    assert account is not None
+    attribution = fast().drive.attribution
+    assert attribution is not None
     above = re.search(r"drew ([\d.]+) kWh at .*: ([\d.]+) kWh \(([\d.]+)%\) above the ([\d.]+) kWh of the best", text)
     assert above is not None  # the share is that of the energy driven, as everywhere
     assert float(above[3]) == pytest.approx(100.0 * float(above[2]) / float(above[1]), abs=0.7)
@@ -190,7 +190,7 @@ def test_what_people_wrote_cannot_become_markup(tmp_path: Path) -> None:
 
 def test_without_line_and_train_the_page_says_why_there_is_no_energy(tmp_path: Path) -> None:
     found = subject_of(write_recording(tmp_path / "drive.mcap", seconds=120))
-    assert found.drive.account is None
+    assert found.drive.attribution is None
     assert "Where the energy went cannot be said: its route" in page([found], None, "")
 
 

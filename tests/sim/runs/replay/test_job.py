@@ -25,7 +25,7 @@ from sim.runs.replay.replay import ReplayJob, _Feed, _journey, plan_timing
 from sim.trips.estimate import estimate_run
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, load_trip
-from sim.world.processes import Crew
+from sim.world.processes import Processes
 from tests.support.dirt import Point, write
 from tests.support.making import flat, make_train
 
@@ -38,10 +38,12 @@ def job_of(trip: Trip) -> ReplayJob:
     front, run = solve_front(build_section(trip.route, make_train(resistance=(3000.0, 0.0, 12.0)))), trip.run
     legs = driven_legs(trip, run)
     timing = plan_timing(trip, legs, None, None)
-    crew = Crew(train="train-1", node_arguments=(), out=Path("x.mcap"), metadata={}, start_ns=timing.first_tick_ns)
+    processes = Processes(
+        train="train-1", node_arguments=(), out=Path("x.mcap"), metadata={}, start_ns=timing.first_tick_ns
+    )
     driven = estimate_run(front.section, run.time_s, run.s_m, run.speed_mps)
     return ReplayJob(
-        crew=crew, trip=trip, legs=legs, front=front, timing=timing, reference=front.fastest(), driven=driven,
+        processes=processes, trip=trip, legs=legs, front=front, timing=timing, reference=front.fastest(), driven=driven,
         delay_given=False, speed=None,
     )  # fmt: skip
 
@@ -49,7 +51,7 @@ def job_of(trip: Trip) -> ReplayJob:
 def recorded(job: ReplayJob, energies: TripEnergies | None = None) -> Recording:
     """What a replay records of the drive, without what its node says."""
     messages = defaultdict(list)
-    for one in (codec.told(_journey(job)), *_Feed(job).until(2**62)):
+    for one in (codec.encode_input(_journey(job)), *_Feed(job).until(2**62)):
         messages[one.topic.name].append(Stamped(0, one.message))
     if energies is not None:
         messages["saving"] = [Stamped(0, energies.above.message(7))]
@@ -75,7 +77,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplayJob, TripEne
         rows = zip(t, np.interp(t, run.t_s, run.s_m), np.interp(t, run.t_s, run.v_mps), strict=True)
         points += [Point(t0 + float(a), float(b), float(c)) for a, b, c in rows]
         points += [Point(t0 + trip_s + i, end_m, 0.0) for i in range(1, DWELL_S)]
-        energies.append(best.ledger.input)
+        energies.append(best.balance.input)
         t0 += trip_s + DWELL_S
     path = write(tmp_path_factory.mktemp("trip"), points, on_route=True)
     job = job_of(load_trip(path, read_trip(path), route, TripOptions()))
@@ -96,7 +98,7 @@ def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(
     assert likely is not None
     assert abs(above.estimate_j) < 0.015 * sum(energies)
     assert above.low_j <= likely.low_j <= above.estimate_j <= likely.high_j <= above.high_j
-    through = job.front.trajectory(float(job.trip.run.time_s[-1])).ledger.input
+    through = job.front.trajectory(float(job.trip.run.time_s[-1])).balance.input
     assert through < 0.9 * sum(energies)  # the optimum that does not stop would have claimed a saving that nobody had
 
 
@@ -129,8 +131,8 @@ def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(
         np.testing.assert_array_equal(ours.motion.time_ns, theirs.motion.time_ns)
         np.testing.assert_array_equal(ours.motion.s_m, theirs.motion.s_m)
     assert drive.late_s == pytest.approx((job.arrived_ns - job.timing.arrival_ns) * 1e-9)
-    account, likely = drive.known_account, drive.likely
-    assert account.difference_j == pytest.approx(found.above.above_j)
+    attribution, likely = drive.known_attribution, drive.likely
+    assert attribution.difference_j == pytest.approx(found.above.above_j)
     assert likely is not None
     assert (likely.low_j, likely.high_j) == found.above.likely
 

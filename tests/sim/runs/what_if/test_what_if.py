@@ -38,7 +38,7 @@ from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 from sim.world.day import make_day
 from sim.world.disturbances import DepartureDelay
-from sim.world.over_bus import How, make_crew, run_over_bus
+from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import read_scenario
 from sim.world.service import lay_out, prepare_service, scenario_files
 from tests.sim.world.test_drawn import write_map
@@ -108,7 +108,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     day = make_day(prepare_service(read_scenario(scenario)), 3)
     how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
     out = folder / "day.mcap"
-    run_over_bus(day, day.driver(DriverKind.HUMAN), how.advice, make_crew(day, how, out))
+    run_over_bus(day, day.driver(DriverKind.HUMAN), how.advice, make_processes(day, how, out))
     shutil.rmtree(inputs)
     return out
 
@@ -214,7 +214,7 @@ def test_the_window_of_a_recorded_restriction_is_on_the_clock_of_the_day_driven_
 
 
 def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_path: Path) -> None:
-    """The recording brings the map along, and the day, its new recording and its account of the energy have both."""
+    """The recording brings the map along, and the day, its new recording and its energy attribution have both."""
     own_map = tmp_path / "own.csv"
     write_map(own_map, 1.2)
     run = read_contents(REPLAY).metadata["run"]

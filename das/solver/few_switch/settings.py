@@ -1,4 +1,5 @@
-"""The tuning of calm runs and schedules, as frozen data: each figure with its meaning and why it is what it is."""
+"""The tuning of few-switch trajectories and schedules, as frozen data: each figure with its meaning and why it is what
+it is."""
 
 from __future__ import annotations
 
@@ -8,8 +9,8 @@ from das.domain.units import KMH
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalmSettings:
-    """What calm runs are made of, and what a change costs them."""
+class FewSwitchSettings:
+    """What few-switch trajectories are made of, and what a change costs them."""
 
     traction_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
     """The steps of traction effort, as shares of the largest."""
@@ -17,7 +18,7 @@ class CalmSettings:
     """The steps of the electric brake, as shares of the largest."""
     change_s: float = 0.08
     """A change of the notch must save as much energy as the train's full power needs in this time: 0.13 kWh of a
-    locomotive of 6 MW. `das-precompute calm` shows what other prices do."""
+    locomotive of 6 MW. `das-precompute few-switch` shows what other prices do."""
     ladder_size: int = 32
     """The number of multipliers λ."""
     low_ratio: float = 0.004
@@ -28,7 +29,7 @@ class CalmSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ScheduleSettings:
-    """How a calm run becomes a schedule."""
+    """How a few-switch trajectory becomes a schedule."""
 
     least_s: float = 10.0
     """A phase that is no brake lasts at least this long, or it becomes part of a neighbour."""
@@ -37,7 +38,7 @@ class ScheduleSettings:
     ripple_mps: float = 1.5
     """A short acceleration by less than this, from one speed to hold to the next, is left out."""
     reach_m: float = 2000.0
-    """Coasting begins at most this much earlier than in the calm run, so that the train is not early."""
+    """Coasting begins at most this much earlier than in the few-switch trajectory, so that the train is not early."""
     tries: int = 8
     """The place where coasting begins is narrowed down so many times."""
     near_s: float = 0.3

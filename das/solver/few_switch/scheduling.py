@@ -1,4 +1,4 @@
-"""From a calm run to the schedule that is driven: its phases are shortened, topped and polished."""
+"""From a few-switch trajectory to the schedule that is driven: its phases are shortened, topped and polished."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from das.domain.errors import InfeasibleError
-from das.solver.calm.calm import CalmFront, CalmRun
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import BRAKES, phases_of
-from das.solver.calm.schedule import PricesOfTime, Prospect, Schedule, Scheduled, topped
-from das.solver.calm.settings import PolishSettings, ScheduleSettings
-from das.solver.kernels.calm_polish import polish
+from das.solver.few_switch.few_switch import FewSwitchFront, FewSwitchTrajectory
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import BRAKES, phases_of
+from das.solver.few_switch.schedule import PricesOfTime, Prospect, Schedule, Scheduled, topped
+from das.solver.few_switch.settings import PolishSettings, ScheduleSettings
+from das.solver.kernels.few_switch_polish import polish
 from das.solver.kernels.tuples import KnownRun
 
 DEFAULT = ScheduleSettings()
@@ -22,9 +22,9 @@ SHORTER = (1.0, 0.4, 0.0)
 
 
 def scheduled(
-    front: CalmFront, time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings = DEFAULT
+    front: FewSwitchFront, time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings = DEFAULT
 ) -> Scheduled:
-    """The schedule from a state that takes `time_s`, or as little as a calm run can.
+    """The schedule from a state that takes `time_s`, or as little as a few-switch trajectory can.
 
     Short phases that are left out make a run later: then one that takes less time is made into the schedule.
     Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
@@ -43,7 +43,7 @@ def scheduled(
     return best
 
 
-def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) -> Scheduled:
+def schedule_in_time(run: FewSwitchTrajectory, time_s: float, settings: ScheduleSettings) -> Scheduled:
     """The schedule of a run, with coasting begun so much earlier that it is not early."""
     s_m, v_mps = float(run.state.node_m[0]), run.state.speed_mps
     best = _unhurried(_settled(run, settings), time_s, s_m, v_mps, settings)
@@ -52,7 +52,7 @@ def schedule_in_time(run: CalmRun, time_s: float, settings: ScheduleSettings) ->
     return Scheduled(*best, run.lambda_w)
 
 
-def _settled(run: CalmRun, settings: ScheduleSettings) -> tuple[Schedule, Prospect]:
+def _settled(run: FewSwitchTrajectory, settings: ScheduleSettings) -> tuple[Schedule, Prospect]:
     """The schedule of a run without its short phases, and what keeping to it comes to.
 
     Where the train would stall without a short acceleration before a hill, shorter and shorter phases are left in.
@@ -125,7 +125,7 @@ def _coasting_earlier(schedule: Schedule, by_m: float, least_s: float) -> Schedu
     node_m, moved = schedule.section.node_m, list(schedule.phases)
     since_s = schedule.known.time_to_go_s[0] - schedule.known.time_to_go_s
     for i in range(1, len(moved)):
-        if moved[i].kind is NotchKind.COAST:
+        if moved[i].kind is NotchRegime.COAST:
             least = moved[i - 1].begin + 1
             if moved[i - 1].kind not in BRAKES:
                 least = max(least, int(np.searchsorted(since_s, since_s[moved[i - 1].begin] + least_s)))

@@ -7,19 +7,19 @@ from itertools import groupby, pairwise
 import numpy as np
 import pytest
 
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import BRAKES, Phase
-from das.solver.calm.schedule import Scheduled
-from das.solver.calm.scheduling import polished, polished_thoroughly, scheduled
-from das.solver.calm.settings import PolishSettings
-from tests.support.calm import BUFFERS, BUNDLED, Which, calm_of, front_of, schedules, section_of
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import BRAKES, Phase
+from das.solver.few_switch.schedule import Scheduled
+from das.solver.few_switch.scheduling import polished, polished_thoroughly, scheduled
+from das.solver.few_switch.settings import PolishSettings
+from tests.support.few_switch import BUFFERS, BUNDLED, Which, few_switch_of, front_of, schedules, section_of
 
 pytestmark = pytest.mark.slow
 
 
 def stretches(phases: tuple[Phase, ...]) -> list[str]:
     """In which order the train is driven and coasts; limits may bring brakes and other speeds in between."""
-    kinds = ["coasts" if one.kind is NotchKind.COAST else "driven" for one in phases if one.kind not in BRAKES]
+    kinds = ["coasts" if one.kind is NotchRegime.COAST else "driven" for one in phases if one.kind not in BRAKES]
     return [kind for kind, _ in groupby(kinds)]
 
 
@@ -55,7 +55,7 @@ def test_polishing_is_of_use() -> None:
 @pytest.mark.parametrize("which", BUNDLED)
 def test_from_under_way_what_lies_behind_stays_where_it_is(which: Which) -> None:
     """Random states and times, from too little to far too much."""
-    front, section, random = calm_of(which), section_of(which), np.random.default_rng(11)
+    front, section, random = few_switch_of(which), section_of(which), np.random.default_rng(11)
     for _ in range(6):
         s_m = float(random.uniform(section.start_m + 500.0, section.end_m - 2000.0))
         v_mps = float(np.interp(s_m, section.node_m, section.envelope_mps) * random.uniform(0.2, 0.95))

@@ -1,4 +1,4 @@
-"""The account of a recorded drive: how much energy each leg took above the optimum, where and by what.
+"""The energy attribution of a recorded drive: how much energy each leg took above the optimum, where and by what.
 
 At each place counts the energy at the current collector less the rise of the kinetic energy, E(s) − m·ρ·v(s)²/2, driven
 minus optimum. The potential energy is the same on both sides. What a train carries on as speed is therefore not
@@ -69,9 +69,9 @@ def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optim
         end_m=edges_m[1:],
         driven_s=driven(leg.time_s),
         optimum_s=best(run.t_s),
-        driven_j=driven(energies.ledger_j),
+        driven_j=driven(energies.balance_j),
         optimum_j=best(best_j),
-        lost_more_j=driven(energies.ledger_j - driven_kinetic_j) - best(best_j - best_kinetic_j),
+        lost_more_j=driven(energies.balance_j - driven_kinetic_j) - best(best_j - best_kinetic_j),
     )
 
 
@@ -102,8 +102,8 @@ OTHER_TRAIN: Final = "the true train, wind and rail"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LegAccount(ComparedLeg):
-    """The account of one leg.
+class LegAttribution(ComparedLeg):
+    """The energy attribution of one leg.
 
     `true_optimum_j` is that of the true train (J), as a simulator recorded it; None where only the plan's is known.
     `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
@@ -120,20 +120,20 @@ class LegAccount(ComparedLeg):
     @property
     def optimum_j(self) -> float:
         """Least energy for the same time (J): of the true train where it is known, else of the plan's."""
-        return self.optimum.ledger.input if self.true_optimum_j is None else self.true_optimum_j
+        return self.optimum.balance.input if self.true_optimum_j is None else self.true_optimum_j
 
     @property
     def other_train_j(self) -> float:
         """By how much the optimum of the true train takes more than that of the plan's (J)."""
-        return self.optimum_j - self.optimum.ledger.input
+        return self.optimum_j - self.optimum.balance.input
 
     @property
     def by_cause(self) -> dict[EnergyCause, float]:
         """The energy above the optimum for the same time by cause (J); the parts sum to the whole difference."""
         energies, parts = self.energies, self.committed.by_cause()
         friction_j = float(energies.blended_j[-1] - energies.motors_j[-1])
-        train_j = float(energies.ledger_j[-1] - energies.blended_j[-1]) - self.other_train_j
-        rest_j = float(self.committed.energy_j[0]) - self.optimum.ledger.input
+        train_j = float(energies.balance_j[-1] - energies.blended_j[-1]) - self.other_train_j
+        rest_j = float(self.committed.energy_j[0]) - self.optimum.balance.input
         for cause, energy_j in (
             (EnergyCause.FRICTION, friction_j),
             (EnergyCause.TRAIN, train_j),
@@ -149,7 +149,7 @@ class LegAccount(ComparedLeg):
         first, last = (int(one) for one in np.minimum(ends, len(motion.s_m) - 1))
         parts = {
             EnergyCause.FRICTION: _between(energies.blended_j - energies.motors_j, first, last),
-            EnergyCause.TRAIN: _between(energies.ledger_j - energies.blended_j, first, last),
+            EnergyCause.TRAIN: _between(energies.balance_j - energies.blended_j, first, last),
         }
         rises_j = np.nan_to_num(np.diff(known.energy_j))
         for sample, cause, rise_j in zip(known.sample[:-1], known.causes, rises_j, strict=True):
@@ -165,7 +165,7 @@ class LegAccount(ComparedLeg):
     @property
     def early_j(self) -> float | None:
         """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
-        return None if self.left_j is None else self.optimum.ledger.input - self.left_j
+        return None if self.left_j is None else self.optimum.balance.input - self.left_j
 
     @property
     def against_timetable(self) -> dict[EnergyCause, float] | None:
@@ -182,11 +182,11 @@ def _between(sum_j: Floats, first: int, last: int) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Account:
-    """The accounts of all legs of a drive; the properties are their sums."""
+class Attribution:
+    """The energy attributions of all legs of a drive; the properties are their sums."""
 
     inputs: DriveInputs
-    legs: tuple[LegAccount, ...]
+    legs: tuple[LegAttribution, ...]
     measured: bool
     advice_shown: bool
 
@@ -242,14 +242,15 @@ def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, f
     }
 
 
-def account_of(
+def attribution_of(
     recording: Recording,
     inputs: DriveInputs,
     driven: Sequence[DrivenLeg],
     shown: ShownAdvice,
     said: AboveOptimum | None,
-) -> Account:
-    """The account of a recorded drive by its line and train, legs and shown advice, also where it is not comparable.
+) -> Attribution:
+    """The energy attribution of a recorded drive by its line and train, legs and shown advice, also where it is not
+    comparable.
 
     `said` is what the recording says of the energy above the optimum; None where it says nothing.
     """
@@ -257,24 +258,24 @@ def account_of(
     measured = () if said is None or not said.measured else said.sections
     true_j = {(one.start, one.end): one.optimum_j for one in measured}
     legs = tuple(
-        _leg_account(Knowledge(inputs, leg, epochs), true_j.get((leg.start.name, leg.end.name)), shown, seen, every)
+        _leg_attribution(Knowledge(inputs, leg, epochs), true_j.get((leg.start.name, leg.end.name)), shown, seen, every)
         for leg in driven
     )
     measures = driven[0].motion.input_j is not None
-    return Account(inputs=inputs, legs=legs, measured=measures, advice_shown=shown.any_shown)
+    return Attribution(inputs=inputs, legs=legs, measured=measures, advice_shown=shown.any_shown)
 
 
-def _leg_account(
+def _leg_attribution(
     knowledge: Knowledge, true_optimum_j: float | None, shown: ShownAdvice, seen: tuple[Signal, ...], every: int
-) -> LegAccount:
+) -> LegAttribution:
     found = ComparedLeg.of(knowledge.leg, knowledge.front())
     leg, front, optimum, energies = found.leg, found.front, found.optimum, found.energies
     section, least_s = front.section, optimum.least_time_s
 
     def least_j(time_s: float | None) -> float | None:
-        return None if time_s is None else front.trajectory(max(time_s, least_s)).ledger.input
+        return None if time_s is None else front.trajectory(max(time_s, least_s)).balance.input
 
-    return LegAccount(
+    return LegAttribution(
         **vars(found),
         true_optimum_j=true_optimum_j,
         committed=committed(knowledge, energies, shown, seen, every),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from das.compiling.kernels import kernel
-from das.solver.kernels.calm_follow import followed_step
-from das.solver.kernels.calm_moves import BRAKE, HOLD, TRACTION
-from das.solver.kernels.calm_roll_out import step_energy
+from das.solver.kernels.few_switch_follow import followed_step
+from das.solver.kernels.few_switch_moves import BRAKE, HOLD, TRACTION
+from das.solver.kernels.few_switch_roll_out import step_energy
 
 UNSAID_S = 0.1
 """A move may let limits ahead ask for brakes, where no phase does, for no longer than this more (s)."""

@@ -1,4 +1,4 @@
-"""From a calm run to phases: its stretches in one notch, without those too short to be followed."""
+"""From a few-switch trajectory to phases: its stretches in one notch, without those too short to be followed."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.calm.calm import CalmRun
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.settings import ScheduleSettings
+from das.solver.few_switch.few_switch import FewSwitchTrajectory
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.settings import ScheduleSettings
 
 Floats = NDArray[np.float64]
-BRAKES = (NotchKind.BRAKE, NotchKind.CURVE)
+BRAKES = (NotchRegime.BRAKE, NotchRegime.CURVE)
 NEAR_MPS = 1e-3
 """A train this near (m/s) to a speed is at it."""
 
@@ -21,7 +21,7 @@ NEAR_MPS = 1e-3
 class Phase(NamedTuple):
     """One thing to do: its kind and share of effort, the first interval of the section, and the speed it leads to."""
 
-    kind: NotchKind
+    kind: NotchRegime
     share: float
     begin: int
     target_mps: float
@@ -31,13 +31,13 @@ class Phase(NamedTuple):
 class _Part:
     """A stretch of a run in one notch, while short ones are joined to their neighbours."""
 
-    kind: NotchKind
+    kind: NotchRegime
     share: float
     first: int
     last: int
 
 
-def phases_of(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
+def phases_of(run: FewSwitchTrajectory, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
     """The stretches of a run in one notch, without the short ones; `first` is the run's interval on the section."""
     speeds = run.speeds_mps
     elapsed_s = run.state.elapsed_s(speeds)
@@ -45,23 +45,23 @@ def phases_of(run: CalmRun, first: int, settings: ScheduleSettings) -> tuple[Pha
     found: list[Phase] = []
     for part, after in zip(reversed(parts), [None, *reversed(parts[1:])], strict=True):
         target = float(speeds[part.last + 1])
-        if part.kind is NotchKind.HOLD:
+        if part.kind is NotchRegime.HOLD:
             target = float(speeds[part.first])
-        elif part.kind is NotchKind.TRACTION:
+        elif part.kind is NotchRegime.TRACTION:
             target = float(speeds[part.first : part.last + 2].max())
-            if after is not None and after.kind in (NotchKind.HOLD, NotchKind.TRACTION):
+            if after is not None and after.kind in (NotchRegime.HOLD, NotchRegime.TRACTION):
                 target = found[-1].target_mps  # Traction with another effort goes on to the same speed.
-        kind = NotchKind.BRAKE if part.kind in BRAKES else part.kind
+        kind = NotchRegime.BRAKE if part.kind in BRAKES else part.kind
         found.append(Phase(kind, part.share, first + part.first, target))
     return tuple(reversed(found))
 
 
-def _parts(run: CalmRun) -> list[_Part]:
+def _parts(run: FewSwitchTrajectory) -> list[_Part]:
     """The stretches of a run in one notch."""
     parts: list[_Part] = []
     for i, notch in enumerate(run.notch.tolist()):
-        kind, share = NotchKind(int(run.notches.kind[notch])), float(run.notches.share[notch])
-        if kind is NotchKind.BRAKE or (kind is NotchKind.CURVE and not (parts and parts[-1].kind in BRAKES)):
+        kind, share = NotchRegime(int(run.notches.kind[notch])), float(run.notches.share[notch])
+        if kind is NotchRegime.BRAKE or (kind is NotchRegime.CURVE and not (parts and parts[-1].kind in BRAKES)):
             done = _done(run, i, kind)
             kind, share = done, share if done is kind else 0.0
         if parts and (parts[-1].kind, parts[-1].share) == (kind, share):
@@ -71,10 +71,10 @@ def _parts(run: CalmRun) -> list[_Part]:
     return parts
 
 
-def _done(run: CalmRun, i: int, kind: NotchKind) -> NotchKind:
+def _done(run: FewSwitchTrajectory, i: int, kind: NotchRegime) -> NotchRegime:
     """What a train in a notch of the brake does in an interval: it brakes only from where it is too fast on."""
     before, after = run.speeds_mps[i : i + 2]
-    if kind is NotchKind.CURVE:
+    if kind is NotchRegime.CURVE:
         brakes, met = after < before, after > run.state.envelope_mps[i + 1] - NEAR_MPS
         if brakes and met:
             return kind
@@ -82,7 +82,7 @@ def _done(run: CalmRun, i: int, kind: NotchKind) -> NotchKind:
         met = after > run.goal_mps[i + 1] - NEAR_MPS
         if before > run.goal_mps[i] + NEAR_MPS:
             return kind
-    return NotchKind.HOLD if met and after >= before else NotchKind.COAST
+    return NotchRegime.HOLD if met and after >= before else NotchRegime.COAST
 
 
 def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings) -> list[_Part]:
@@ -98,12 +98,12 @@ def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settin
         k = min(short, key=lasts_s)
         part, rises = parts[k], float(speeds[parts[k].last + 1] - speeds[parts[k].first])
         before, after = parts[k - 1] if k else None, parts[k + 1] if k + 1 < len(parts) else None
-        if part.kind is NotchKind.TRACTION and after is not None and after.kind is NotchKind.HOLD:
-            if before is not None and before.kind is NotchKind.HOLD and rises < settings.ripple_mps:
+        if part.kind is NotchRegime.TRACTION and after is not None and after.kind is NotchRegime.HOLD:
+            if before is not None and before.kind is NotchRegime.HOLD and rises < settings.ripple_mps:
                 before.last = after.last
                 del parts[k : k + 2]
                 continue
-            after.kind, after.share = NotchKind.TRACTION, part.share
+            after.kind, after.share = NotchRegime.TRACTION, part.share
         if before is not None and (after is None or _joins_before(part, before, after)):
             before.last = part.last
         elif after is not None:
@@ -130,7 +130,7 @@ def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
         return True  # One deceleration over the way of both would be slower: the second brake stays as it is.
     if part.kind in BRAKES:
         return before.kind in BRAKES
-    return part.kind is not NotchKind.TRACTION or before.kind is NotchKind.TRACTION
+    return part.kind is not NotchRegime.TRACTION or before.kind is NotchRegime.TRACTION
 
 
 def _joined(parts: list[_Part]) -> list[_Part]:

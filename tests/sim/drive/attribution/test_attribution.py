@@ -1,4 +1,4 @@
-"""Where the energy went: the parts sum to the ledger's difference, and planted faults are found."""
+"""Where the energy went: the parts sum to the energy balance's difference, and planted faults are found."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
-from sim.drive.attribution.account import Account
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
 from sim.drive.attribution.rows import as_dict, worst_places
 from sim.drive.drive import Drive
@@ -35,12 +35,12 @@ def clear_day() -> Day:
 
 
 @cache
-def faultless() -> Account:
-    return account(clear_day(), PerfectDriver(clear_day().service.line))
+def faultless() -> Attribution:
+    return attribution(clear_day(), PerfectDriver(clear_day().service.line))
 
 
-def account(day: Day, driver: Driver) -> Account:
-    return Drive(source=recorded_day(day, driver), given=inputs_of_day(day)).known_account
+def attribution(day: Day, driver: Driver) -> Attribution:
+    return Drive(source=recorded_day(day, driver), given=inputs_of_day(day)).known_attribution
 
 
 def short_day(folder: Path, more: str = "") -> Day:
@@ -49,7 +49,7 @@ def short_day(folder: Path, more: str = "") -> Day:
     return make_day(service_of(path), 1)
 
 
-def check_sums(found: Account) -> None:
+def check_sums(found: Attribution) -> None:
     for leg in found.legs:
         difference_j = leg.driven_j - leg.optimum_j
         allowed_j = 1e-3 * abs(leg.driven_j)
@@ -67,7 +67,7 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
     found, fronts = faultless(), fronts_of_braking(clear_day(), None)
     check_sums(found)
     planned_j = sum(
-        front.trajectory(leg.leg.trip_s).ledger.input for front, leg in zip(fronts, found.legs, strict=True)
+        front.trajectory(leg.leg.trip_s).balance.input for front, leg in zip(fronts, found.legs, strict=True)
     )
     small_j = 1e-3 * found.driven_j
     assert 0.0 < planned_j - found.optimum_j < 5.0 * small_j
@@ -87,7 +87,7 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
     ids=["coasts-late", "friction", "faster"],
 )
 def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault: type, cause: EnergyCause) -> None:
-    found = account(clear_day(), fault(PerfectDriver(clear_day().service.line)))
+    found = attribution(clear_day(), fault(PerfectDriver(clear_day().service.line)))
     check_sums(found)
     more_j = found.difference_j - faultless().difference_j
     assert found.by_cause[cause] >= 0.9 * more_j
@@ -96,7 +96,9 @@ def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault:
 
 
 @pytest.mark.parametrize("by_record", [False, True])
-def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_record: bool, tmp_path: Path) -> None:
+def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_energy_attribution(
+    by_record: bool, tmp_path: Path
+) -> None:
     """A train that is slower than the drive has no optimum for its times; a replay may know of another reason."""
     day = short_day(tmp_path)
     recording, inputs = recorded_day(day, PerfectDriver(day.service.line)), inputs_of_day(day)
@@ -108,7 +110,7 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_account(by_reco
     else:
         inputs = replace(inputs, vehicle=replace(inputs.vehicle, max_speed_mps=20.0))
     with pytest.raises(DasError, match=expected):
-        _ = Drive(source=recording, given=inputs).known_account
+        _ = Drive(source=recording, given=inputs).known_attribution
 
 
 def test_why_a_drive_cannot_be_compared() -> None:
@@ -124,13 +126,13 @@ def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train(tmp_pa
     """The simulator recorded what its true train needs: the report then says the same as the run did."""
     day = short_day(tmp_path, "[truth]\nmass_ratio = 1.2\n")
     recording, inputs = recorded_day(day, PerfectDriver(day.service.line)), inputs_of_day(day)
-    plain = Drive(source=recording, given=inputs).known_account
+    plain = Drive(source=recording, given=inputs).known_attribution
     (leg,) = plain.above.sections
     true_j = leg.optimum_j + 3.6e6
     said = AboveOptimum.measured_on([replace(leg, optimum_j=true_j)]).message(0)
     known = Drive(
         source=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}), given=inputs
-    ).known_account
+    ).known_attribution
     assert (known.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
     assert known.above.ratio == pytest.approx((known.driven_j - true_j) / known.driven_j)
     assert sum(known.by_cause.values()) == pytest.approx(known.difference_j, abs=1.0)
@@ -141,7 +143,7 @@ def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train(tmp_pa
 def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
     signal = "[[disturbances]]\nkind = 'signal-stop'\nat_m = 3000\nseen_m = 900\nclears_after_s = 90\n"
     day = short_day(tmp_path, signal)
-    found = account(day, PerfectDriver(day.service.line))
+    found = attribution(day, PerfectDriver(day.service.line))
     check_sums(found)
     parts = found.by_cause
     assert parts[EnergyCause.SIGNAL] > 0.3 * found.difference_j
@@ -151,7 +153,7 @@ def test_the_energy_that_a_signal_costs_is_the_signals(tmp_path: Path) -> None:
 
 def test_a_train_that_is_heavier_than_planned_is_told_apart(tmp_path: Path) -> None:
     day = short_day(tmp_path, "[truth]\nmass_ratio = 1.1\n")
-    heavier = account(day, PerfectDriver(day.service.line))
+    heavier = attribution(day, PerfectDriver(day.service.line))
     check_sums(heavier)
     assert heavier.by_cause[EnergyCause.TRAIN] > 0.4 * heavier.difference_j
 
@@ -160,7 +162,7 @@ def test_lateness_that_is_recovered_has_its_price_in_the_sum_against_the_timetab
     """A driver who leaves 10 s late and goes for the timetable pays for it although he drives as well as possible."""
     late = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 10\n"
     in_time, delayed = (
-        account(day, PerfectDriver(day.service.line)) for day in (short_day(tmp_path), short_day(tmp_path, late))
+        attribution(day, PerfectDriver(day.service.line)) for day in (short_day(tmp_path), short_day(tmp_path, late))
     )
     for found in (in_time, delayed):
         against, timetable_j = found.against_timetable, found.timetable_j
@@ -177,7 +179,7 @@ def test_lateness_that_is_recovered_has_its_price_in_the_sum_against_the_timetab
 
 def test_the_rows_for_programs_have_every_place_and_cause(tmp_path: Path) -> None:
     day = short_day(tmp_path)
-    found = account(day, DrivesFaster(PerfectDriver(day.service.line), FIVE_KMH))
+    found = attribution(day, DrivesFaster(PerfectDriver(day.service.line), FIVE_KMH))
     rows = as_dict(found)
     (leg,) = rows["legs"]
     assert sum(leg["by_cause_kwh"].values()) == pytest.approx(rows["above_optimum_kwh"], abs=1e-6)
@@ -200,4 +202,4 @@ def test_a_recording_without_a_journey_is_refused() -> None:
         path=Path("x.mcap"), train="t", trains=("t",), messages={}, metadata={}, attachments=(), complete=True
     )
     with pytest.raises(DasError, match="holds no journey"):
-        _ = Drive(source=nothing).known_account
+        _ = Drive(source=nothing).known_attribution

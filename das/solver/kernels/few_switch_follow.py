@@ -1,13 +1,13 @@
-"""Following a schedule: what a train does that keeps to a calm run from where it is now."""
+"""Following a schedule: what a train does that keeps to a few-switch trajectory from where it is now."""
 
 from __future__ import annotations
 
 import math
 
 from das.compiling.kernels import kernel
-from das.solver.kernels.calm_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
-from das.solver.kernels.calm_roll_out import speed_under, step_energy
 from das.solver.kernels.driving import drive
+from das.solver.kernels.few_switch_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
+from das.solver.kernels.few_switch_roll_out import speed_under, step_energy
 from das.solver.kernels.forces import on_supply
 
 UNSAID_MPS = 0.05

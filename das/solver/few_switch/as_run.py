@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import KMH
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import BRAKES, NEAR_MPS, Phase
-from das.solver.calm.run_at_nodes import STEADY_MPS, RunAtNodes, ends_of
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import BRAKES, NEAR_MPS, Phase
+from das.solver.few_switch.run_at_nodes import STEADY_MPS, RunAtNodes, ends_of
 
 FASTER_MPS = 1.0 * KMH
 """A limit holds a train that is to go faster than it by more than this (m/s),"""
@@ -46,7 +46,7 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
     said = _with_limits_held(_without_vain_traction(said, run), run, back_share)
     said = _without_brief_traction(_with_effort_at_limit(said, run), run)
     for k, (one, end) in enumerate(zip(said, ends_of(said, run), strict=True)):
-        if one.kind in (NotchKind.HOLD, NotchKind.TRACTION):
+        if one.kind in (NotchRegime.HOLD, NotchRegime.TRACTION):
             least_mps = float(run.speeds_mps[one.begin : end + 1].min())
             said[k] = one._replace(target_mps=max(one.target_mps, least_mps))
     return _without_likes(said, run)
@@ -56,12 +56,12 @@ def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float)
     """The phases, where a train that is much slower than the speed to hold accelerates to it first, and no other."""
     found: list[Phase] = []
     for one, end in zip(phases, ends_of(phases, run), strict=True):
-        if one.kind is not NotchKind.HOLD:
+        if one.kind is not NotchRegime.HOLD:
             found.append(one)
         elif found and _hardly_faster(found[-1], one, run, SLOWER_MPS if len(found) == 1 else HARDLY_MPS):
             found[-1] = one._replace(begin=found[-1].begin)
         elif run.speeds_mps[one.begin] < one.target_mps - SLOWER_MPS:
-            first = one._replace(kind=NotchKind.TRACTION, share=back_share)
+            first = one._replace(kind=NotchRegime.TRACTION, share=back_share)
             found += _one_after_another(first, one, one.target_mps - STEADY_MPS < run.speeds_mps, end, run)
         else:
             found.append(one)
@@ -82,7 +82,7 @@ def _one_after_another(first: Phase, held: Phase, reached: NDArray[np.bool_], en
 
 def _hardly_faster(one: Phase, held: Phase, run: RunAtNodes, by_mps: float) -> bool:
     """Whether a phase only accelerates by a little, to the speed that is held then: the driver does that by himself."""
-    same = one.kind is NotchKind.TRACTION and abs(one.target_mps - held.target_mps) < SAME_MPS
+    same = one.kind is NotchRegime.TRACTION and abs(one.target_mps - held.target_mps) < SAME_MPS
     return bool(same and run.speeds_mps[one.begin] > one.target_mps - by_mps)
 
 
@@ -91,13 +91,13 @@ def _with_coasting(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
     found: list[Phase] = []
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         speeds = run.speeds_mps
-        above = one.kind is NotchKind.HOLD and speeds[one.begin] > one.target_mps + ABOVE_MPS
+        above = one.kind is NotchRegime.HOLD and speeds[one.begin] > one.target_mps + ABOVE_MPS
         if not (above and speeds[one.begin + 1] < speeds[one.begin]):
             found.append(one)
             continue
-        first = one._replace(kind=NotchKind.COAST)
+        first = one._replace(kind=NotchRegime.COAST)
         said = _one_after_another(first, one, speeds < one.target_mps + STEADY_MPS, end, run)
-        goes_on = bool(found) and found[-1].kind is NotchKind.COAST and said[0] is first
+        goes_on = bool(found) and found[-1].kind is NotchRegime.COAST and said[0] is first
         found += said[1:] if goes_on else said
     return found
 
@@ -107,7 +107,7 @@ def _without_vain_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
     found = phases[:1]
     for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
         begin = one.begin
-        if one.kind is NotchKind.TRACTION and found[-1].kind not in BRAKES:
+        if one.kind is NotchRegime.TRACTION and found[-1].kind not in BRAKES:
             stretch = slice(one.begin, end)
             met = run.speeds_mps[stretch] > run.envelope_mps[stretch] - NEAR_MPS
             slow = run.speeds_mps[stretch] - run.speeds_mps[begin] < FASTER_MPS
@@ -123,7 +123,7 @@ def _with_effort_at_limit(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
     found = phases[:1]
     for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
         begin = one.begin
-        if one.kind is found[-1].kind is NotchKind.TRACTION:
+        if one.kind is found[-1].kind is NotchRegime.TRACTION:
             stretch = slice(begin, end)
             waits = run.envelope_mps[stretch] < run.envelope_mps[begin] + NEAR_MPS
             waits &= run.envelope_mps[stretch] < one.target_mps - FASTER_MPS
@@ -140,7 +140,7 @@ def _without_brief_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]
     for k, (one, end) in list(enumerate(zip(phases, ends_of(phases, run), strict=True)))[1:]:
         braked = k + 1 < len(phases) and phases[k + 1].kind in BRAKES
         lasts_s, speeds = run.lasts_s(one.begin, end), run.speeds_mps
-        if one.kind is NotchKind.TRACTION and found[-1].kind is NotchKind.HOLD and braked and lasts_s < BRIEF_S:
+        if one.kind is NotchRegime.TRACTION and found[-1].kind is NotchRegime.HOLD and braked and lasts_s < BRIEF_S:
             held_s = (run.node_m[end] - run.node_m[one.begin]) / max(float(speeds[one.begin]), 1.0)
             if held_s - lasts_s < GAINS_S:
                 continue
@@ -153,7 +153,7 @@ def _with_limits_held(phases: list[Phase], run: RunAtNodes, back_share: float) -
     found: list[Phase] = []
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         found.append(one)
-        if one.kind not in (NotchKind.TRACTION, NotchKind.HOLD):
+        if one.kind not in (NotchRegime.TRACTION, NotchRegime.HOLD):
             continue
         for begin, last in _held_by_limits(run, one.begin, end):
             held_mps = float(run.speeds_mps[begin])
@@ -162,9 +162,9 @@ def _with_limits_held(phases: list[Phase], run: RunAtNodes, back_share: float) -
             before = _up_to(found, begin, run)
             if before is None:
                 continue
-            found = [*before, Phase(NotchKind.HOLD, 0.0, begin, held_mps)]
+            found = [*before, Phase(NotchRegime.HOLD, 0.0, begin, held_mps)]
             if run.lasts_s(last, end) >= HELD_S:
-                found.append(Phase(NotchKind.TRACTION, one.share or back_share, last, one.target_mps))
+                found.append(Phase(NotchRegime.TRACTION, one.share or back_share, last, one.target_mps))
     return found
 
 
@@ -175,11 +175,11 @@ def _up_to(phases: list[Phase], node: int, run: RunAtNodes) -> list[Phase] | Non
     """
     found = list(phases)
     if run.lasts_s(found[-1].begin, node) < HELD_S:
-        goes_on = len(found) > 1 and found[-2].kind is NotchKind.TRACTION
+        goes_on = len(found) > 1 and found[-2].kind is NotchRegime.TRACTION
         if node > found[-1].begin and not goes_on:
             return None
         found.pop()
-    if found and found[-1].kind is NotchKind.TRACTION:
+    if found and found[-1].kind is NotchRegime.TRACTION:
         found[-1] = found[-1]._replace(target_mps=float(run.speeds_mps[node]))
     return found
 
@@ -201,12 +201,12 @@ def _without_likes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
     found = phases[:1]
     for one in phases[1:]:
         before = found[-1]
-        same = one.kind is NotchKind.HOLD and abs(one.target_mps - before.target_mps) < SAME_MPS
-        if same and before.kind is NotchKind.HOLD:
+        same = one.kind is NotchRegime.HOLD and abs(one.target_mps - before.target_mps) < SAME_MPS
+        if same and before.kind is NotchRegime.HOLD:
             continue
-        alike = one.kind is before.kind is NotchKind.TRACTION and abs(one.share - before.share) < SAME_SHARE
+        alike = one.kind is before.kind is NotchRegime.TRACTION and abs(one.share - before.share) < SAME_SHARE
         alike = alike and not _holds(before, one.begin, run)
-        if alike or (same and before.kind is NotchKind.TRACTION):
+        if alike or (same and before.kind is NotchRegime.TRACTION):
             found[-1] = before._replace(target_mps=one.target_mps)
         if not alike:
             found.append(one)
@@ -228,10 +228,10 @@ def phases_as_run(
 ) -> tuple[Phase, ...]:
     """The phases of a schedule as its run has them.
 
-    `kinds` are those of the phases with `NotchKind.CURVE` for a brake along the braking curve. Where a limit ahead
+    `kinds` are those of the phases with `NotchRegime.CURVE` for a brake along the braking curve. Where a limit ahead
     brakes the run, a brake begins; a brake that brakes nothing is left out, and one that only holds a speed at first
-    begins later. What is said of speeds to hold is in `das.solver.calm.as_run`; a train that is slower than the speed
-    to hold gets back to it with `back_share` of its traction.
+    begins later. What is said of speeds to hold is in `das.solver.few_switch.as_run`; a train that is slower than
+    the speed to hold gets back to it with `back_share` of its traction.
     """
     said = _without_early_brakes(_without_idle_brakes(phases, kinds, run), run)
     for begin, end in _braked_by_limits(run):
@@ -248,7 +248,7 @@ def with_all_brakes(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, 
         if found[here].kind in BRAKES and found[here].share == 0.0 and ends[here] >= end:
             continue
         before = [one for one in found if one.begin < begin]
-        brake = Phase(NotchKind.BRAKE, 0.0, begin, float(run.speeds_mps[end]))
+        brake = Phase(NotchRegime.BRAKE, 0.0, begin, float(run.speeds_mps[end]))
         after = _from(found, end) if end < len(run.node_m) - 1 else []
         if len(after) > 1 and run.lasts_s(end, after[1].begin) < HELD_S:
             after = [after[1]._replace(begin=end), *after[2:]]
@@ -276,7 +276,7 @@ def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], ru
     found, speeds = list(phases[:1]), run.speeds_mps
     for one, kind, end in list(zip(phases, kinds, ends_of(phases, run), strict=True))[1:]:
         idle = speeds[one.begin] - speeds[end] < IDLE_MPS and speeds[end] > IDLE_MPS
-        if not (kind >= NotchKind.BRAKE and idle):
+        if not (kind >= NotchRegime.BRAKE and idle):
             found.append(one)
     return _without_repeats(found)
 
@@ -286,9 +286,9 @@ def _without_repeats(phases: list[Phase]) -> list[Phase]:
     found = phases[:1]
     for one in phases[1:]:
         before = found[-1]
-        if one.kind is NotchKind.COAST and before.kind is NotchKind.COAST:
+        if one.kind is NotchRegime.COAST and before.kind is NotchRegime.COAST:
             found[-1] = before._replace(target_mps=one.target_mps)
-        elif one.kind is not NotchKind.HOLD or one != before._replace(begin=one.begin):
+        elif one.kind is not NotchRegime.HOLD or one != before._replace(begin=one.begin):
             found.append(one)
     return found
 
@@ -321,7 +321,7 @@ def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> l
         earlier = _early_enough(one.begin, begin, end, run)
         if not here or earlier > phases[here - 1].begin:
             return [*phases[:here], one._replace(begin=earlier), *phases[here + 1 :]]
-    brake = Phase(NotchKind.BRAKE, 0.0, begin, float(run.speeds_mps[end]))
+    brake = Phase(NotchRegime.BRAKE, 0.0, begin, float(run.speeds_mps[end]))
     return [*before, brake, *(_from(phases[here:], end) if end < len(run.node_m) - 1 else [])]
 
 
@@ -344,6 +344,6 @@ def _without_early_brakes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
     found = phases[:1]
     for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
         slows = np.flatnonzero(np.diff(run.speeds_mps[one.begin : end + 1]) < -STEADY_MPS)
-        waits = one.kind in BRAKES and found[-1].kind is NotchKind.HOLD and slows.size > 0
+        waits = one.kind in BRAKES and found[-1].kind is NotchRegime.HOLD and slows.size > 0
         found.append(one._replace(begin=one.begin + int(slows[0])) if waits else one)
     return found

@@ -1,4 +1,5 @@
-"""The hops of a journey: its sections from stop to stop, with the passing points as nodes that keep their speeds."""
+"""The sections of a journey: its sections from stop to stop, with the passing points as nodes that keep their
+speeds."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hop:
+class JourneySection:
     """A section between two stops of a journey.
 
     `places` holds the integration nodes of the start, the passings and the end, `least_s` the times at which the
@@ -35,7 +36,7 @@ class Hop:
     start: Call
     end: Call
     passings: tuple[Passing, ...]
-    section: Section
+    whole: Section
     places: tuple[int, ...]
     least_s: Floats
     fastest_mps: Floats
@@ -43,9 +44,9 @@ class Hop:
     def part(self, first: int, last: int, least_end_mps: float = 0.0) -> Section:
         """The section between two places; it ends at any speed from `least_end_mps` where the last is a passing.
 
-        It begins at whatever speed it is asked for: its start and end speeds are those of the hop.
+        It begins at whatever speed it is asked for: its start and end speeds are those of the section.
         """
-        section, a, b = self.section, self.places[first], self.places[last]
+        section, a, b = self.whole, self.places[first], self.places[last]
         of_intervals = [field.name for field in fields(LineProfile) if field.name != "node_m"]
         inside = (section.decision >= a) & (section.decision <= b)
         floor = section.floor_mps[: b + 1].copy()
@@ -61,25 +62,25 @@ class Hop:
         )
 
 
-def build_hops(
+def build_journey_sections(
     journey: Journey, route: Route, vehicle: Vehicle, *, level: Level | None = None, point_mass: bool = False
-) -> tuple[Hop, ...]:
-    """The hops of a journey on a route.
+) -> tuple[JourneySection, ...]:
+    """The sections of a journey on a route.
 
     Raises as `build_section` does, and InfeasibleError where a passing's speeds cannot be kept.
     """
     journey.check_on(route)
-    hops = []
+    sections = []
     for start, end in pairwise(journey.calls):
         inside = (start.position_m, end.position_m)
         passings = tuple(
             point for point in journey.points if isinstance(point, Passing) and inside[0] < point.position_m < inside[1]
         )
-        hops.append(_hop(route, vehicle, start, end, passings, level, point_mass))
-    return tuple(hops)
+        sections.append(_journey_section(route, vehicle, start, end, passings, level, point_mass))
+    return tuple(sections)
 
 
-def _hop(
+def _journey_section(
     route: Route,
     vehicle: Vehicle,
     start: Call,
@@ -87,7 +88,7 @@ def _hop(
     passings: tuple[Passing, ...],
     level: Level | None,
     point_mass: bool,
-) -> Hop:
+) -> JourneySection:
     section = build_section(
         _with_breakpoints(route, [passing.position_m for passing in passings]),
         vehicle,
@@ -106,11 +107,11 @@ def _hop(
         if speeds[node] < section.floor_mps[node] - tol.SPEED_TOLERANCE_MPS:
             raise _speed_error(section, passing, 0.0, float(speeds[node]))
     places = [0, *inner, len(nodes) - 1]
-    return Hop(
+    return JourneySection(
         start=start,
         end=end,
         passings=passings,
-        section=section,
+        whole=section,
         places=tuple(places),
         least_s=section.elapsed_s(speeds)[places],
         fastest_mps=speeds,

@@ -1,4 +1,5 @@
-"""The backward sweep of calm runs: the best notch of every state, where every change of the notch has a price."""
+"""The backward sweep of few-switch trajectories: the best notch of every state, where every change of the notch has a
+price."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ NO_NOTCH = 255
 
 
 @compiled(fastmath=True)
-def calm_sweep(first, last, prices, moves, policy, value):
+def few_switch_sweep(first, last, prices, moves, policy, value):
     """Bellman sweep under multipliers first … last − 1, whose `prices` are those of time (W) and of a change (J).
 
     Of `policy`, `choice[k, j, l]` becomes the best notch of a state, and bit m of `stay[k, j, l]` says that a train in

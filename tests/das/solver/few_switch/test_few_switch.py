@@ -1,4 +1,5 @@
-"""Calm runs: against the dual bound of the optimum, the independent verifier, and the price of a change."""
+"""Few-switch trajectories: against the dual bound of the optimum, the independent verifier, and the price of a
+change."""
 
 from __future__ import annotations
 
@@ -9,11 +10,11 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import locate_route, locate_vehicle
-from das.solver.calm.calm import CalmRun, goals
-from das.solver.calm.notches import NotchKind
+from das.solver.few_switch.few_switch import FewSwitchTrajectory, goals
+from das.solver.few_switch.notches import NotchRegime
 from das.solver.solution import trajectory_on
 from das.solver.state import State
-from tests.support.calm import BUFFERS, BUNDLED, Which, asked_s, calm_of, excess_ratio, front_of, section_of
+from tests.support.few_switch import BUFFERS, BUNDLED, Which, asked_s, excess_ratio, few_switch_of, front_of, section_of
 from tests.support.making import csv_rows
 from tests.support.raw_data import Line, Train
 from tests.support.verifier import verify
@@ -25,17 +26,19 @@ PRICES_S = (0.003, 0.03, 0.3)
 RUNS = [(which, buffer) for which in BUNDLED for buffer in BUFFERS]
 
 
-def run_of(which: Which, buffer_ratio: float) -> CalmRun:
-    front = calm_of(which)
+def run_of(which: Which, buffer_ratio: float) -> FewSwitchTrajectory:
+    front = few_switch_of(which)
     return front.run(asked_s(which, buffer_ratio), front.section.start_m, 0.0)
 
 
-def changes(run: CalmRun) -> int:
+def changes(run: FewSwitchTrajectory) -> int:
     return sum(a != b for a, b in pairwise(run.notch.tolist()))
 
 
 @pytest.mark.parametrize(("which", "buffer_ratio"), RUNS)
-def test_a_calm_run_is_in_time_and_within_a_hundredth_above_the_dual_bound(which: Which, buffer_ratio: float) -> None:
+def test_a_few_switch_trajectory_is_in_time_and_within_a_hundredth_above_the_dual_bound(
+    which: Which, buffer_ratio: float
+) -> None:
     """Measured: 0.15 to 0.46 % above the bound of the optimum in the run's own time."""
     run = run_of(which, buffer_ratio)
     assert run.time_s <= asked_s(which, buffer_ratio)
@@ -47,7 +50,7 @@ def test_a_higher_price_of_change_makes_no_more_changes_and_costs_no_less(which:
     """At one price of time; with the highest price there are fewer changes than with the lowest, somewhere."""
     counts = []
     for step in range(2, 32, 6):
-        runs = [calm_of(which, price).roll_out(State.at(section_of(which)), step, step, 0) for price in PRICES_S]
+        runs = [few_switch_of(which, price).roll_out(State.at(section_of(which)), step, step, 0) for price in PRICES_S]
         costs = [run.energy_j + run.lambda_w * run.time_s for run in runs]
         for (quiet, busy), (more, less) in zip(pairwise(map(changes, runs)), pairwise(costs), strict=True):
             assert busy <= quiet
@@ -57,7 +60,7 @@ def test_a_higher_price_of_change_makes_no_more_changes_and_costs_no_less(which:
 
 
 @pytest.mark.parametrize(("which", "buffer_ratio"), RUNS[1::2])
-def test_nothing_is_wrong_with_a_calm_run(which: Which, buffer_ratio: float) -> None:
+def test_nothing_is_wrong_with_a_few_switch_trajectory(which: Which, buffer_ratio: float) -> None:
     """A verifier that shares no code with the solver: limits, forces, brakes, accelerations, motion."""
     run, section = run_of(which, buffer_ratio), section_of(which)
     line, train = Line.read(locate_route(which[0])), Train.read(locate_vehicle("re460-ic"))
@@ -68,25 +71,25 @@ def test_nothing_is_wrong_with_a_calm_run(which: Which, buffer_ratio: float) -> 
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_time_and_energy_of_a_run_are_those_of_its_trajectory(which: Which) -> None:
-    """Second witness: times and ledger of `trajectory_on`, with the loss model in Python."""
+    """Second witness: times and energy balance of `trajectory_on`, with the loss model in Python."""
     run, section = run_of(which, 0.08), section_of(which)
     trajectory = trajectory_on(section, section, run.speeds_mps)
     assert run.time_s == pytest.approx(trajectory.time_s, abs=1e-6)
-    assert run.energy_j == pytest.approx(trajectory.ledger(section.vehicle, section.loss).input, rel=1e-9)
+    assert run.energy_j == pytest.approx(trajectory.balance(section.vehicle, section.loss).input, rel=1e-9)
 
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_with_less_time_than_there_is_it_runs_as_fast_as_it_can(which: Which) -> None:
     """A buffer of nothing is met to within 1 %, and no run is faster than the fastest."""
-    front, least_s = calm_of(which), front_of(which).fastest().time_s
+    front, least_s = few_switch_of(which), front_of(which).fastest().time_s
     run = front.run(0.5 * least_s, front.section.start_m, 0.0)
     assert least_s - 1e-6 <= run.time_s <= 1.01 * least_s
 
 
 @pytest.mark.parametrize("which", BUNDLED)
-def test_from_any_state_there_is_a_calm_run_in_time(which: Which) -> None:
+def test_from_any_state_there_is_a_few_switch_trajectory_in_time(which: Which) -> None:
     """Random states within the envelope, in any notch; where there is 10 % more time than the least, it is kept to."""
-    front, section, random = calm_of(which), section_of(which), np.random.default_rng(3)
+    front, section, random = few_switch_of(which), section_of(which), np.random.default_rng(3)
     for _ in range(40):
         s_m = float(random.uniform(section.start_m, section.end_m - 300.0))
         v_mps = float(np.interp(s_m, section.node_m, section.envelope_mps) * random.uniform(0.0, 0.98))
@@ -99,10 +102,10 @@ def test_from_any_state_there_is_a_calm_run_in_time(which: Which) -> None:
 
 def test_a_train_in_a_notch_keeps_it_where_a_change_is_not_worth_its_price() -> None:
     """The same state in two notches: the price of change keeps a run in the one that it is in."""
-    front = calm_of(BUNDLED[1], 0.3)
+    front = few_switch_of(BUNDLED[1], 0.3)
     section = front.section
     kinds = front.notches.kind.tolist()
-    coast, hold = kinds.index(NotchKind.COAST), kinds.index(NotchKind.HOLD)
+    coast, hold = kinds.index(NotchRegime.COAST), kinds.index(NotchRegime.HOLD)
     state = State.at(section, section.start_m + 3000.0, 25.0)
     kept = [
         notch
@@ -113,7 +116,7 @@ def test_a_train_in_a_notch_keeps_it_where_a_change_is_not_worth_its_price() -> 
 
 
 def test_a_state_outside_the_section_is_refused() -> None:
-    front = calm_of(BUNDLED[0])
+    front = few_switch_of(BUNDLED[0])
     with pytest.raises(DasError, match="position"):
         front.run(300.0, front.section.end_m + 1.0, 10.0)
 

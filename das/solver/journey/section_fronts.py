@@ -1,4 +1,4 @@
-"""Fronts of the hops of a journey, whole or in part, under one ladder of multipliers."""
+"""Fronts of the sections of a journey, whole or in part, under one ladder of multipliers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from das.domain.errors import InfeasibleError
 from das.solver import tolerances as tol
 from das.solver.fastest import fastest, least_time_s
 from das.solver.front import Front
-from das.solver.journey.hops import Hop
+from das.solver.journey.sections import JourneySection
 from das.solver.journey.timeline import Stretch
 from das.solver.solution import Fit
 from das.solver.solve import default_ladder, solve_front
@@ -64,61 +64,62 @@ class Ahead:
     least_mps: float
 
 
-class HopFronts:
-    """Solves the fronts of hops; keeps those of whole hops where there is room, and their tables and runs always.
+class SectionFronts:
+    """Solves the fronts of sections; keeps those of whole sections where there is room, and their tables and runs
+    always.
 
-    All hops have the same ladder `ladder_w`: that of the hop with the largest multipliers, and below 0 parts of the
-    idle loss. `least_energy` is the index of 0 in it.
+    All sections have the same ladder `ladder_w`: that of the section with the largest multipliers, and below 0
+    parts of the idle loss. `least_energy` is the index of 0 in it.
     """
 
-    def __init__(self, hops: Sequence[Hop]) -> None:
-        self.hops = tuple(hops)
-        self.ladder_w = _ladder(hops)
+    def __init__(self, sections: Sequence[JourneySection]) -> None:
+        self.sections = tuple(sections)
+        self.ladder_w = _ladder(sections)
         self.least_energy = int(np.searchsorted(self.ladder_w, 0.0))
         self._fronts: dict[int, Front] = {}
         self._tables: dict[int, MultiplierTable] = {}
         self._runs: dict[tuple[int, float], DrivenStretch] = {}
 
     def is_whole(self, stretch: Stretch) -> bool:
-        """Whether a stretch is a hop from stop to stop."""
-        return stretch.last - stretch.first == len(self.hops[stretch.hop].places) - 1
+        """Whether a stretch is a section from stop to stop."""
+        return stretch.last - stretch.first == len(self.sections[stretch.section].places) - 1
 
     def part(self, stretch: Stretch, ahead: Ahead | None) -> Front:
-        """The front of a part of a hop; `ahead` is what comes after its end (None: a stop)."""
-        hop = self.hops[stretch.hop]
+        """The front of a part of a section; `ahead` is what comes after its end (None: a stop)."""
+        journey_section = self.sections[stretch.section]
         if ahead is None:
-            return solve_front(hop.part(stretch.first, stretch.last), lambda_w=self.ladder_w, packed=False)
-        section = hop.part(stretch.first, stretch.last, ahead.least_mps)
+            return solve_front(journey_section.part(stretch.first, stretch.last), lambda_w=self.ladder_w, packed=False)
+        section = journey_section.part(stretch.first, stretch.last, ahead.least_mps)
         speeds = np.linspace(section.floor_mps[-1], section.envelope_mps[-1], section.speed_steps + 1)
         value = np.interp(speeds**2, ahead.speed_mps**2, ahead.value_j)
         value[value > tol.UNREACHABLE] = tol.INFEASIBLE
         return solve_front(section, lambda_w=self.ladder_w, end_value_j=value, packed=False)
 
     def table(self, stretch: Stretch, part: Front | None, speed_mps: float) -> MultiplierTable:
-        """The table of a stretch from a speed: of its part of a hop, or of the whole hop where that is None."""
+        """The table of a stretch from a speed: of its part of a section, or of the whole section where that is None."""
         if part is not None:
             return _table(part, speed_mps)
-        if stretch.hop not in self._tables:
-            self._tables[stretch.hop] = _table(self._whole(stretch.hop), 0.0)
-        return self._tables[stretch.hop]
+        if stretch.section not in self._tables:
+            self._tables[stretch.section] = _table(self._whole(stretch.section), 0.0)
+        return self._tables[stretch.section]
 
     def drive(self, planned: TimedStretch, part: Front | None = None, speed_mps: float = 0.0) -> DrivenStretch:
-        """The run over a part of a hop, or over a whole one where that is None."""
+        """The run over a part of a section, or over a whole one where that is None."""
         if isinstance(planned, DrivenStretch):
             return planned
         if part is not None:
             return _driven(planned, part, speed_mps)
-        key = (planned.stretch.hop, planned.time_s)
+        key = (planned.stretch.section, planned.time_s)
         if key not in self._runs:
-            self._runs[key] = _driven(planned, self._whole(planned.stretch.hop), 0.0)
+            self._runs[key] = _driven(planned, self._whole(planned.stretch.section), 0.0)
         return self._runs[key]
 
-    def _whole(self, hop: int) -> Front:
-        if hop in self._fronts:
-            return self._fronts[hop]
-        front = solve_front(self.hops[hop].section, lambda_w=self.ladder_w, packed=False)
+    def _whole(self, section: int) -> Front:
+        if section in self._fronts:
+            return self._fronts[section]
+        front = solve_front(self.sections[section].whole, lambda_w=self.ladder_w, packed=False)
         if sum(map(_size, self._fronts.values())) + _size(front) <= tol.JOURNEY_FRONTS_BYTES:
-            self._fronts[hop] = front
+            self._fronts[section] = front
         return front
 
 
@@ -131,10 +132,12 @@ def late_s(front: Front, speed_mps: float, left_s: float) -> float:
     return quickest.time_s - left_s if quickest.feasible else math.inf
 
 
-def _ladder(hops: Sequence[Hop]) -> Floats:
-    idle_w = float(hops[0].section.loss.loss_w(0.0, tol.CREEP_MPS))
+def _ladder(sections: Sequence[JourneySection]) -> Floats:
+    idle_w = float(sections[0].whole.loss.loss_w(0.0, tol.CREEP_MPS))
     slow = -idle_w * np.array(tol.LADDER_IDLE_RATIOS if idle_w > 0 else ())
-    return np.concatenate((slow, max((default_ladder(hop.section) for hop in hops), key=lambda ladder: ladder[-1])))
+    return np.concatenate(
+        (slow, max((default_ladder(section.whole) for section in sections), key=lambda ladder: ladder[-1]))
+    )
 
 
 def _size(front: Front) -> int:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from das.solver.calm.as_run import phases_as_run, speeds_as_held
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
-from das.solver.calm.run_at_nodes import RunAtNodes
+from das.solver.few_switch.as_run import phases_as_run, speeds_as_held
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.run_at_nodes import RunAtNodes
 
 Floats = NDArray[np.float64]
-HOLD, COAST, BRAKE, TRACTION = NotchKind.HOLD, NotchKind.COAST, NotchKind.BRAKE, NotchKind.TRACTION
+HOLD, COAST, BRAKE, TRACTION = NotchRegime.HOLD, NotchRegime.COAST, NotchRegime.BRAKE, NotchRegime.TRACTION
 ENVELOPE = np.array([30.0, 30, 30, 30, 26, 22, 20, 20, 20, 20, 20])
 """The highest speeds: a limit of 20 m/s is braked for between nodes 3 and 6."""
 ON_IT = np.array([24.0, 24, 24, 24, 24, 22, 20, 20, 20, 20, 20])
@@ -27,7 +27,7 @@ def as_run(
     phases: list[Phase], speeds: Floats = ON_IT, curve: tuple[int, ...] = (), envelope: Floats = ENVELOPE
 ) -> list[Phase]:
     """The phases as a run has them; those numbered in `curve` brake along the braking curve."""
-    kinds = np.array([NotchKind.CURVE if k in curve else one.kind for k, one in enumerate(phases)])
+    kinds = np.array([NotchRegime.CURVE if k in curve else one.kind for k, one in enumerate(phases)])
     return list(phases_as_run(tuple(phases), kinds, RunAtNodes.of(speeds, envelope, STEP_M), 0.6))
 
 

@@ -1,4 +1,4 @@
-"""A schedule: a calm run as phases by place, each of which says what to do and up to which speed.
+"""A schedule: a few-switch trajectory as phases by place, each of which says what to do and up to which speed.
 
 A driver, and the forecast of what he will do, needs no more: accelerate with this effort to that speed, hold it up to
 this place, coast, brake to that speed.
@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.solver.calm.as_run import phases_as_run, with_all_brakes, with_one_brake
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import Phase
-from das.solver.calm.run_at_nodes import RunAtNodes
-from das.solver.kernels.calm_follow import follow
-from das.solver.kernels.calm_polish import cost_of_time
+from das.solver.few_switch.as_run import phases_as_run, with_all_brakes, with_one_brake
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.run_at_nodes import RunAtNodes
+from das.solver.kernels.few_switch_follow import follow
+from das.solver.kernels.few_switch_polish import cost_of_time
 from das.solver.kernels.forces import electric_limit
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
@@ -109,7 +109,7 @@ class Schedule:
         kinds = np.array([int(one.kind) for one in self.phases])
         targets = np.array([one.target_mps for one in self.phases])
         led_to = self.section.envelope_mps[[*(one.begin for one in self.phases[1:]), len(self.at)]]
-        kinds[(kinds == NotchKind.BRAKE) & (np.abs(led_to - targets) < ON_CURVE_MPS)] = NotchKind.CURVE
+        kinds[(kinds == NotchRegime.BRAKE) & (np.abs(led_to - targets) < ON_CURVE_MPS)] = NotchRegime.CURVE
         return kinds, np.array([one.share for one in self.phases]), targets
 
     def speed_at(self, s_m: float) -> float:
@@ -132,7 +132,7 @@ class Schedule:
     def brakes_by_effort(self, number: int) -> bool:
         """Whether a phase brakes with one effort of the motors to its speed and then holds it: before no limit."""
         kind, share, _ = self.columns
-        return bool(kind[number] == NotchKind.BRAKE and share[number] > 0.0)
+        return bool(kind[number] == NotchRegime.BRAKE and share[number] > 0.0)
 
     def needed_mps2(self, number: int, s_m: float, v_mps: float) -> float:
         """The deceleration (m/s²) here and now of a train that keeps to a phase to brake from a state on."""
@@ -146,7 +146,7 @@ class Schedule:
         before, after = self.section.envelope_mps[interval : interval + 2] ** 2
         step_m = float(self.section.step_m[interval])
         curve = before + (after - before) * (s_m - self.section.node_m[interval]) / step_m - target[number] ** 2
-        if kind[number] == NotchKind.CURVE and curve > 0:
+        if kind[number] == NotchRegime.CURVE and curve > 0:
             return float(reach / curve * max(before - after, 0.0) / (2.0 * step_m))
         return float(reach / (2.0 * max(self.begin_m(number + 1) - s_m, 1.0)))
 
@@ -266,7 +266,7 @@ def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Sch
     for one in schedule.phases:
         if one.begin >= last or one.target_mps <= top_mps:
             found.append(one)
-        elif one.kind in (NotchKind.TRACTION, NotchKind.HOLD):
+        elif one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             found.append(one._replace(target_mps=top_mps))
         else:
             found.append(one)

@@ -1,4 +1,4 @@
-"""Calm runs: among runs with few changes of the notch, those of least cost.
+"""Few-switch trajectories: among runs with few changes of the notch, those of least cost.
 
 The backward sweep of `das.solver.solve` has a second price here: beside energy + λ·time, every change of the notch
 costs a fixed energy, so that a change must save at least that much. A state is a decision node, a speed and the notch
@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.calm.notches import Notches, make_notches
-from das.solver.calm.settings import CalmSettings
+from das.solver.few_switch.notches import Notches, make_notches
+from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Sweep
 from das.solver.in_parts import in_parts
-from das.solver.kernels.calm_moves import calm_moves
-from das.solver.kernels.calm_roll_out import calm_roll_out, run_energy
-from das.solver.kernels.calm_sweep import NO_NOTCH, calm_sweep
+from das.solver.kernels.few_switch_moves import few_switch_moves
+from das.solver.kernels.few_switch_roll_out import few_switch_roll_out, run_energy
+from das.solver.kernels.few_switch_sweep import NO_NOTCH, few_switch_sweep
 from das.solver.kernels.tuples import SpeedBounds
 from das.solver.section import Section
 from das.solver.solve import DecisionGrid, node_behind
@@ -31,10 +31,10 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 
-DEFAULT = CalmSettings()
+DEFAULT = FewSwitchSettings()
 
 
-class CalmMoves(NamedTuple):
+class FewSwitchMoves(NamedTuple):
     """Where every notch leads (nodes, speeds, notches): time (s), energy (J), target speed and weight (see `Moves`)."""
 
     time_s: NDArray[np.float32]
@@ -43,7 +43,7 @@ class CalmMoves(NamedTuple):
     weight: NDArray[np.float32]
 
 
-class CalmPolicy(NamedTuple):
+class FewSwitchPolicy(NamedTuple):
     """The best notch of each state (nodes, speeds, multipliers), and the notches that are kept there, as bits."""
 
     choice: NDArray[np.uint8]
@@ -51,8 +51,8 @@ class CalmPolicy(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CalmRun:
-    """A calm run from a state: speeds at the integration nodes ahead, and the notch of every interval."""
+class FewSwitchTrajectory:
+    """A few-switch trajectory from a state: speeds at the integration nodes ahead, and the notch of every interval."""
 
     state: State
     speeds_mps: Floats
@@ -68,13 +68,13 @@ class CalmRun:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CalmFront:
-    """The calm policies of a section for a ladder of multipliers, ascending."""
+class FewSwitchFront:
+    """The few-switch policies of a section for a ladder of multipliers, ascending."""
 
     section: Section
     lambda_w: Floats
     notches: Notches
-    policy: CalmPolicy
+    policy: FewSwitchPolicy
     goal_mps: Floats
     """At each integration node the lower speed that brakes lead to."""
     sweep: Sweep | None = None
@@ -89,8 +89,8 @@ class CalmFront:
         """The size of the policies (bytes)."""
         return self.policy.choice.nbytes + self.policy.stay.nbytes
 
-    def run(self, time_s: float, s_m: float, v_mps: float, notch: int = NO_NOTCH) -> CalmRun:
-        """The calm run from a state that takes about `time_s`; the fastest one where there is less time.
+    def run(self, time_s: float, s_m: float, v_mps: float, notch: int = NO_NOTCH) -> FewSwitchTrajectory:
+        """The few-switch trajectory from a state that takes about `time_s`; the fastest one where there is less time.
 
         `notch` is the one that the train is in. Raises DasError for a state outside the section, InfeasibleError
         where the section cannot be finished from it.
@@ -121,7 +121,7 @@ class CalmFront:
                 high, best = middle, run
         return best
 
-    def roll_out(self, state: State, quick: int, slow: int, switch: int, notch: int = NO_NOTCH) -> CalmRun:
+    def roll_out(self, state: State, quick: int, slow: int, switch: int, notch: int = NO_NOTCH) -> FewSwitchTrajectory:
         """The run of multiplier `quick` up to decision node `switch`, then of `slow`."""
         self._cover(state)
         speeds = np.empty(len(state.node_m))
@@ -129,14 +129,14 @@ class CalmFront:
         notches = np.empty(len(state.step_m), np.uint8)
         notches[0] = notch
         first = len(self.section.node_m) - len(state.node_m)
-        time_s = calm_roll_out(
+        time_s = few_switch_roll_out(
             state.first_node, switch, quick, slow, state.decision, state.for_kernels,
             SpeedBounds(state.floor_mps, state.envelope_mps), self.goal_mps[first:], self.notches, self.policy,
             self.section.train, speeds, notches,
         )  # fmt: skip
         self.section.finished_s(time_s, float(state.node_m[0]), state.speed_mps)
         energy_j = run_energy(state.for_kernels, self.section.train, self.section.loss_params, speeds)
-        return CalmRun(
+        return FewSwitchTrajectory(
             state=state, speeds_mps=speeds, notch=notches, notches=self.notches, goal_mps=self.goal_mps[first:],
             time_s=time_s, energy_j=energy_j, lambda_w=float(self.lambda_w[quick]),
         )  # fmt: skip
@@ -146,28 +146,31 @@ class CalmFront:
             self.sweep.come_down_to(0)
 
 
-def solve_calm(section: Section, settings: CalmSettings = DEFAULT, *, threads: int = 2) -> CalmFront:
-    """The calm policies of a section."""
-    sweep = _CalmSweep(section, settings, threads)
+def solve_few_switch(section: Section, settings: FewSwitchSettings = DEFAULT, *, threads: int = 2) -> FewSwitchFront:
+    """The few-switch policies of a section."""
+    sweep = _FewSwitchSweep(section, settings, threads)
     sweep.come_down_to(0)
     return sweep.front()
 
 
-def solve_calm_ahead(section: Section, s_m: float, settings: CalmSettings = DEFAULT, *, threads: int = 2) -> CalmFront:
-    """The calm policies of a section for a train at a position (m): only what is ahead of it is solved.
+def solve_few_switch_ahead(
+    section: Section, s_m: float, settings: FewSwitchSettings = DEFAULT, *, threads: int = 2
+) -> FewSwitchFront:
+    """The few-switch policies of a section for a train at a position (m): only what is ahead of it is solved.
 
     What is ahead has the same bits as in the whole; a question from more than `BEHIND_M` further back lets the front
     solve the rest first.
     """
-    sweep = _CalmSweep(section, settings, threads)
+    sweep = _FewSwitchSweep(section, settings, threads)
     sweep.come_down_to(node_behind(section, s_m))
     return sweep.front()
 
 
-class _CalmSweep:
-    """The sweep of calm runs from the end of a section towards its begin, as far as it has come; safe in threads."""
+class _FewSwitchSweep:
+    """The sweep of few-switch trajectories from the end of a section towards its begin, as far as it has come; safe
+    in threads."""
 
-    def __init__(self, section: Section, settings: CalmSettings, threads: int) -> None:
+    def __init__(self, section: Section, settings: FewSwitchSettings, threads: int) -> None:
         self.grid = DecisionGrid.of(section)
         self.notches = make_notches(settings.traction_shares, settings.brake_shares)
         self.goal_mps = goals(section.envelope_mps)
@@ -175,7 +178,7 @@ class _CalmSweep:
         self.ladder = usable_w * np.geomspace(settings.low_ratio, settings.high_ratio, settings.ladder_size)
         self._change_j = np.full(len(self.ladder), settings.change_s * usable_w)
         n, states, size = len(self.grid.node_m) - 1, self.grid.speed_steps + 1, len(self.ladder)
-        self._policy = CalmPolicy(np.empty((n, states, size), np.uint8), np.empty((n, states, size), np.uint16))
+        self._policy = FewSwitchPolicy(np.empty((n, states, size), np.uint8), np.empty((n, states, size), np.uint16))
         self._value_j = np.zeros((states, len(self.notches.kind), size))
         self._threads, self._known_from, self._lock = threads, n, Lock()
 
@@ -191,30 +194,30 @@ class _CalmSweep:
             if first >= last:
                 return
             moves = self._moves(first, last)
-            policy = CalmPolicy(self._policy.choice[first:last], self._policy.stay[first:last])
+            policy = FewSwitchPolicy(self._policy.choice[first:last], self._policy.stay[first:last])
             prices = (self.ladder, self._change_j)
             with ThreadPoolExecutor(self._threads) as pool:
-                in_parts(pool, self._threads, len(self.ladder), calm_sweep, prices, moves, policy, self._value_j)
+                in_parts(pool, self._threads, len(self.ladder), few_switch_sweep, prices, moves, policy, self._value_j)
             self._known_from = first
 
-    def front(self) -> CalmFront:
+    def front(self) -> FewSwitchFront:
         """The front, which lets the sweep go on where more is asked for."""
-        return CalmFront(
+        return FewSwitchFront(
             section=self.grid.section, lambda_w=self.ladder, notches=self.notches, policy=self._policy,
             goal_mps=self.goal_mps, sweep=self if self._known_from > 0 else None,
         )  # fmt: skip
 
-    def _moves(self, first: int, last: int) -> CalmMoves:
+    def _moves(self, first: int, last: int) -> FewSwitchMoves:
         """The moves of the nodes first … last − 1."""
         grid, section = self.grid, self.grid.section
         shape = (len(grid.node_m) - 1, grid.speed_steps + 1, len(self.notches.kind))
-        moves = CalmMoves(
+        moves = FewSwitchMoves(
             np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int16),
             np.empty(shape, np.float32),
         )  # fmt: skip
 
         def fill(begin: int, end: int) -> None:
-            calm_moves(
+            few_switch_moves(
                 first + begin, first + end, grid.line, grid.bounds, self.goal_mps[section.decision], grid.speed_steps,
                 self.notches, section.train, section.loss_params, moves,
             )  # fmt: skip
@@ -222,7 +225,7 @@ class _CalmSweep:
         with ThreadPoolExecutor(self._threads) as pool:
             in_parts(pool, self._threads, last - first, fill)
         rows = slice(first, last)
-        return CalmMoves(moves.time_s[rows], moves.energy_j[rows], moves.target[rows], moves.weight[rows])
+        return FewSwitchMoves(moves.time_s[rows], moves.energy_j[rows], moves.target[rows], moves.weight[rows])
 
 
 def goals(envelope_mps: Floats) -> Floats:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.calm.phases import Phase
+from das.solver.few_switch.phases import Phase
 
 Floats = NDArray[np.float64]
 STEADY_MPS = 0.01

@@ -1,4 +1,4 @@
-"""The command `das-precompute calm`: what it costs that a driver has few things to do."""
+"""The command `das-precompute few-switch`: what it costs that a driver has few things to do."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from precompute.cli.solve import solved_front
 
 if TYPE_CHECKING:
     from das.domain.trajectory import Trajectory
-    from das.solver.calm.calm import CalmFront
+    from das.solver.few_switch.few_switch import FewSwitchFront
     from das.solver.front import Front
     from das.solver.section import Section
 
@@ -40,7 +40,7 @@ LEGEND = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalmRow:
+class FewSwitchRow:
     """A run beside what calm costs; `price_s` is None for the optimum and for four modes.
 
     `shortest_s` is the shortest time between two changes in which the train does not brake, NaN where there is none.
@@ -71,7 +71,7 @@ class CalmRow:
         }
 
 
-def calm(
+def few_switch(
     pose: Pose,
     buffers: Annotated[
         str, typer.Option("--buffers", metavar="LIST", help="Buffers in %, with commas between.")
@@ -86,9 +86,9 @@ def calm(
 ) -> None:
     """Show what few changes of the controller cost: energy for each of a list of prices of a change.
 
-    A calm run makes a change only where it saves as much energy as the train's full power needs in the time given as
-    its price. The rows show the schedule that the coach would make of such a run, with the section's own braking,
-    beside the optimum and the best run of four modes.
+    A few-switch trajectory makes a change only where it saves as much energy as the train's full power needs in the
+    time given as its price. The rows show the schedule that the coach would make of such a run, with the section's
+    own braking, beside the optimum and the best run of four modes.
     """
     wanted = numbers("--buffers", buffers)
     for one in wanted:
@@ -102,12 +102,12 @@ def calm(
         from precompute.baselines import strategies
 
         strategies.warm_up()
-    with busy("solving calm runs …"):
-        calms = list(_calm_fronts(section, prices_s))
+    with busy("solving few-switch trajectories …"):
+        few_switch_fronts = list(_few_switch_fronts(section, prices_s))
     found = []
     for buffer_percent in wanted:
         with busy(f"looking for runs with a buffer of {buffer_percent:g} % …"):
-            rows = list(calm_rows(front, calms, buffered(min_time_s, buffer_percent)))
+            rows = list(few_switch_rows(front, few_switch_fronts, buffered(min_time_s, buffer_percent)))
         found.append({"buffer_percent": buffer_percent, "runs": [row.as_dict() for row in rows]})
     if as_json:
         print(json.dumps({"min_time_s": min_time_s, "points": found}))
@@ -116,30 +116,32 @@ def calm(
         _print_rows(section.name, point, last=point is found[-1])
 
 
-def _calm_fronts(section: Section, prices_s: list[float]) -> Iterator[tuple[float, CalmFront]]:
-    """The calm runs of a section for each price of a change (s)."""
-    from das.solver.calm.calm import solve_calm
-    from das.solver.calm.settings import CalmSettings
+def _few_switch_fronts(section: Section, prices_s: list[float]) -> Iterator[tuple[float, FewSwitchFront]]:
+    """The few-switch trajectories of a section for each price of a change (s)."""
+    from das.solver.few_switch.few_switch import solve_few_switch
+    from das.solver.few_switch.settings import FewSwitchSettings
 
     for price_s in prices_s:
-        yield price_s, solve_calm(section, CalmSettings(change_s=price_s))
+        yield price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))
 
 
-def calm_rows(front: Front, calms: list[tuple[float, CalmFront]], time_s: float) -> Iterator[CalmRow]:
+def few_switch_rows(
+    front: Front, few_switch_fronts: list[tuple[float, FewSwitchFront]], time_s: float
+) -> Iterator[FewSwitchRow]:
     """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes."""
     from precompute.baselines.strategies import four_modes
 
     section = front.section
     yield _row_of_modes(OPTIMUM, front.trajectory(time_s).trajectory, front)
-    for price_s, solved in calms:
+    for price_s, solved in few_switch_fronts:
         yield _row_of_schedule(price_s, solved, front, time_s)
     yield _row_of_modes(FOUR_MODES, four_modes(section, time_s).trajectory, front)
 
 
-def _row_of_schedule(price_s: float, solved: CalmFront, front: Front, time_s: float) -> CalmRow:
+def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_s: float) -> FewSwitchRow:
     """The schedule of a price, made as the coach makes it."""
-    from das.solver.calm.phases import BRAKES
-    from das.solver.calm.scheduling import polished, scheduled
+    from das.solver.few_switch.phases import BRAKES
+    from das.solver.few_switch.scheduling import polished, scheduled
     from das.solver.solution import trajectory_on
 
     section = front.section
@@ -152,14 +154,14 @@ def _row_of_schedule(price_s: float, solved: CalmFront, front: Front, time_s: fl
     return _row(f"{price_s:g}", price_s, run, front, (begins, brakes))
 
 
-def _row_of_modes(name: str, run: Trajectory, front: Front) -> CalmRow:
+def _row_of_modes(name: str, run: Trajectory, front: Front) -> FewSwitchRow:
     """A run by the modes of its intervals."""
     from das.advice.classifying import classify_modes
-    from das.advice.modes import Mode
+    from das.advice.regimes import Regime
 
     modes = classify_modes(replace(front.trajectory(run.time_s), trajectory=run), front.section)
     begins = np.concatenate(([0], np.flatnonzero(np.diff(modes)) + 1))
-    brakes = modes[begins] >= Mode.REDUCED_BRAKE
+    brakes = modes[begins] >= Regime.REDUCED_BRAKE
     return _row(name, None, run, front, (begins, brakes))
 
 
@@ -169,14 +171,14 @@ def _row(
     run: Trajectory,
     front: Front,
     phases: tuple[NDArray[np.int64], NDArray[np.bool_]],
-) -> CalmRow:
+) -> FewSwitchRow:
     """The row of a run; of each of its phases the first interval, and whether it is a brake."""
     begins, brakes = phases
     lasts_s = np.diff(np.append(run.t_s[begins], run.t_s[-1]))
     others = lasts_s[~brakes]
-    energy_j = run.ledger(front.section.vehicle, front.section.loss).input
-    optimum_j = front.trajectory(run.time_s).ledger.input
-    return CalmRow(
+    energy_j = run.balance(front.section.vehicle, front.section.loss).input
+    optimum_j = front.trajectory(run.time_s).balance.input
+    return FewSwitchRow(
         name=name,
         price_s=price_s,
         changes=len(begins) - 1,

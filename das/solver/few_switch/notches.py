@@ -1,4 +1,5 @@
-"""The notches of a calm run: the few things that a driver does with the controller, one of them at a time."""
+"""The notches of a few-switch trajectory: the few things that a driver does with the controller, one of them at a
+time."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class NotchKind(IntEnum):
+class NotchRegime(IntEnum):
     """What a notch does; the kernels know these numbers."""
 
     TRACTION = 0
@@ -33,7 +34,7 @@ class Notches(NamedTuple):
 
 def make_notches(traction_shares: tuple[float, ...], brake_shares: tuple[float, ...]) -> Notches:
     """The notches with these shares of traction and of the electric brake, and the three that have no share."""
-    kinds = [NotchKind.TRACTION] * len(traction_shares) + [NotchKind.HOLD, NotchKind.COAST]
-    kinds += [NotchKind.BRAKE] * len(brake_shares) + [NotchKind.CURVE]
+    kinds = [NotchRegime.TRACTION] * len(traction_shares) + [NotchRegime.HOLD, NotchRegime.COAST]
+    kinds += [NotchRegime.BRAKE] * len(brake_shares) + [NotchRegime.CURVE]
     shares = (*traction_shares, 0.0, 0.0, *brake_shares, 0.0)
     return Notches(np.array([int(kind) for kind in kinds], dtype=np.int64), np.array(shares))

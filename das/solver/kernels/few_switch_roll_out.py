@@ -1,13 +1,13 @@
-"""Calm runs rolled out over the integration nodes, and their energy."""
+"""Few-switch trajectories rolled out over the integration nodes, and their energy."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from das.compiling.kernels import kernel
-from das.solver.kernels.calm_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
-from das.solver.kernels.calm_sweep import NO_NOTCH
 from das.solver.kernels.driving import drive, full_traction_speed, hurry, trip_time
+from das.solver.kernels.few_switch_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
+from das.solver.kernels.few_switch_sweep import NO_NOTCH
 from das.solver.kernels.forces import (
     electric_limit,
     electric_share,
@@ -77,8 +77,8 @@ def nearest_line(v, floor, top, steps):
 
 
 @kernel
-def calm_roll_out(k0, switch, quick, slow, decision, line, bounds, goal, notches, policy, p, v, notch):
-    """Follow a calm policy from v[0] to the end: multiplier `quick` up to decision node `switch`, then `slow`.
+def few_switch_roll_out(k0, switch, quick, slow, decision, line, bounds, goal, notches, policy, p, v, notch):
+    """Follow a few-switch policy from v[0] to the end: multiplier `quick` up to decision node `switch`, then `slow`.
 
     `decision[m]` are the integration nodes of decision nodes k0 + m; decision[0] = 0. `notch[0]` is the notch that the
     train is in (255: none). Fills v and the notch of every interval; returns the trip time (s), or -1 after a stall.

@@ -10,22 +10,22 @@ import pytest
 
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
-from das.solver.calm.calm import solve_calm
-from das.solver.calm.notches import NotchKind
-from das.solver.calm.phases import BRAKES, Phase
-from das.solver.calm.schedule import Schedule, Scheduled, known_run, on_section, topped
-from das.solver.calm.scheduling import scheduled
-from das.solver.calm.settings import ScheduleSettings
+from das.solver.few_switch.few_switch import solve_few_switch
+from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.phases import BRAKES, Phase
+from das.solver.few_switch.schedule import Schedule, Scheduled, known_run, on_section, topped
+from das.solver.few_switch.scheduling import scheduled
+from das.solver.few_switch.settings import ScheduleSettings
 from das.solver.kernels.forces import electric_limit
 from das.solver.section import Section, build_section
 from das.solver.solution import trajectory_on
-from tests.support.calm import (
+from tests.support.few_switch import (
     BUFFERS,
     BUNDLED,
     Which,
     asked_s,
-    calm_of,
     excess_ratio,
+    few_switch_of,
     front_of,
     lasts_s,
     schedules,
@@ -76,7 +76,7 @@ def test_phases_that_are_no_brakes_last_long_enough_to_be_followed(which: Which,
 @pytest.mark.parametrize(("which", "buffer_ratio"), RUNS)
 def test_phases_strictly_ascend_and_are_fewer_than_the_changes_of_the_run(which: Which, buffer_ratio: float) -> None:
     asked = schedules(which, buffer_ratio)
-    front = calm_of(which)
+    front = few_switch_of(which)
     run = front.run(asked.time_s, front.section.start_m, 0.0)
     for found in (asked.scheduled, asked.polished):
         begins = [one.begin for one in found.schedule.phases]
@@ -89,13 +89,13 @@ def test_phases_strictly_ascend_and_are_fewer_than_the_changes_of_the_run(which:
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_time_and_energy_of_a_forecast_are_those_of_its_trajectory(which: Which) -> None:
-    """Second witness: times and ledger of `trajectory_on`, with the loss model in Python."""
+    """Second witness: times and energy balance of `trajectory_on`, with the loss model in Python."""
     section = section_of(which)
     for buffer in BUFFERS:
         forecast = schedules(which, buffer).polished.forecast
         trajectory = trajectory_on(section, section, forecast.speeds_mps)
         assert forecast.time_s == pytest.approx(trajectory.time_s, abs=1e-6)
-        assert forecast.energy_j == pytest.approx(trajectory.ledger(section.vehicle, section.loss).input, rel=1e-9)
+        assert forecast.energy_j == pytest.approx(trajectory.balance(section.vehicle, section.loss).input, rel=1e-9)
 
 
 @pytest.mark.parametrize("which", BUNDLED)
@@ -228,7 +228,7 @@ def test_from_under_way_a_schedule_needs_the_time_that_is_left() -> None:
     """
     random = np.random.default_rng(5)
     for which in BUNDLED:
-        section, front = section_of(which), calm_of(which)
+        section, front = section_of(which), few_switch_of(which)
         for _ in range(12):
             s_m = float(random.uniform(section.start_m, section.end_m - 2000.0))
             v_mps = float(np.interp(s_m, section.node_m, section.envelope_mps) * random.uniform(0.2, 0.95))
@@ -244,7 +244,7 @@ def test_a_brake_decelerates_as_its_speeds_say() -> None:
     schedule, section = schedules(BUNDLED[0], 0.15).polished.schedule, section_of(BUNDLED[0])
     last = len(schedule.phases) - 1
     one = schedule.phases[last]
-    assert one.kind is NotchKind.BRAKE
+    assert one.kind is NotchRegime.BRAKE
     way_m = section.end_m - schedule.begin_m(last)
     assert schedule.braking_mps2(last) == pytest.approx(schedule.known.speed_mps[one.begin] ** 2 / (2.0 * way_m))
 
@@ -267,7 +267,7 @@ def replace_time(found: Scheduled, later_s: float) -> float:
 def test_settings_change_what_a_schedule_is_made_of() -> None:
     """With 30 s for the least phase there are fewer phases than with 2 s."""
     which = BUNDLED[2]
-    front, time_s = calm_of(which, 0.003), asked_s(which, 0.08)
+    front, time_s = few_switch_of(which, 0.003), asked_s(which, 0.08)
     few, many = (
         len(
             scheduled(front, time_s, front.section.start_m, 0.0, replace(ScheduleSettings(), least_s=s)).schedule.phases
@@ -284,9 +284,9 @@ def braked(share: float, target_mps: float, from_m: float, to_m: float) -> tuple
     """A schedule of the flat 6 km that holds 130 km/h, brakes and holds its speed, and the run that keeps to it."""
     section = section_of(FLAT)
     first, last = (int(np.searchsorted(section.node_m, at)) for at in (from_m, to_m))
-    phases = [Phase(NotchKind.TRACTION, 1.0, 0, 130 * KMH), Phase(NotchKind.BRAKE, share, first, target_mps)]
+    phases = [Phase(NotchRegime.TRACTION, 1.0, 0, 130 * KMH), Phase(NotchRegime.BRAKE, share, first, target_mps)]
     if to_m < section.end_m:
-        phases.append(Phase(NotchKind.HOLD, 0.0, last, target_mps))
+        phases.append(Phase(NotchRegime.HOLD, 0.0, last, target_mps))
     known = known_run(section, np.minimum(section.envelope_mps, 130 * KMH))
     made = Schedule(section=section, phases=tuple(phases), known=known, back_share=0.7)
     schedule, forecast = made.settled(section.start_m, 0.0)
@@ -333,20 +333,21 @@ def test_a_brake_before_no_limit_is_one_effort_and_then_the_speed_is_held() -> N
 
 @pytest.mark.parametrize(("s_m", "v_kmh", "time_s"), [(21_712.0, 102.0, 268.2), (20_494.0, 96.0, 310.0)])
 def test_a_notch_of_the_brake_that_does_not_brake_yet_is_no_brake(s_m: float, v_kmh: float, time_s: float) -> None:
-    """Downhill, where a calm run stays in the brake's notch for kilometres while it is slower than its goal."""
-    front = calm_of(BUNDLED[2])
+    """Downhill, where a few-switch trajectory stays in the brake's notch for kilometres while it is slower than its
+    goal."""
+    front = few_switch_of(BUNDLED[2])
     found = scheduled(front, time_s, s_m, v_kmh * KMH)
     assert found.forecast.time_s <= time_s + 3.0
     speeds = found.schedule.known.speed_mps
     for one, after in pairwise(found.schedule.phases):
-        if one.kind is NotchKind.BRAKE and front.section.node_m[one.begin] > s_m:
+        if one.kind is NotchRegime.BRAKE and front.section.node_m[one.begin] > s_m:
             assert speeds[after.begin] < speeds[one.begin]
 
 
 def test_a_schedule_that_leaves_the_brake_to_the_limits_does_not_say_its_brakes() -> None:
     """A driver who keeps to it would not brake for the stop; made to say what its run does, it says the brake."""
     section = section_of(BUNDLED[0])
-    phases = (Phase(NotchKind.TRACTION, 0.8, 0, 25.0), Phase(NotchKind.HOLD, 0.0, 60, 25.0))
+    phases = (Phase(NotchRegime.TRACTION, 0.8, 0, 25.0), Phase(NotchRegime.HOLD, 0.0, 60, 25.0))
     raw = Schedule(
         section=section, phases=phases, known=known_run(section, np.full(len(section.node_m), 25.0)), back_share=0.7
     )
@@ -354,15 +355,33 @@ def test_a_schedule_that_leaves_the_brake_to_the_limits_does_not_say_its_brakes(
     assert not silent.says_its_brakes
     said = silent.as_run(0.0, 0.0)
     assert said.says_its_brakes
-    assert said.schedule.phases[-1].kind is NotchKind.BRAKE
+    assert said.schedule.phases[-1].kind is NotchRegime.BRAKE
 
 
 def test_an_acceleration_without_which_the_train_stalls_on_a_hill_is_left_in() -> None:
     """It lasts less than 10 s, and without it the schedule would only coast to the hill."""
     hill = make_route(4000.0, [(0.0, 25.0)], [(0.0, 0.0), (3000.0, 0.014), (3400.0, 0.0)])
-    front = solve_calm(build_section(hill, TRAIN))
+    front = solve_few_switch(build_section(hill, TRAIN))
     s_m, v_mps = 2700.0, 11.0
     asked_s = 1.3 * front.run(1.0, s_m, v_mps).time_s
     found = scheduled(front, asked_s, s_m, v_mps)
-    assert found.schedule.phases[found.schedule.number_at(s_m)].kind is NotchKind.TRACTION
+    assert found.schedule.phases[found.schedule.number_at(s_m)].kind is NotchRegime.TRACTION
     assert found.forecast.time_s == pytest.approx(asked_s, abs=1.0)
+
+
+def test_the_time_in_which_limits_ask_for_brakes_that_no_phase_says_is_counted() -> None:
+    """A train that is to hold 30 m/s up to its stop brakes along the curve unsaid; with a phase to brake nothing is."""
+    section = section_of(BUNDLED[0])
+    node_m, held_mps = section.node_m, 30.0
+    known = known_run(section, np.full(len(node_m), held_mps))
+    hold = (Phase(NotchRegime.TRACTION, 1.0, 0, held_mps), Phase(NotchRegime.HOLD, 0.0, 100, held_mps))
+    raw = Schedule(section=section, phases=hold, known=known, back_share=0.6)
+    unsaid = raw.settled(0.0, 0.0)[1]
+    curve = np.flatnonzero(np.abs(unsaid.speeds_mps - section.envelope_mps) < 1e-3)
+    first = int(curve[curve > 100][0])
+    steps_s = 2.0 * section.step_m / np.maximum(unsaid.speeds_mps[:-1] + unsaid.speeds_mps[1:], 1e-3)
+    braked_s = float(steps_s[first:].sum())
+    assert braked_s > 30.0
+    assert 0.8 * braked_s < unsaid.unsaid_s <= braked_s, "but for the last metres, where a step hardly slows the train"
+    said = replace(raw, phases=(*hold, Phase(NotchRegime.BRAKE, 0.0, first - 1, 0.0)))
+    assert said.settled(0.0, 0.0)[1].unsaid_s == 0.0

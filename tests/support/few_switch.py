@@ -1,4 +1,5 @@
-"""The bundled sections with their fronts and calm fronts, made once a process: what tests of calm runs need."""
+"""The bundled sections with their fronts and few-switch fronts, made once a process: what tests of few-switch
+trajectories need."""
 
 from __future__ import annotations
 
@@ -8,10 +9,10 @@ from typing import NamedTuple
 
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
-from das.solver.calm.calm import CalmFront, solve_calm
-from das.solver.calm.schedule import Schedule, Scheduled
-from das.solver.calm.scheduling import polished, scheduled
-from das.solver.calm.settings import CalmSettings
+from das.solver.few_switch.few_switch import FewSwitchFront, solve_few_switch
+from das.solver.few_switch.schedule import Schedule, Scheduled
+from das.solver.few_switch.scheduling import polished, scheduled
+from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
@@ -46,9 +47,9 @@ def front_of(which: Which) -> Front:
 
 
 @cache
-def calm_of(which: Which, change_s: float = CalmSettings().change_s) -> CalmFront:
-    """The calm runs of a bundled section, where a change costs what full power needs in a time."""
-    return solve_calm(section_of(which), CalmSettings(change_s=change_s))
+def few_switch_of(which: Which, change_s: float = FewSwitchSettings().change_s) -> FewSwitchFront:
+    """The few-switch trajectories of a bundled section, where a change costs what full power needs in a time."""
+    return solve_few_switch(section_of(which), FewSwitchSettings(change_s=change_s))
 
 
 def asked_s(which: Which, buffer_ratio: float) -> float:
@@ -59,7 +60,7 @@ def asked_s(which: Which, buffer_ratio: float) -> float:
 @cache
 def schedules(which: Which, buffer_ratio: float) -> Asked:
     """The schedules of a bundled section for a buffer."""
-    front, time_s = calm_of(which), asked_s(which, buffer_ratio)
+    front, time_s = few_switch_of(which), asked_s(which, buffer_ratio)
     start_m = front.section.start_m
     found = scheduled(front, time_s, start_m, 0.0)
     return Asked(time_s, found, polished(found, time_s, start_m, 0.0))

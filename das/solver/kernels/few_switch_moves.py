@@ -1,4 +1,4 @@
-"""Where each notch of a calm run leads from every speed of the decision nodes, and what it costs."""
+"""Where each notch of a few-switch trajectory leads from every speed of the decision nodes, and what it costs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from das.solver.kernels.landings import landing_speed, landing_under, speed_unde
 from das.solver.kernels.speed_grid import grid_speed, locate
 
 TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
-"""The numbers of `das.solver.calm.notches.NotchKind`."""
+"""The numbers of `das.solver.few_switch.notches.NotchRegime`."""
 NO_MOVE = -1
 """The target of a notch that cannot be used from a speed."""
 CONTACT_MPS = 0.2
@@ -77,7 +77,7 @@ def final_landing(kind, share, v0, h, g, q, top, p):
 
 
 @kernel
-def calm_moves(first, last, line, bounds, goal, steps, notches, p, c, moves):
+def few_switch_moves(first, last, line, bounds, goal, steps, notches, p, c, moves):
     """Fill the moves of decision nodes first … last − 1: where each notch leads and what the step costs.
 
     `line`, `bounds` and `goal` hold all decision nodes; row k of `moves` belongs to node k. A standing train has only

@@ -1,4 +1,4 @@
-"""das-precompute calm: what few changes of the controller cost, beside the optimum and four modes."""
+"""das-precompute few-switch: what few changes of the controller cost, beside the optimum and four modes."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from das.command_line.loading import load_route, load_vehicle
-from das.solver.calm.calm import solve_calm
-from das.solver.calm.settings import CalmSettings
+from das.solver.few_switch.few_switch import solve_few_switch
+from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from precompute.baselines.strategies import four_modes
-from precompute.cli.calm import CalmRow, calm_rows
+from precompute.cli.few_switch import FewSwitchRow, few_switch_rows
 from tests.support.making import das_precompute
 
 BUFFER_RATIO = 1.07
@@ -29,32 +29,34 @@ def front() -> Front:
 
 
 @pytest.fixture(scope="module")
-def rows(front: Front) -> dict[str, CalmRow]:
+def rows(front: Front) -> dict[str, FewSwitchRow]:
     """The rows of the command for a buffer of 7 %, by their names."""
-    calms = [(price, solve_calm(front.section, CalmSettings(change_s=price))) for price in PRICES_S]
-    found = calm_rows(front, calms, BUFFER_RATIO * front.fastest().time_s)
+    few_switch_fronts = [
+        (price, solve_few_switch(front.section, FewSwitchSettings(change_s=price))) for price in PRICES_S
+    ]
+    found = few_switch_rows(front, few_switch_fronts, BUFFER_RATIO * front.fastest().time_s)
     return {row.name: row for row in found}
 
 
 def test_the_optimum_and_four_modes_are_those_of_the_front_and_the_baseline(
-    rows: dict[str, CalmRow], front: Front
+    rows: dict[str, FewSwitchRow], front: Front
 ) -> None:
     time_s = BUFFER_RATIO * front.fastest().time_s
     best, run = front.trajectory(time_s), four_modes(front.section, time_s)
-    assert rows["optimum"].energy_j == pytest.approx(best.ledger.input)
-    assert rows["optimum"].more_j == pytest.approx(0.0, abs=1e-4 * best.ledger.input)
-    assert rows["four modes"].energy_j == pytest.approx(run.ledger.input)
+    assert rows["optimum"].energy_j == pytest.approx(best.balance.input)
+    assert rows["optimum"].more_j == pytest.approx(0.0, abs=1e-4 * best.balance.input)
+    assert rows["four modes"].energy_j == pytest.approx(run.balance.input)
     assert rows["four modes"].time_s == pytest.approx(run.time_s)
 
 
-def test_a_dear_change_is_made_less_often_and_no_phase_is_short(rows: dict[str, CalmRow]) -> None:
+def test_a_dear_change_is_made_less_often_and_no_phase_is_short(rows: dict[str, FewSwitchRow]) -> None:
     """On the level with dear changes: accelerate (or hold), coast, brake; so there are two or three changes."""
     assert rows["1"].changes < min(rows["0"].changes, rows["optimum"].changes)
     assert 2 <= rows["1"].changes <= 3
     assert rows["0.03"].shortest_s >= 10.0
 
 
-def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str, CalmRow]) -> None:
+def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str, FewSwitchRow]) -> None:
     for price in PRICES_S:
         row = rows[f"{price:g}"]
         assert -0.001 * row.energy_j < row.more_j < 0.03 * row.energy_j
@@ -62,7 +64,9 @@ def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str,
 
 
 def test_json_has_a_point_a_buffer_and_a_row_a_run(tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, "calm", "flat-6km", "re460-ic", "--buffers", "5,10", "--prices", "0.1", "--json")
+    done = das_precompute(
+        tmp_path, "few-switch", "flat-6km", "re460-ic", "--buffers", "5,10", "--prices", "0.1", "--json"
+    )
     assert (done.returncode, done.stderr) == (0, "")
     found: dict[str, Any] = json.loads(done.stdout)
     assert [point["buffer_percent"] for point in found["points"]] == [5.0, 10.0]

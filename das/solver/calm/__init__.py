@@ -1,1 +1,0 @@
-"""Calm runs of a section: few things to do with the controller, each of them for a while."""
