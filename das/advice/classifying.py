@@ -56,7 +56,7 @@ def classify_modes(solution: Solution, section: Section, settings: ModeSettings 
 def without_short(modes: Modes, t_s: Floats, settings: ModeSettings = DEFAULT.modes) -> Modes:
     """The modes without those too short for a driver to follow; these become the mode before them.
 
-    Successive modes left out last no longer in all than one that is too short. Brakes are never left out.
+    Successive modes that are left out last less than `settings.hold_s` together. Brakes are never left out.
     """
     return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), settings.hold_s))
 
