@@ -241,7 +241,7 @@ class Display:
         self._mode, self._mode_since_ns = mode, now_ns
 
     def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Regime:
-        """The mode to show, with its force kept: those of the plan, or of a stronger brake where one is needed."""
+        """Choose the mode to show, and keep its force: those of the plan, or of a stronger brake if one is needed."""
         shown_n = float(plan.shown_force_n[place.interval])
         eased = too_fast and shown_n > 0  # The plan begins at the brake curve: above it there is no traction.
         wanted = Regime.COAST if eased else Regime(int(plan.modes[place.interval]))

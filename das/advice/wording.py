@@ -81,7 +81,7 @@ def departs_in(seconds: float) -> str:
 
 
 def departs_when_cleared(then: str) -> str:
-    """For a train that stands and is due to go on; `then` are the words on the trip after it."""
+    """For a train that stands and is due to go on; `then` is the reason of the advice after its departure."""
     return f"depart when cleared: {then}"
 
 

@@ -30,7 +30,7 @@ MOST_EXPANSION: Final = 100
 ALWAYS_BYTES: Final = 16 << 20
 """A file may always unpack to this many bytes, however small it is."""
 MOST_MESSAGES: Final = 2_000_000
-"""At most this many messages are read from a file, which is a recording of 60 hours; more would hold up the reader."""
+"""At most this many messages (60 hours of recording) are read from a file; more would hold up the reader."""
 
 
 class ChunkError(Exception):

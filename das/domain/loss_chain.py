@@ -161,7 +161,7 @@ class Motors:
         return self.base_speed_mps / np.maximum(speed_mps, self.base_speed_mps)
 
     def current_ratio(self, shaft_force_n: Floats, speed_mps: Floats) -> Floats:
-        """Current relative to that at rated torque and flux, at the shaft's force (N, at the wheel) and speed."""
+        """Current relative to that at rated torque and flux, at shaft force (N, referred to the wheel) and speed."""
         flux = self.flux_ratio(speed_mps)
         torque = shaft_force_n / self.rated_force_n * np.where(shaft_force_n < 0, self.brake_current_ratio, 1.0)
         # x²·h without dividing by x: 2·(1 − √(1 − x²)); a torque beyond pull-out does not exist, it counts as pull-out.

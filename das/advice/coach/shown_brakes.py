@@ -74,7 +74,7 @@ class ShownBrakes:
         return min(max(wanted_n, least_n), most_n)
 
     def lasts(self, now: Instruction, state: TrainState) -> tuple[float, float]:
-        """The time (s) and the distance (m) in which a brake leads to its speed, at the rate with which it begins."""
+        """The time (s) and the distance (m) in which a brake reaches its speed, at the rate with which it begins."""
         time_s = max(state.v_mps - now.speed_mps, 0.0) / max(self._rate_mps2(-now.effort_ratio, state), LEAST_MPS2)
         return time_s, 0.5 * (state.v_mps + now.speed_mps) * time_s
 
@@ -106,7 +106,7 @@ class ShownBrakes:
         return -settings.beyond_mark_m <= left_m - self.lasts(now, state)[1] <= settings.before_mark_m
 
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
-        """Where a brake for limits ends (m) that is not the brake of the whole phase; infinity if this is none."""
+        """Where a brake ends (m) that limits need and its phase does not; infinity for any other instruction."""
         if now.mode not in BRAKES or (phase.kind is NotchRegime.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
             return math.inf
         needed = self.ahead.needed(state.braked_m, state.v_mps)
@@ -172,7 +172,7 @@ class ShownBrakes:
         return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
-        """The brake that a phase needs from its begin, or from here if that is later.
+        """The brake that a phase needs from its start, or from here if that is later.
 
         A brake that is not shown yet allows for the build-up of the brakes. `brakes`: the train brakes already.
         """
