@@ -27,12 +27,12 @@ LIMIT_TOLERANCE_MPS = 0.5
 STOP_TOLERANCE_M = 5.0
 """Half of the 10 m by which no stop may be missed: the mark is found by eye, from a speed of 2 m/s or so."""
 STEP_M = 20.0
-"""The curve is computed at least every so many metres, and wherever a limit or the supply changes: what gradients and
-curves do under a whole train changes slowly."""
+"""The curve is computed at least every so many metres, and wherever a limit or the supply changes: the effect of
+gradients and curves on a whole train changes slowly."""
 BEYOND_TOP_MPS = 20.0
 """Forces are known up to this much above the train's top speed."""
 BEHIND_M = 100.0
-"""The model begins so far before the section, where a train may still stand that is about to leave."""
+"""The model begins this far before the section, where a train that is about to depart may still stand."""
 
 
 class BrakingBasis(NamedTuple):
@@ -59,8 +59,8 @@ class Needed(NamedTuple):
 class BrakingModel:
     """Limits, full braking and forces of one train on one section.
 
-    The train is taken with the brakes of its policy, without the electric brake where the line does not take it, no
-    lighter and with no more resistance than its file says, and with gradients and curves averaged over its length.
+    The train has the brakes of its policy, without the electric brake where the line does not take its power. It is no
+    lighter and has no more resistance than its file says. Gradients and curves are averaged over its length.
     """
 
     def __init__(self, basis: BrakingBasis) -> None:
@@ -80,11 +80,11 @@ class BrakingModel:
         supply = basis.route.supply().minimum(nodes_m[:-1], nodes_m[1:])
         places[kernels.MOTORS] = (supply >= 0) | (basis.brakes is BrakePolicy.FRICTION)
         places[kernels.ALLOWED + 2] = places[kernels.LIMIT] ** 2
-        # The model ends behind the stop by the tolerance, and the train stands there at the latest.
+        # The model ends beyond the stop, by the tolerance; there the train stands at the latest.
         places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
         self.line = nodes_m, places, _forces_n(train)
         self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
-        """The model as the kernels take it, without and with the numbers of the train."""
+        """`line` and `train` are the model as the kernels take it, without and with the figures of the train."""
         for row in (kernels.ALLOWED, kernels.BOUND):
             kernels.fill_curve(*self.train, row)
 
@@ -108,7 +108,7 @@ class BrakingModel:
         return float(kernels.speed_at(*self.line[:2], kernels.ALLOWED, s_m))
 
     def bound_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) at a position from which full braking keeps them within the tolerances."""
+        """The highest speed (m/s) at a position from which full braking keeps limits and stop within tolerances."""
         return float(kernels.speed_at(*self.line[:2], kernels.BOUND, s_m))
 
     def traction_n(self, v_mps: float) -> float:
@@ -120,7 +120,7 @@ class BrakingModel:
         return float(kernels.force_at(self.line[2], kernels.ELECTRIC, v_mps))
 
     def has_motors(self, s_m: float) -> bool:
-        """Whether the electric brake is there at a position."""
+        """Whether the electric brake is available at a position."""
         nodes_m, places, _ = self.line
         return bool(places[kernels.MOTORS, kernels.interval(nodes_m, s_m)] > 0)
 
@@ -135,7 +135,7 @@ class BrakingModel:
     def needed(self, s_m: float, v_mps: float, within_s: float) -> Needed:
         """The least steady braking from here that keeps every limit ahead and the stop, and the limit here in time.
 
-        A train above the limit here comes down to it `within_s`.
+        A train above the limit here comes down to it in `within_s`.
         """
         nodes_m, places, _ = self.line
         i = int(kernels.interval(nodes_m, s_m))
@@ -200,7 +200,7 @@ def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
 
 
 def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
-    """What gradient and curves take from a train per mass (m/s², uphill > 0), averaged over its length."""
+    """The force per mass with which gradient and curves slow a train (m/s², uphill > 0), averaged over its length."""
     curves = Stretches(
         start_m=route.curvature_per_m.start_m.copy(), value=curve_resistance_mps2(route.curvature_per_m.value)
     )

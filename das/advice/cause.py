@@ -18,9 +18,9 @@ class Cause(IntEnum):
     TWO_OPERATORS = 2
     """Two publishers say which restrictions are in force, and they differ."""
     RESTRICTIONS_UNHEEDED = 3
-    """Restrictions were told that cannot be heeded."""
+    """Restrictions were received that cannot be heeded."""
     JOURNEY_REFUSED = 4
-    """The last journey told cannot be driven, or is not for this node."""
+    """The last journey received cannot be driven, or is not for this node."""
     INTERNAL_ERROR = 5
     """Something went wrong in the program that nobody foresaw."""
     NO_JOURNEY = 6
@@ -32,7 +32,7 @@ class Cause(IntEnum):
     NO_POSITION = 9
     """Nothing has been heard of the train's position."""
     POSITION_REJECTED = 10
-    """What is heard of the position cannot be."""
+    """The position received is impossible or unusable."""
     POSITION_STALE = 11
     """The last position is too old, or positions come too rarely."""
     POSITION_AHEAD = 12
@@ -83,7 +83,7 @@ class Withdrawal:
 
     cause: Cause
     text: str = ""
-    """What another part said: the refusal of a journey or section, the error, the names of two publishers."""
+    """Words from another part of the program: why a journey or section is refused, the error, two publishers' names."""
     problem: Problem | None = None
     """What is wrong with the position."""
     position_m: float = 0.0

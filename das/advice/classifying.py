@@ -16,10 +16,10 @@ Modes = NDArray[np.int64]
 
 
 def classify_modes(solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
-    """The mode of each interval of a run, by its forces against what is available and by its acceleration.
+    """The mode of each interval of a run, from its forces compared with those available, and from its acceleration.
 
-    Between two stretches of cruising, a train that keeps its speed within a ripple is cruising as well: to say coast
-    and traction in turn would ask for what holding the speed does by itself.
+    Between two stretches of cruising, a train that keeps its speed within a ripple is cruising as well: advising coast
+    and traction in turn would ask for what a driver who holds the speed does anyway.
     """
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
@@ -54,9 +54,9 @@ def classify_modes(solution: Solution, section: Section, settings: ModeSettings 
 
 
 def without_short(modes: Modes, t_s: Floats, settings: ModeSettings = DEFAULT.modes) -> Modes:
-    """The modes without those that end sooner than a driver can follow; these become the mode before them.
+    """The modes without those too short for a driver to follow; these become the mode before them.
 
-    The modes left out in a row last no longer than that in all. Brakes are never left out.
+    Successive modes that are left out last less than `settings.hold_s` together. Brakes are never left out.
     """
     return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), settings.hold_s))
 
@@ -70,6 +70,6 @@ def four_modes(modes: Modes, solution: Solution, section: Section, settings: Mod
 
 
 def next_changes(modes: Modes) -> Modes:
-    """For each interval, the interval in which another mode begins (the number of intervals: none does)."""
+    """For each interval, the next one in which another mode begins (the number of intervals if there is none)."""
     changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
     return np.asarray(changes[np.searchsorted(changes, np.arange(len(modes)), side="right")])

@@ -1,4 +1,4 @@
-"""The display: from a plan, and from what was shown before, to the next advice. Every advice of a leg is built here."""
+"""The display: it builds every advice of a leg, from a plan and from what it showed before."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Scene(NamedTuple):
 
 
 class _Change(NamedTuple):
-    """The next mode, and the way (m) and time (s) to it."""
+    """The next mode, and the distance (m) and time (s) to it."""
 
     mode: Regime
     way_m: float
@@ -95,13 +95,13 @@ class Display:
         )
 
     def waiting(self, scene: Scene) -> Advice:
-        """The train stands before its departure; what is known of the way is shown already."""
+        """The train stands before its departure; what is known of the trip ahead is shown already."""
         state, _, planner, goal, _ = scene
         reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
         return self.standing(scene, wording.departs_in((goal.departure_ns - state.now_ns) * NS), reduced_mps)
 
     def departing(self, scene: Scene, plan: Plan) -> Advice:
-        """The train stands and has to go on: to stand until it is cleared, and how the plan departs then.
+        """The train stands and is due to go on: it is told to stand until cleared, and how to depart then.
 
         Speed, force and horizon are those of a standing train, so that a driver who keeps to them does not depart.
         """
@@ -141,7 +141,7 @@ class Display:
         allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
         seconds = np.arange(1, self._settings.display.horizon_s + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
-        # What is allowed where the train is by then, and on the way there: it is nowhere told to speed up again.
+        # The lowest speed allowed up to where the train is by then, so that it is never told to speed up again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
         there = np.minimum.accumulate([planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m])
         return Advice(
@@ -169,7 +169,7 @@ class Display:
         )
 
     def following(self, scene: Scene, plan: Plan) -> Advice:
-        """The advice of a plan for where the train is."""
+        """The advice that follows from a plan at the train's position."""
         state, here, planner, goal, coach = scene
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
@@ -231,7 +231,7 @@ class Display:
         return state.now_ns + round(self._settings.display.valid_for_s / NS)
 
     def _buffer_ratio(self, scene: Scene) -> float:
-        """The time left over the least possible, minus 1; NaN where hardly any driving time is left."""
+        """The time left divided by the least possible, minus 1; NaN if hardly any driving time is left."""
         state, _, planner, goal, _ = scene
         least_s = planner.least_time_s(state.s_m, state.v_mps)
         enough = least_s > self._settings.display.least_for_buffer_s
@@ -241,7 +241,7 @@ class Display:
         self._mode, self._mode_since_ns = mode, now_ns
 
     def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Regime:
-        """The mode to show, with the force that goes with it: the plan's, or a brake that is needed beyond it."""
+        """Choose the mode to show, and keep its force: those of the plan, or of a stronger brake if one is needed."""
         shown_n = float(plan.shown_force_n[place.interval])
         eased = too_fast and shown_n > 0  # The plan begins at the brake curve: above it there is no traction.
         wanted = Regime.COAST if eased else Regime(int(plan.modes[place.interval]))
@@ -286,7 +286,7 @@ class Display:
         if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:
             self._four_mode = planned
         elif self._four_mode is Regime.FULL_BRAKE and shown in (Regime.CRUISE, Regime.COAST):
-            self._four_mode = shown  # Full brakes are not held where the other displays brake no more.
+            self._four_mode = shown  # Full brakes are not kept up once the other displays no longer brake.
         change = int(plan.next_four_change[place.interval])
         after = Regime(int(plan.four_modes[change])) if change < len(plan.modes) else Regime.STOP
         after_s = float(plan.solution.trajectory.t_s[change]) - place.time_s
@@ -330,7 +330,7 @@ class Display:
         return wording.on_time(goal.operator_delay_s)
 
     def _window_said(self, scene: Scene, plan: Plan) -> str:
-        """What is to be said of a point ahead: how long to wait for it, or that its window is missed; else nothing."""
+        """Words on a point ahead: how long to wait before passing it, or that its window is missed; else empty."""
         state, _, planner, goal, _ = scene
         point = goal.passing
         if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:
@@ -342,7 +342,7 @@ class Display:
 
 
 def _top_speed_mps(scene: Scene) -> float:
-    """The top speed to show (m/s), for displays that show no more."""
+    """The top speed to show (m/s), for displays that show nothing else."""
     state, reduced = scene.state, scene.planner.reduced
     return reduced.shown_mps(state.s_m, state.v_mps, state.now_ns, scene.goal.arrival_ns)
 

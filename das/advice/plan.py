@@ -33,16 +33,16 @@ class Plan:
     solution: Solution
     force_n: Floats
     shown_force_n: Floats
-    """The force that goes with the mode: where a short mode is left out, no more than that of the mode before it."""
+    """The force shown with the mode (N): where a short mode is left out, no more than that of the mode before it."""
     modes: NDArray[np.int64]
     four_modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
-    """The interval in which another mode begins (the number of intervals: none does)."""
+    """For each interval, the next one in which another mode begins (the number of intervals if there is none)."""
     next_four_change: NDArray[np.int64]
-    """The interval in which another of the four modes begins (the number of intervals: none does)."""
+    """For each interval, the next one in which another of the four modes begins (their number if there is none)."""
     energy_j: Floats
     energy_after_j: Floats
-    """The energy of all intervals behind each interval."""
+    """For each interval, the energy of all later intervals (J)."""
     speed_w: Floats
     """v² at the nodes."""
 
@@ -86,12 +86,12 @@ class Plan:
         return float(self.energy_j[interval] * part + self.energy_after_j[interval])
 
     def ahead_m(self, here_s: float, count: int) -> Floats:
-        """Where the plan is at the next seconds (m)."""
+        """The planned positions (m) 1, 2 … `count` seconds after a time of the plan (s)."""
         run = self.solution.trajectory
         return np.asarray(np.interp(here_s + np.arange(1.0, count + 1.0), run.t_s, run.s_m))
 
     def horizon(self, here_s: float, section: Section, envelope_w: Floats, count: int) -> tuple[Floats, Floats]:
-        """Speed and force at the next seconds, never above what limits and the stop allow there."""
+        """Planned speed (m/s) and force (N) of the next seconds; no speed is above what limits and the stop allow."""
         run, speeds, forces = self.solution.trajectory, np.empty(count), np.empty(count)
         kernels.horizon(
             here_s, run.s_m, run.t_s, run.v_mps, self.force_n, section.node_m, envelope_w, section.limit_mps,

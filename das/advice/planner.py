@@ -1,4 +1,4 @@
-"""The planner of a section: from a state and what it has to keep to, to the plan. No bus, no clock, no randomness.
+"""The planner of a section: it makes the plan for a state and a goal, without a bus, a clock or randomness.
 
 A plan (the optimal continuation from a state) is kept while the train stays near it, so that the advice does not chase
 the driver; outside the band it is made anew from where the train is. The same inputs give the same plans, bit for bit.
@@ -31,7 +31,7 @@ from das.solver.solution import Solution
 class TrainState(NamedTuple):
     """A train at a moment: time (ns since 1970), position (m) and speed (m/s).
 
-    `ahead_m`: by so much (m) the train may be further ahead than the braking is planned for.
+    `ahead_m`: how much further ahead (m) the train may be than the braking is planned for.
     """
 
     now_ns: int
@@ -51,7 +51,7 @@ class Goal:
 
     `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none), `target_ns` is the
     arrival that traffic management wants (None: that of the timetable). `passing` is the next point to be passed in a
-    window of time, `operator_delay_s` the operator's word on the delay.
+    window of time, `operator_delay_s` the delay that the operator stated.
     """
 
     departure_ns: int = 0
@@ -75,8 +75,8 @@ class PlanBasis:
     """What a section is planned with.
 
     `front` is that of the `section`, or None while none is known; then the plan is the fastest safe run, nowhere
-    faster than `before`, the plan under which the train came so far. `passing` serves a point that is to be passed in a
-    window of time, and `meanwhile` says why no front is known yet.
+    faster than `before`, the plan that the train has followed so far. `passing` holds the fronts for a point that is to
+    be passed in a window of time, and `meanwhile` says why no front is known yet.
     """
 
     section: Section
@@ -95,27 +95,27 @@ class Planner:
         self.allowed_w = self.section.allowed_mps**2
         self._planned_w = self.section.envelope_mps**2
         self.plan: Plan | None = None
-        """The plan that is being advised; None: the next state asks for a new one."""
+        """The plan behind the present advice; None: the next state needs a new one."""
         self.ahead = BrakingAhead(self.section)
         """What limits and the stop ahead ask of the brakes."""
         self.reduced = ReducedSpeed(self.section)
-        """The one highest speed that keeps the time, for displays that show no more."""
+        """The one top speed that keeps the timetable, for displays that show nothing else."""
         self._settings = settings
         self._braked_early = False
 
     @property
     def last_plan(self) -> Plan | None:
-        """The plan that was advised last, under this basis or the one before it."""
+        """The plan behind the last advice, made under this basis or the one before it."""
         return self.plan or self.basis.before
 
     def forget(self) -> None:
-        """The plan does not hold any more."""
+        """Drop the plan: it no longer holds."""
         self.plan = None
 
     def plan_for(self, state: TrainState, goal: Goal) -> Plan:
-        """The plan for a state: the one of before where the train follows it, else a new one.
+        """The plan for a state: the present one if the train follows it, else a new one.
 
-        Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
+        Raises DasError for a state outside the section, InfeasibleError if the section cannot be finished from it.
         """
         if self.plan is None or not self._follows(self.plan, state):
             planned, v_mps = self._planned_mps(state.s_m), state.v_mps
@@ -132,25 +132,25 @@ class Planner:
         return float(plan_kernels.allowed(section.node_m, self.allowed_w, section.limit_mps, s_m))
 
     def _planned_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) that is planned: with a reserve to what is allowed."""
+        """The highest speed (m/s) that is planned: a reserve below what is allowed."""
         section = self.section
         return float(plan_kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
 
     def allowed_for(self, state: TrainState) -> float:
-        """The highest speed (m/s) from which a train keeps limits and the stop wherever it may be."""
+        """The highest speed (m/s) from which limits and the stop are kept, wherever the train may really be."""
         feared_m = self.ahead.feared_m(state.braked_m)
         if feared_m <= state.s_m:
             return self.allowed_mps(state.s_m)
         return self.lowest_allowed_mps(state.s_m, feared_m)
 
     def brakes_late(self, state: TrainState, v_mps: float, within_s: float) -> bool:
-        """Whether full brakes after so long at a speed are too late for what limits and the stop ask for ahead."""
+        """Whether full brakes after `within_s` at a speed would be too late for the limits and the stop ahead."""
         section, from_m = self.section, state.braked_m
         lowest_w = braking_kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
         return math.sqrt(lowest_w) < min(v_mps, self.allowed_mps(state.s_m)) - BEGINS_MPS
 
     def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
-        """The least of what is allowed (m/s) on the way between two positions (m); 0 from the end of the section on."""
+        """The lowest allowed speed (m/s) between two positions (m); 0 from the end of the section on."""
         if to_m >= self.section.end_m:
             return 0.0
         nodes = self.section.node_m
@@ -166,7 +166,7 @@ class Planner:
         return least_time_s(self.section, s_m, v_mps)
 
     def fronts_of(self, point: PassingTarget | None) -> PassingFronts | None:
-        """The fronts that serve a point, where they are known and not those of a point before."""
+        """The fronts for a point; None if they are not known yet or are those of another point."""
         fronts = self.basis.passing
         if point is None or fronts is None or abs(fronts.at_m - point.s_m) > self._settings.plan.same_point_m:
             return None
@@ -176,7 +176,7 @@ class Planner:
         settings, here = self._settings.plan, plan.at(state.s_m)
         age_s = (state.now_ns - plan.made_ns) * NS
         if state.v_mps < STANDSTILL_MPS and plan.force_n[here.interval] < 0:
-            return False  # It stands where it was to brake: the plan does not say how it departs.
+            return False  # The train stands where the plan brakes: the plan does not say how to depart.
         return (
             0 <= age_s <= settings.longest_age_s
             and -settings.slower_band_mps <= state.v_mps - here.speed_mps <= settings.faster_band_mps
@@ -184,7 +184,7 @@ class Planner:
         )
 
     def _brakes_early(self, state: TrainState) -> bool:
-        """Whether the train became slower than planned before what it has to brake for, until it is past it."""
+        """Whether the driver braked early (below the planned speed) for a limit or stop that is still ahead."""
         s_m, v_mps = state.s_m, state.v_mps
         settings = self._settings.plan
         slower = self.plan is not None and self.plan.at(s_m).speed_mps - v_mps > settings.slower_than_planned_mps
@@ -198,7 +198,7 @@ class Planner:
     def _solution(self, state: TrainState, goal: Goal, at_least_s: float) -> Solution:
         """The run for the time that is left, or the most efficient one that is not absurdly slow.
 
-        It takes at least `at_least_s` more than the fastest run.
+        The run takes at least `at_least_s` more than the fastest run.
         """
         front, settings = self.basis.front, self._settings.plan
         if front is None:
@@ -214,7 +214,7 @@ class Planner:
         return fronts.trajectory(to_point_s, left_s, state.s_m, state.v_mps, settings.tolerance_s)
 
     def _time_to_point(self, free: Solution, state: TrainState, point: PassingTarget | None) -> float | None:
-        """The time (s) in which the point is to be passed, where a run passes it outside its window."""
+        """The time (s) to the point for a run that keeps its window; None if the free run keeps the window already."""
         settings = self._settings.plan
         if point is None or state.s_m >= point.s_m - settings.passed_m:
             return None
@@ -229,7 +229,7 @@ class Planner:
         return None
 
     def _cautious(self, state: TrainState) -> Solution:
-        """The run of the plan before, but nowhere faster than is safe now; without such a plan the fastest run."""
+        """The run of the previous plan, but nowhere faster than is safe now; without such a plan the fastest run."""
         before = self.basis.before
         if before is not None:
             try:

@@ -1,5 +1,4 @@
-"""Driving regimes: what a driver does with the controller. `das.advice.classifying` tells those of a run's
-intervals."""
+"""Driving regimes: what a driver does with the controller. `das.advice.classifying` finds those of a run."""
 
 from __future__ import annotations
 
@@ -27,7 +26,7 @@ class Regime(IntEnum):
 
 
 FULL_RATIO: Final = 0.97
-"""An effort of the coach from this share of the largest on counts as full."""
+"""An effort that the coach shows counts as full if it is at least this share of the largest."""
 
 EFFORT_ORDER = (
     Regime.FULL_TRACTION,
@@ -44,7 +43,7 @@ EFFORT_ORDER = (
 """The modes from the most traction to the most brake; a change forwards in this order is never delayed."""
 
 ROLLING = np.array([Regime.REDUCED_TRACTION, Regime.COAST], dtype=np.int64)
-"""These modes count as cruising between two stretches of it, where the speed changes by no more than a ripple."""
+"""Modes that count as cruising between two stretches of cruising if the speed changes by no more than a ripple."""
 
 FOUR_MODES = np.arange(len(Regime))
 """Each mode as one of the four that the simplest display knows: traction, a speed to hold, coast, brake."""
@@ -56,7 +55,7 @@ FOUR_MODES[[Regime.REDUCED_TRACTION, Regime.REDUCED_BRAKE, Regime.FRICTION_BRAKE
 
 
 def departure_regime(effort_ratio: float) -> Regime:
-    """The mode that begins when a train departs with a share of the largest traction; NaN: as a speed to hold needs."""
+    """The mode of a departure with a share of the largest traction; NaN: as much as the speed to hold needs."""
     if math.isnan(effort_ratio):
         return Regime.CRUISE
     return Regime.FULL_TRACTION if effort_ratio >= FULL_RATIO else Regime.REDUCED_TRACTION

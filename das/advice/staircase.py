@@ -20,11 +20,11 @@ LEVEL_MPS = 1e-6
 class Staircase:
     """The top speed to show on a section under a curve of easy braking.
 
-    It is never above the limit over the train, nor above the curve: where the shown speed would be, the speed at the
-    foot of the curve is shown. That is the next lower limit, and before a stop the slowest speed of the settings: a
-    stop has no speed of its own, the driver finds the mark without the display, and a train that stands short of it
-    must still be able to move up. In the last metres, where full braking from the slowest speed would no longer stop
-    the train at the mark, that speed is halved as often as it takes.
+    The speed shown is never above the limit over the train, nor above the curve. Where it would be above the curve,
+    the speed at the foot of the curve is shown instead: the next lower limit, or before a stop the slowest speed of
+    the settings. The speed 0 of a stop itself is not shown: the driver finds the mark without the display, and a train
+    that stands short of the mark must still be able to move up. In the last metres, where full braking from the slowest
+    speed would no longer stop the train at the mark, that speed is halved as often as it takes.
 
     A train so much slower than the curve that speeding up saves time is shown a speed that it can reach before it
     must brake. That speed stands until the curve comes down to it.
@@ -33,19 +33,19 @@ class Staircase:
     def __init__(self, section: Section, curve_mps: Floats, braking_mps2: float, settings: AdviceSettings) -> None:
         self._section, self._settings, self._braking_mps2 = section, settings, braking_mps2
         self._falls = np.diff(curve_mps) < -LEVEL_MPS
-        # An interval in which the curve rises, because the limit does, has the speed from which the next one begins.
+        # Where the curve rises, because the limit does, the interval has the speed with which the next one begins.
         starts = np.where(self._falls, curve_mps[:-1], curve_mps[1:])
         self._start_w, self._end_w = starts**2, curve_mps[1:] ** 2
         self._foot_mps, self._full_w = _feet(self._falls, curve_mps[1:]), section.envelope_mps**2
         self._judged_mps = self._shown_mps = math.nan
 
     def at(self, s_m: float, v_mps: float, judged_mps: float) -> float:
-        """The speed to show (m/s) for a train at a place with a speed, under the judged top speed."""
+        """The speed to show (m/s) to a train with this position and speed, under the judged top speed."""
         i = int(plan_kernels.interval(self._section.node_m, s_m))
         limit_mps = float(self._section.limit_mps[i])
         free_mps = min(self._held(judged_mps), self._whole(limit_mps))
         curve_mps = self.curve_mps(s_m)
-        # A train that slows down already is not told a higher speed that it has yet to come down to.
+        # A train that is slowing down is not shown a higher speed while it is still above that speed.
         slows = self._falls[i] and v_mps > free_mps > self._shown_mps
         if curve_mps >= free_mps:
             self._shown_mps = self._shown_mps if slows else free_mps
@@ -57,14 +57,14 @@ class Staircase:
         return min(self._shown_mps, limit_mps)
 
     def curve_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) at a place from which easy braking keeps all that is ahead."""
+        """The highest speed (m/s) at a place from which easy braking keeps every limit and stop ahead."""
         section = self._section
         i = int(plan_kernels.interval(section.node_m, s_m))
         share = min(max((s_m - section.node_m[i]) / (section.node_m[i + 1] - section.node_m[i]), 0.0), 1.0)
         return math.sqrt(self._start_w[i] + (self._end_w[i] - self._start_w[i]) * share)
 
     def _held(self, judged_mps: float) -> float:
-        """The judged speed in whole steps, which changes only with a judgement that is clearly another one."""
+        """The judged speed in whole steps; it changes only when the judged speed has clearly changed."""
         display = self._settings.display
         if not abs(judged_mps - self._judged_mps) <= display.speed_band_ratio * display.speed_step_mps:
             self._judged_mps = round(judged_mps / display.speed_step_mps) * display.speed_step_mps
@@ -76,7 +76,7 @@ class Staircase:
         return math.floor(speed_mps / step + 1e-9) * step
 
     def _foot(self, i: int, s_m: float) -> float:
-        """The speed to show on a falling curve: the limit at its foot, or a slow one before a stop."""
+        """The speed to show on a falling curve: the limit at the foot of the curve, or before a stop a slow speed."""
         foot_mps = float(self._foot_mps[i])
         return self._whole(foot_mps) if foot_mps > 0 else self._slow_mps(s_m)
 
@@ -91,8 +91,8 @@ class Staircase:
     def _worth_reaching(self, i: int, v_mps: float, curve_mps: float) -> float:
         """The speed (m/s) that a train can reach before it must brake, 0 where speeding up to it saves too little.
 
-        Between the train's speed v and the curve's c, here: with acceleration a and braking b it reaches
-        u² = (b·v² + a·c²)/(a + b), on a way of (c² − v²)/(2b), in the time (u − v)·(1/a + 1/b).
+        With the train's speed v, the curve's speed c here, acceleration a and braking b, the train reaches
+        u² = (b·v² + a·c²)/(a + b), over a distance of (c² − v²)/(2b), in the time (u − v)·(1/a + 1/b).
         """
         gain, braking = self._acceleration_mps2(i, curve_mps), self._braking_mps2
         if v_mps >= curve_mps or gain <= 0:
@@ -104,7 +104,7 @@ class Staircase:
         return reached if saves_s >= self._settings.plan.braked_early_s else 0.0
 
     def _acceleration_mps2(self, i: int, v_mps: float) -> float:
-        """What full traction gives here at a speed."""
+        """The acceleration (m/s²) that full traction gives in an interval at a speed."""
         line = self._section.for_kernels
         here = on_supply(self._section.train, float(line.supply[i]))
         resisting_n = mean_resistance(v_mps, v_mps, float(line.tunnel_n_per_mps2[i]), here) + float(line.constant_n[i])

@@ -1,4 +1,4 @@
-"""The words that go with advice, and with withdrawals. Programs go by causes and modes, never by these texts."""
+"""The words that go with advice, and with withdrawals. Programs must read causes and modes, never these texts."""
 
 from __future__ import annotations
 
@@ -71,17 +71,17 @@ def deviation(late_s: float) -> str:
 
 
 def arrived(late_s: float) -> str:
-    """A train that stands at its stop."""
+    """For a train that stands at its stop."""
     return f"arrived, {deviation(late_s)}"
 
 
 def departs_in(seconds: float) -> str:
-    """A train that waits for its departure."""
+    """For a train that waits for its departure."""
     return f"depart in {seconds:.0f} s"
 
 
 def departs_when_cleared(then: str) -> str:
-    """A train that stands and has to go on; `then` is what is said of its way from there."""
+    """For a train that stands and is due to go on; `then` is the reason of the advice after its departure."""
     return f"depart when cleared: {then}"
 
 
@@ -92,55 +92,55 @@ NOTHING_TO_JUDGE_BY: Final = "the advice could not be judged: no position or spe
 
 
 def brake_for(speed_mps: float, at_m: float, *, stops: bool) -> str:
-    """A train that must brake at once, for a limit or for the stop."""
+    """For a train that must brake at once, for a limit or for the stop."""
     return "brake for the stop" if stops else f"brake to {speed_mps / KMH:.0f} km/h by km {at_m / KM:.2f}"
 
 
 def no_plan_too_fast(why: str) -> str:
-    """A train that is too fast for any plan, and must brake."""
+    """For a train that is too fast for any plan, and must brake."""
     return f"too fast; no plan from here ({why})"
 
 
 def too_fast(excess_mps: float) -> str:
-    """A train above what limits and the stop allow."""
+    """For a train that is faster than limits and the stop allow."""
     return f"{excess_mps / KMH:.0f} km/h too fast"
 
 
 def meanwhile(why: str, *, follows_plan: bool) -> str:
-    """Advice without an optimum while one is looked for."""
+    """For advice without an optimum, while one is being solved."""
     how = "as before, no faster than is allowed now" if follows_plan else "the fastest safe run"
     return f"{why}: {how}"
 
 
 def fastest(late_s: float) -> str:
-    """A train that cannot keep the time."""
+    """For a train that cannot keep the time."""
     return f"fastest, {deviation(late_s)}"
 
 
 def least_energy(late_s: float) -> str:
-    """A train that saves energy, and how late it arrives."""
+    """For a train that saves energy, with how late it arrives."""
     return f"least energy, {deviation(late_s)}"
 
 
 def wait_at(late_s: float, stop: str) -> str:
-    """A train that arrives before its time and waits at the stop."""
+    """For a train that arrives before its time and waits at the stop."""
     return f"least energy, {deviation(late_s)}: wait at {stop}"
 
 
 def on_time(operator_delay_s: float | None) -> str:
-    """A train that keeps the time, with the operator's word on its delay where there is one."""
+    """For a train that keeps the time, with the delay that the operator stated, if any."""
     late = operator_delay_s is not None and operator_delay_s >= 1
     return "least energy on time" + (f", operator says {deviation(operator_delay_s)}" if late else "")  # type: ignore[arg-type]
 
 
 def wait_for_point(point: PassingTarget, now_ns: int) -> str:
-    """A point of the line that must not be passed before a time."""
+    """For a point of the line that must not be passed before a time."""
     assert point.earliest_ns is not None
     return f"{_pass(point)} in {(point.earliest_ns - now_ns) * NS:.0f} s or later{_because(point)}"
 
 
 def point_missed(point: PassingTarget, missed_s: float) -> str:
-    """A point of the line that is passed after its window."""
+    """For a point of the line that is passed after its window."""
     return f"{_pass(point)} as soon as possible, {missed_s:.0f} s too late{_because(point)}"
 
 

@@ -23,16 +23,18 @@ MESSAGE: Final = struct.Struct("<HIQQ")
 RECORD: Final = struct.Struct("<BQ")
 COMPRESSIONS: Final = ("", "zstd", "lz4")
 LARGEST_CHUNK_BYTES: Final = 64 << 20
-"""The recorder's chunks are a few kB, other programs' some MB; one that claims more than this is not unpacked."""
+"""A chunk that claims to be larger is not unpacked. Those of the recorder are a few kB, those of other programs some
+MB."""
 MOST_EXPANSION: Final = 100
+"""A file may unpack to at most this many times its size. Recordings of this project unpack to 3 to 10 times."""
 ALWAYS_BYTES: Final = 16 << 20
-"""A file may unpack to this many times its size, or to this many bytes. Recordings of ours unpack to 3 to 10 times."""
+"""A file may always unpack to this many bytes, however small it is."""
 MOST_MESSAGES: Final = 2_000_000
-"""A recording of 60 hours has as many messages; a file with more would hold up its reader."""
+"""At most this many messages (60 hours of recording) are read from a file; more would hold up the reader."""
 
 
 class ChunkError(Exception):
-    """A record is not as it was written; `first_ns` and `last_ns` are the times of its messages as it states them."""
+    """A record is damaged; `first_ns` and `last_ns` are the times of its messages, as the record states them."""
 
     def __init__(self, what: str, first_ns: int = 0, last_ns: int = 0) -> None:
         super().__init__(what)
@@ -41,7 +43,7 @@ class ChunkError(Exception):
 
 @dataclass
 class Budget:
-    """What may still be unpacked of a file; a small file cannot keep its reader busy, whatever it claims."""
+    """How much of a file may still be unpacked: a small file cannot keep its reader busy, whatever it claims."""
 
     left_bytes: int
     left_messages: int = MOST_MESSAGES
@@ -52,7 +54,7 @@ class Budget:
         return cls(max(ALWAYS_BYTES, MOST_EXPANSION * size_bytes))
 
     def take(self, size_bytes: int) -> None:
-        """Spend bytes; raises DasError where there are not so many left."""
+        """Spend bytes; raises DasError if fewer than these are left."""
         self.left_bytes -= size_bytes
         if self.left_bytes < 0:
             raise DasError(f"unpacks to more than {MOST_EXPANSION} times its size: not a recording")
@@ -65,7 +67,7 @@ class Budget:
 
 
 def chunk_of(content: bytes) -> records.Chunk:
-    """The chunk of a record's content; raises ChunkError where it is none, or another length than it says."""
+    """The chunk in a record's content; raises ChunkError if it is no chunk, or not as long as it states."""
     length = stated_length(content)
     if length is None:
         raise ChunkError("a chunk that cannot be read")
@@ -75,7 +77,7 @@ def chunk_of(content: bytes) -> records.Chunk:
 
 
 def stated_length(head: bytes) -> int | None:
-    """The length of a chunk's content by its own words (bytes), from its first bytes; None where it is no chunk."""
+    """The length of a chunk's content (bytes), as its first bytes state it; None if they are not those of a chunk."""
     if len(head) < HEAD.size:
         return None
     rest: int = HEAD.size + HEAD.unpack_from(head)[4]
@@ -86,14 +88,14 @@ def stated_length(head: bytes) -> int | None:
 
 
 def error_in(chunk: records.Chunk, what: str) -> ChunkError:
-    """Something is wrong with a chunk, whose messages are of these times as it states them."""
+    """The error for a damaged chunk, with the times of its messages as the chunk states them."""
     return ChunkError(what, chunk.message_start_time, chunk.message_end_time)
 
 
 def contents(chunk: records.Chunk, budget: Budget) -> list[records.McapRecord]:
-    """The schemas, channels and messages of a chunk; raises ChunkError where they are not as written.
+    """The schemas, channels and messages of a chunk; raises ChunkError if they are damaged.
 
-    Raises DasError where the file unpacks to more than its budget.
+    Raises DasError if the file unpacks to more than its budget.
     """
     plain = _unpacked(chunk, budget)
     if chunk.uncompressed_crc and zlib.crc32(plain) != chunk.uncompressed_crc:
@@ -118,7 +120,7 @@ def contents(chunk: records.Chunk, budget: Budget) -> list[records.McapRecord]:
                 raise error_in(chunk, "a chunk with something other than messages in it")
     except (ChunkError, DasError):
         raise
-    except Exception as error:  # Struct, UTF-8, end of the data …: there is no common class.
+    except Exception as error:  # Errors of struct, UTF-8, the data's end … have no common class.
         raise error_in(chunk, "a chunk whose records cannot be read") from error
     return found
 
@@ -147,12 +149,12 @@ def _unpacked(chunk: records.Chunk, budget: Budget) -> bytes:
 
 
 def _decompressed(chunk: records.Chunk) -> bytes:
-    """The plain bytes, never more than the chunk says plus one."""
+    """The decompressed bytes: at most one more than the chunk states."""
     if chunk.compression == "zstd":
         if zstandard.frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
             raise ValueError("another size")
         most = max(chunk.uncompressed_size, 1)
-        # Data behind the packed ones are another record's: the chunk's length is damaged.
+        # Bytes after the compressed data belong to another record: then the chunk's length is damaged.
         return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=most, allow_extra_data=False)
     if chunk.compression == "lz4":
         frame = LZ4FrameDecompressor()

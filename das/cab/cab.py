@@ -1,4 +1,4 @@
-"""The cab: all of the on-board system except sockets and clocks. It hears frozen values and answers every tick."""
+"""The cab: all of the on-board system except sockets and clocks. It takes frozen messages and answers every tick."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ from das.estimate.estimate import Estimate
 from das.estimate.localisation import Localisation
 
 LONGEST_REASON = 80
-"""So many letters of a target's reason, or of an error's, are repeated with the advice."""
+"""At most this many letters of a target's reason, or of an error's text, are repeated with the advice."""
 
 
 def no_stopwatch() -> float:
-    """A stopwatch that stands still: nothing that is said depends on how fast the machine is."""
+    """A stopwatch that always reads 0 s, so that no output depends on how fast the machine is."""
     return 0.0
 
 
@@ -60,7 +60,7 @@ class CabSettings:
     advice_period_s: float = 1.0
     """The time between two advices; where it is long, each advice is valid until the next should have come."""
     overdue_periods: float = 1.2
-    """An advice is valid for at least so many times the time to the next."""
+    """An advice is valid for at least this many advice periods."""
     no_restrictions: bool = False
     """Whether the site has no temporary restrictions, so that no list of them needs to be heard."""
     calibrate: bool = False
@@ -68,15 +68,15 @@ class CabSettings:
     background: bool = False
     """Whether fronts are looked for in a thread of their own; else each tick waits for what it needs."""
     stopwatch: Callable[[], float] = no_stopwatch
-    """Gives seconds for the durations in the status; by default none are measured, so that nothing depends on them.
-    In real time it is the `WALL_STOPWATCH`."""
+    """The clock (s) that measures the durations in the status. By default none are measured, so that nothing depends on
+    them; in real time it is the `WALL_STOPWATCH`."""
     advice: AdviceSettings = field(default_factory=AdviceSettings)
     guard: GuardSettings = field(default_factory=GuardSettings)
 
 
 @dataclass(kw_only=True)
 class _Now:
-    """What changes from moment to moment: the clock, the journey told last, and whether an answer is due or failed."""
+    """What changes from moment to moment: the clock, the last journey received, whether an answer is due or failed."""
 
     clock_ns: int = 0
     journey: JourneyHeard | None = None
@@ -85,10 +85,10 @@ class _Now:
 
 
 class Cab:
-    """One train's on-board system: tell it with `hear`, ask it with `tick`.
+    """One train's on-board system: `hear` takes a message, `tick` gives the advice.
 
-    Both return what there is to say, in order. The same values in the same order give the same answers, bit for bit,
-    unless fronts are looked for in the background. Use `close` at the end.
+    Both return what is to be sent, in order. The same messages in the same order give the same answers, bit for bit,
+    unless fronts are solved in the background. Call `close` at the end.
     """
 
     def __init__(self, post: Post, situation: Situation, fronts: Fronts, settings: CabSettings | None = None) -> None:
@@ -100,7 +100,7 @@ class Cab:
         """The state of the train behind the last advice."""
         calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
         self.learning = Learning(calibrator if settings.calibrate else None)
-        """What is learned of the train while driving."""
+        """What is learned about the train while driving."""
         self._post, self._settings = post, settings
         self._guard, self._reporting = Guard(settings.guard), Reporting()
         self._localisation = Localisation(situation.vehicle)
@@ -127,9 +127,10 @@ class Cab:
         self.legs.preparation.close()
 
     def hear(self, heard: Heard | PublisherSeen | NodeSeen | ClockSet) -> list[Output]:
-        """Act on something that was told, or say why not.
+        """Act on a message, or report why not.
 
-        Whatever else goes wrong is said as well, and the next advice is withdrawn: a cab that died could say nothing.
+        Any unforeseen error is reported as well, and the next advice is withdrawn: a cab that crashed could report
+        nothing.
         """
         if isinstance(heard, NodeSeen):
             self._guard.see_node(heard)
@@ -162,10 +163,10 @@ class Cab:
         return self._reporting.take()
 
     def tick(self, now_ns: int, *, dropped: int = 0) -> list[Output]:
-        """Say how we are and advise once, whatever goes wrong: where it does, no advice, and why.
+        """Report the status and advise once; if anything goes wrong, report why there is no advice.
 
-        `dropped` counts the messages that a flood has cost since the start. The advice is last: whoever has it has
-        heard all of this tick.
+        `dropped` counts the messages lost in floods since the start. The advice comes last: whoever has received it has
+        received all of this tick.
         """
         for heard in self._guard.due(now_ns):
             for output in self.hear(dataclasses.replace(heard, heard_ns=now_ns)):
@@ -175,12 +176,12 @@ class Cab:
         try:
             self._judge_day(now_ns)
             self._answer(now_ns, dropped)
-        except Exception as error:  # It is said, and tried again at the next tick.
+        except Exception as error:  # The error is reported; the next tick tries again.
             return self.fail(now_ns, error)
         return self._reporting.take()
 
     def fail(self, now_ns: int, error: Exception) -> list[Output]:
-        """A tick failed, here or where its answer was to be used: no advice, and why."""
+        """Report that a tick failed, here or where its answer was to be used: no advice, and the reason."""
         self._now.failing = True
         self._reporting.note_internal_error()
         text = self._unforeseen(error)
@@ -206,7 +207,7 @@ class Cab:
             self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in heard.targets])
 
     def _begin(self, journey: JourneyHeard) -> None:
-        """Take over a journey, or refuse it: then there is no journey, and no advice, until there is another."""
+        """Take over a journey, or refuse it; after that there is no journey, and no advice, until another one comes."""
         self._now.journey = journey
         try:
             order = self._post.accept(journey)
@@ -227,7 +228,7 @@ class Cab:
         self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
 
     def _judge_day(self, now_ns: int) -> None:
-        """Judge the journey again where the clock has come to its day, or gone from it, since it was last judged."""
+        """Judge the journey again if the clock has entered or left its day since it was last judged."""
         told = self._now.journey
         if told is not None and is_of_another_day(told, now_ns) != is_of_another_day(told, told.heard_ns):
             self._begin(dataclasses.replace(told, heard_ns=now_ns))
@@ -248,7 +249,7 @@ class Cab:
             self._guard.lose_restrictions(why)
 
     def _lose(self, kind: Kind, fault: str) -> None:
-        """Something went wrong that nobody foresaw while this was taken over: the next advice is withdrawn."""
+        """Withdraw the next advice because of an unforeseen error while a message of this kind was taken over."""
         self._trust = dataclasses.replace(self._trust, internal_error=fault)
         if kind is Kind.JOURNEY:
             self._refuse(self._now.clock_ns, fault)
@@ -256,7 +257,7 @@ class Cab:
             self._guard.lose_restrictions(fault)
 
     def _unforeseen(self, error: Exception) -> str:
-        """Say that something went wrong that nobody foresaw, and where; returns the text."""
+        """Report an unforeseen error and where it occurred; returns the text."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
         text = event_wording.internal_error(what, Path(place.filename).name, place.lineno)
@@ -323,7 +324,7 @@ class Cab:
         return leg.withdraw(self.here, why)
 
     def _lasting(self, advice: Advice) -> Advice:
-        """The advice, valid until the next one should have come, however rare they are."""
+        """The advice, valid until the next one should have come, however long the period is."""
         period_s = self._settings.overdue_periods * self._settings.advice_period_s
         least_ns = advice.time_ns + round(period_s / NS)
         if advice.mode is Regime.NONE or advice.valid_until_ns >= least_ns:

@@ -1,4 +1,4 @@
-"""What the cab lets in: things of a sensible size and order, and one publisher of each."""
+"""The guard of the cab: it admits messages of sensible size and order, and only one publisher of each kind."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ from das.estimate.localisation_settings import STALE_AFTER_S
 
 @dataclass(frozen=True, kw_only=True)
 class GuardSettings:
-    """What is too much, too long or too far ahead to be meant."""
+    """Limits beyond which messages are rejected: how much they hold, how long their texts are, and their times."""
 
     most_stops: int = 200
-    """A journey with more stops than this is not meant."""
+    """Journeys with more stops are rejected as nonsense."""
     most_restrictions: int = 100
-    """More restrictions at a time than this are not meant."""
+    """Messages with more restrictions are rejected as nonsense."""
     most_targets: int = 100
-    """More targets at a time than this are not meant."""
+    """Messages with more targets are rejected as nonsense."""
     longest_text: int = 200
-    """A name, an id or a remark of more letters than this is not meant."""
+    """Longest name, id or remark (letters); a message with a longer one is rejected as nonsense."""
     ahead_s: float = 60.0
-    """A message further ahead of the clock than this would shut out those that come after it."""
+    """A message further ahead of the clock than this is put off: it would shut out those that come after it."""
     silent_s: float = STALE_AFTER_S
-    """A publisher of positions that has not been heard for this long has given way to another one. It is the time for
-    which a position is of use."""
+    """A publisher of positions that has been silent for this long gives way to another one. A position can be used for
+    as long."""
 
 
 DEFAULT = GuardSettings()
 
 
 class Guard:
-    """Judges what is heard before anything acts on it; feed it with everything in the order heard."""
+    """Judges messages before anything acts on them; feed it with every message in the order received."""
 
     def __init__(self, settings: GuardSettings = DEFAULT) -> None:
         self._settings = settings
@@ -62,34 +62,34 @@ class Guard:
         self._news: list[str] = []
         self._nodes: list[str] = []
         self.unheeded: str | None = None
-        """Why the restrictions told last cannot be heeded; None: they can."""
+        """Why the restrictions received last cannot be heeded; None: they can."""
 
     def heeds(self, heard: Heard) -> bool:
-        """Whether the sender of a message is the one whose word counts; `take_news` says who is not."""
+        """Whether the sender of a message is the publisher that counts for its kind; `take_news` reports the others."""
         kind, before = kind_of(heard), self._operators.source(kind_of(heard))
         if kind in STATES and heard.source == UNSTAMPED:
             self._refuse_unstamped(kind)
             return False
         counts = self._operators.heeds(heard)
         if before is not None and self._operators.source(kind) != before:
-            # Times of a publisher that is gone say nothing of how old this one's messages are.
+            # The times of a publisher that is gone say nothing about the age of this one's messages.
             self._newest_ns.pop(kind, None)
             self._early.pop(kind, None)
         return counts
 
     def see(self, seen: PublisherSeen) -> Heard | None:
-        """Take note of a publisher that came or went; returns the message to be taken again, for it counts now."""
+        """Take note of a publisher that came or went; returns the message to be taken again because it counts now."""
         return self._operators.see(seen)
 
     def see_node(self, seen: NodeSeen) -> None:
-        """Take note of another node of this train that came or went; of very many, the first ones are remembered."""
+        """Take note of another node of this train that came or went; if there are very many, only of the first ones."""
         if not seen.there:
             self._nodes = [one for one in self._nodes if one != seen.source]
         elif seen.source not in self._nodes and len(self._nodes) < MOST_RIVALS:
             self._nodes.append(seen.source)
 
     def rival_node(self) -> str:
-        """Another node that advises this train as well; else nothing."""
+        """The name of another node that advises this train as well; empty if there is none."""
         return self._nodes[0] if self._nodes else ""
 
     def take_news(self) -> list[str]:
@@ -98,7 +98,7 @@ class Guard:
         return news + self._operators.take_news()
 
     def problem(self, heard: Heard) -> str:
-        """Why something heard is to be ignored, or nothing."""
+        """Why a message is to be ignored; empty if it is not."""
         kind, now_ns = kind_of(heard), heard.heard_ns
         if kind is Kind.RESTRICTION:
             return self._problem_of_restrictions(heard)
@@ -112,9 +112,9 @@ class Guard:
         return event_wording.ignored(kind, found) if found else ""
 
     def due(self, now_ns: int) -> list[Heard]:
-        """The messages that were ahead of the clock and are not any more; they are to be judged again.
+        """The messages that were ahead of the clock and no longer are; they are to be judged again.
 
-        Each sender says a message only once, so the newest of each kind is kept until the clock has reached it.
+        Each sender sends a message only once, so the newest of each kind is kept until the clock has reached it.
         """
         there = [
             (kind, one)
@@ -126,7 +126,7 @@ class Guard:
         return [one for _, one in there]
 
     def rivals(self, now_ns: int) -> str:
-        """The two publishers that both say where the train is, so that one of them is wrong; else nothing."""
+        """The two publishers that both state where the train is, so that one of them is wrong; else empty."""
         return self._publishers[Kind.POSITION].contested(now_ns)
 
     def unstamped(self, now_ns: int) -> bool:
@@ -134,20 +134,20 @@ class Guard:
         return self._publishers[Kind.POSITION].unstamped(now_ns)
 
     def has_rival_efforts(self, now_ns: int) -> bool:
-        """Whether two publishers both say what the wheel forces are, or might: then one of them may be wrong."""
+        """Whether two publishers both state the wheel forces, or may do so unnoticed: then one of them may be wrong."""
         efforts = self._publishers[Kind.EFFORT]
         return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
 
     def rival_operators(self) -> str:
-        """The two publishers that say different restrictions; else nothing."""
+        """The two publishers that state different restrictions; else empty."""
         return self._operators.contested()
 
     def lose_restrictions(self, why: str) -> None:
-        """Nobody knows what is in force until restrictions come that can be heeded."""
+        """Treat what is in force as unknown until restrictions are received that can be heeded."""
         self.unheeded = why
 
     def _refuse_unstamped(self, kind: Kind) -> None:
-        """A state whose sender nobody can tell from another one: of two such senders, either could be wrong."""
+        """Refuse a state without its sender's time stamp: of two such senders, nobody could tell which is wrong."""
         if kind is Kind.RESTRICTION:
             self.lose_restrictions(event_wording.NOT_STAMPED)
             self._news.append(event_wording.restrictions_unheeded(event_wording.NOT_STAMPED))
@@ -155,7 +155,7 @@ class Guard:
             self._news.append(event_wording.ignored(kind, event_wording.NOT_STAMPED))
 
     def _problem_of_restrictions(self, heard: Heard) -> str:
-        """As of anything heard; but without restrictions that can be heeded there must be no advice."""
+        """Like `problem`, for restrictions: unless there are some that can be heeded, there must be no advice."""
         found = self._problem_by_itself(heard)
         if found or not isinstance(heard, RestrictionsHeard):
             self.lose_restrictions(found)
@@ -171,7 +171,7 @@ class Guard:
         return ""
 
     def _problem_by_itself(self, heard: Heard) -> str:
-        """Why something heard is of no use by itself, or nothing."""
+        """Why a message is of no use, whatever was received before; empty if it is of use."""
         kind, now_ns = kind_of(heard), heard.heard_ns
         if isinstance(heard, StateHeard) and now_ns > 0 and _ahead_s(heard, now_ns) > self._settings.ahead_s:
             self._early[kind] = heard
@@ -182,10 +182,13 @@ class Guard:
         return found
 
     def _replayed(self, heard: StateHeard) -> str:
-        """Why a state is not the newest of its kind, or nothing; from now on it is. The bus repeats the newest."""
+        """Why a state is older than the newest of its kind; else empty, and it becomes the newest.
+
+        The bus repeats the newest, so an equal time is no reason.
+        """
         kind, now_ns = kind_of(heard), heard.heard_ns
         newest_ns = self._newest_ns.get(kind, heard.time_ns)
-        # Where the clock was set back, the newest of before shuts nothing out.
+        # If the clock was set back, the newest time from before must not shut anything out.
         was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > self._settings.ahead_s
         if heard.time_ns < newest_ns and not was_set_back:
             return event_wording.older_than_last((newest_ns - heard.time_ns) * NS)
@@ -194,7 +197,7 @@ class Guard:
         return ""
 
     def _problem_of_sense(self, heard: Heard) -> str:
-        """Why nobody can have meant this, or nothing."""
+        """Why a message is nonsense; empty if it makes sense."""
         settings = self._settings
         if isinstance(heard, Unreadable):
             return heard.why or event_wording.NOT_OF_ITS_KIND
@@ -230,9 +233,9 @@ class Publishers:
         self._unstamped_ns: int | None = None
 
     def is_heard(self, source: str, now_ns: int) -> bool:
-        """Whether this publisher's measurement counts; another one's does when the one before has gone silent.
+        """Whether a publisher's measurement counts; a new publisher counts once the previous one has gone silent.
 
-        What is not stamped never counts: two senders of it could not be told apart.
+        A measurement without its sender's time stamp never counts: two such senders could not be told apart.
         """
         if source == UNSTAMPED:
             self._unstamped_ns = now_ns
@@ -248,7 +251,7 @@ class Publishers:
         return True
 
     def contested(self, now_ns: int) -> str:
-        """The two publishers that both measure now, so that neither can be trusted; or nothing."""
+        """The two publishers that both measure now, so that neither can be trusted; else empty."""
         if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._heard_ns):
             return event_wording.two_publishers(self._source, self._rival)
         return ""

@@ -1,7 +1,7 @@
-"""What the cab can be told: one frozen value for each thing. The bus's codec makes them; a simulation may as well.
+"""The messages that the cab receives, as frozen values. The bus's codec makes them; a simulation may do so as well.
 
-`heard_ns` is the clock at the moment of hearing (ns since 1970; 0 while there is no clock yet). `source` names the
-session that said it, where that is known.
+`heard_ns` is the clock at the moment of reception (ns since 1970; 0 while there is no clock yet). `source` names the
+session that sent the message, where that is known.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ UNSTAMPED: Final = "a sender without time stamps"
 
 
 class Kind(StrEnum):
-    """The kinds of things that can be told; their names are those of the bus's topics."""
+    """The kinds of messages; their names are those of the bus's topics."""
 
     POSITION = "position"
     DELAY = "delay"
@@ -30,7 +30,7 @@ class Kind(StrEnum):
 
 
 STATES = (Kind.JOURNEY, Kind.RESTRICTION, Kind.TARGET)
-"""What holds until the next of its kind is told: an older one must not undo a newer, and one publisher says it."""
+"""Kinds whose message holds until the next one: an older one must not undo a newer, and one publisher sends them."""
 
 
 class OrderedStop(NamedTuple):
@@ -43,19 +43,19 @@ class OrderedStop(NamedTuple):
 
 
 class ToldRestriction(Restriction):
-    """A restriction as told, not yet judged: its figures may be anything."""
+    """A restriction as received, before the guard has judged it: its figures may be anything."""
 
     def __post_init__(self) -> None:
         """The guard judges the figures, not the value itself."""
 
 
 def judged(told: Restriction) -> Restriction:
-    """The restriction that is meant by one that was told; raises InputError where nobody can mean it."""
+    """A restriction that was received, with its figures checked; raises InputError if they are impossible."""
     return Restriction(*told.figures)
 
 
 class Target(NamedTuple):
-    """What traffic management wants: a new arrival at a stop, or the window of a point (ns since 1970; 0: open)."""
+    """What traffic management wants: a new arrival at a stop, or a window for a point to pass (ns; 0: open)."""
 
     stop: str = ""
     s_m: float = 0.0
@@ -67,7 +67,7 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Heard:
-    """Something that was told."""
+    """A message that was received."""
 
     kind: ClassVar[Kind]
     heard_ns: int = 0
@@ -84,7 +84,7 @@ class PositionHeard(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class DelayHeard(Heard):
-    """The operator's word on the delay (s; late > 0), said at `time_ns`."""
+    """The delay that the operator stated (s; late > 0) at `time_ns`."""
 
     kind: ClassVar[Kind] = Kind.DELAY
     delay_s: float
@@ -101,14 +101,14 @@ class EffortHeard(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class StateHeard(Heard):
-    """Something that holds until the next of its kind; `time_ns` is when it was said."""
+    """A message that holds until the next of its kind; `time_ns` is when it was sent."""
 
     time_ns: int
 
 
 @dataclass(frozen=True, kw_only=True)
 class JourneyHeard(StateHeard):
-    """What the train is to do. Empty texts: as the cab was started."""
+    """The journey that the train is to make. An empty text stands for what the cab was started with."""
 
     kind: ClassVar[Kind] = Kind.JOURNEY
     route_id: str
@@ -122,19 +122,19 @@ class JourneyHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class RestrictionsHeard(StateHeard):
-    """All temporary restrictions known; none of those told before holds any more."""
+    """All temporary restrictions known; those received before no longer hold."""
 
     kind: ClassVar[Kind] = Kind.RESTRICTION
     restrictions: tuple[Restriction, ...]
 
     def is_same(self, other: Heard | None) -> bool:
-        """Whether another message is this one, whenever it was heard."""
+        """Whether another message equals this one in all but the time of reception."""
         return other is not None and replace(other, heard_ns=self.heard_ns) == self
 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetsHeard(StateHeard):
-    """All targets of traffic management in force; none of those told before holds any more."""
+    """All targets of traffic management in force; those received before no longer hold."""
 
     kind: ClassVar[Kind] = Kind.TARGET
     targets: tuple[Target, ...]
@@ -142,7 +142,7 @@ class TargetsHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class Unreadable(Heard):
-    """Something of a kind that could not be read; `why` in words (nothing: it is not of that kind at all)."""
+    """A message that could not be read; `why` is the reason in words (empty: the message is not of its kind at all)."""
 
     told: Kind
     why: str = ""
@@ -150,7 +150,7 @@ class Unreadable(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class PublisherSeen:
-    """A session has begun to publish a state (`there`), or can do so no more."""
+    """A session has begun to publish a state (`there` is true), or no longer can."""
 
     kind: Kind
     source: str
@@ -160,7 +160,7 @@ class PublisherSeen:
 
 @dataclass(frozen=True, kw_only=True)
 class NodeSeen:
-    """Another session has begun to advise this train (`there`), or can do so no more."""
+    """Another session has begun to advise this train (`there` is true), or no longer can."""
 
     source: str
     there: bool
@@ -168,12 +168,12 @@ class NodeSeen:
 
 @dataclass(frozen=True, kw_only=True)
 class ClockSet:
-    """The clock that the cab is told the time by was set by `step_s` (s; < 0: back)."""
+    """The clock that gives the cab its time was set by `step_s` (s; forwards > 0)."""
 
     step_s: float
     heard_ns: int = 0
 
 
 def kind_of(heard: Heard) -> Kind:
-    """What something that was told is about."""
+    """The kind of a message, also of one that could not be read."""
     return heard.told if isinstance(heard, Unreadable) else heard.kind

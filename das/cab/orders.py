@@ -16,18 +16,18 @@ from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
-"""A journey all of whose times are further from the clock than this is of another day."""
+"""A journey is of another day if all its times are further from the clock than this."""
 
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
-    """Whether all times of a journey are more than a day from the clock (ns since 1970; 0: not known, so no)."""
+    """Whether all times of a journey are more than a day from the clock (ns since 1970; 0: not set, so False)."""
     times_ns = [time_ns for stop in journey.stops for time_ns in (stop.arrival_ns, stop.departure_ns) if time_ns > 0]
     return now_ns > 0 and bool(times_ns) and min(abs(time_ns - now_ns) for time_ns in times_ns) > DAY_NS
 
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """What the legs need of a journey: stops, a timetable for each leg, the train, the level (None: the start's)."""
+    """What the legs need of a journey: stops, a timetable for each leg, the train, the level (None: that at start)."""
 
     stops: tuple[Stop, ...]
     timetables: tuple[Timetable, ...]
@@ -45,7 +45,7 @@ class Post:
     reverse: bool = False
 
     def accept(self, journey: JourneyHeard) -> Order:
-        """The journey as an order; DasError where it is not for this train, line or day, or has no sense."""
+        """The journey as an order; raises DasError if it is not for this train, line or day, or makes no sense."""
         if journey.route_id != self.route.id:
             raise DasError(event_wording.other_route(journey.route_id, self.route.id))
         if journey.train and journey.train != self.train:
@@ -71,7 +71,7 @@ class Post:
 
 
 def _check_times(stops: Sequence[OrderedStop]) -> None:
-    """Times are none (0) or after 1970, the first stop has a departure and the last an arrival; DasError otherwise."""
+    """Raise DasError for a time before 1970 (0: no time), or if the first departure or the last arrival is missing."""
     for number, stop in enumerate(stops, 1):
         for name, time_ns in (("arrival", stop.arrival_ns), ("departure", stop.departure_ns)):
             if time_ns < 0:

@@ -44,7 +44,7 @@ class Entry:
     examples: tuple[str, ...]
 
     def function(self) -> Callable[..., Any]:
-        """Import the command's module; its function."""
+        """Import the command's module and return its function."""
         module, _, name = self.where.partition(":")
         with ended_by_signals():
             function: Callable[..., Any] = getattr(importlib.import_module(module), name)
@@ -101,9 +101,9 @@ def application(
     gone: Mapping[str, str] = MappingProxyType({}),
     without_command: Callable[[], None] | None = None,
 ) -> TyperGroup:
-    """A program of several commands; `without_command` is what it does when none is given (default: print its help).
+    """A program of several commands; `without_command` is called when none is given (default: print the help).
 
-    `gone`: commands that the program no longer has, which help does not list, each with what to run instead.
+    `gone`: commands that the program no longer has, each with what to run instead. The help does not list them.
     """
     app = _typer(no_args_is_help=without_command is None, invoke_without_command=without_command is not None)
 

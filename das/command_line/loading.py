@@ -1,8 +1,8 @@
 """How commands load a route, a vehicle or the compiled solver.
 
-What is unusual about a route or a vehicle is said once, on standard error. `with loading_solver():` stands around the
-first calls of kernels. It says that something is compiled only when it is, and lets Ctrl-C end the process at once: an
-exception in the midst of a compilation may end as anything.
+Unusual values of a route or a vehicle are reported once, on standard error. The first calls of kernels belong inside
+`with loading_solver():`. It announces a compilation only if there is one, and lets Ctrl-C end the process at once: an
+exception in the midst of a compilation may turn into any other error.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def load_vehicle(name_or_path: str) -> Vehicle:
 def warn_of_braking(vehicle: Vehicle) -> None:
     """Print a line about a train whose plans may brake with friction and whose file does not say how hard.
 
-    All brakes at full force at once are planned then, but a friction brake takes some seconds to build up (4 s in
-    position P, UIC 540): a driver who follows such advice runs past his stop.
+    Plans then assume that all brakes act with full force at once. But a friction brake takes some seconds to build up
+    (4 s in position P, UIC 540): a driver who follows such advice runs past his stop.
     """
     from das.domain.vehicle import BrakePolicy
 
@@ -77,10 +77,10 @@ SCIPYS_BLAS = "scipy.linalg.cython_blas"
 
 @contextlib.contextmanager
 def loading_solver() -> Iterator[None]:
-    """Show on a terminal that kernels are loaded, or compiled from the moment when one is; nothing elsewhere.
+    """Show on a terminal that kernels are being loaded, and that they are being compiled once that begins.
 
-    A signal that asks the process to end does so at once with one line and exit code 130. Nothing that must be cleaned
-    up may be open meanwhile.
+    Without a terminal nothing is shown. A signal to end the process does so at once, with one line and exit code 130.
+    So nothing that must be cleaned up may be open meanwhile.
     """
     with ended_by_signals(), _without_scipy():
         if not sys.stderr.isatty():
@@ -108,10 +108,10 @@ def _told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _without_scipy() -> Iterator[None]:
-    """Let numba start without scipy: none of our kernels uses linear algebra, and to load scipy takes a quarter second.
+    """Let numba start without scipy, which takes a quarter of a second to load: no kernel here uses linear algebra.
 
-    At its first call numba imports `SCIPYS_BLAS` to see whether `numpy.cov` in a kernel can use BLAS; where it is
-    missing, that function adds up by itself. Where scipy is imported already, it stays.
+    At its first call numba imports `SCIPYS_BLAS` to see whether `numpy.cov` in a kernel can use BLAS. Without that
+    module, numba's `numpy.cov` sums up without BLAS. If scipy has been imported already, it stays.
     """
     hidden = SCIPYS_BLAS not in sys.modules
     if hidden:

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
 
 REACTION_S = 1.0
-"""A driver begins with a change that was announced this long after it is due (assumption)."""
+"""A driver acts on an announced change this long after it is due (assumption)."""
 DEVIATION_M = 5.0
 """The true position is within this of the estimate: two deviations of a good localisation (assumption)."""
 
@@ -21,20 +21,20 @@ SERVICE_SHARE = 0.9
 class ServiceBraking:
     """The braking that advice plans with; full brakes stay in reserve.
 
-    A train that is planned so and begins to brake for a lower speed, or a stop, `reaction_s` late, with brakes that
-    take `build_up_s` to act fully, still keeps it with its service deceleration.
+    A train planned in this way keeps a lower speed or a stop with its service deceleration, even if it begins to brake
+    `reaction_s` late and its brakes take `build_up_s` to act fully.
     """
 
     deceleration_mps2: float
-    """Limits and stops are braked for at no more than this rate, and at no more than the train's brakes give."""
+    """The highest deceleration planned for limits and stops; it is lower where the train's brakes give less."""
     build_up_s: float
     """The time from the driver's command until the brakes act fully."""
     reaction_s: float = REACTION_S
     """The time from a change on the display until the driver acts on it."""
     deviation_m: float = DEVIATION_M
-    """A lower limit holds from this much before its place, and until this much behind its end."""
+    """A lower limit is planned from this far before its start until this far beyond its end."""
     below_limit_mps: float = 0.0
-    """Limits are planned with this margin."""
+    """Plans stay below limits by this margin."""
 
     @property
     def delay_s(self) -> float:
@@ -44,7 +44,7 @@ class ServiceBraking:
 
 @dataclass(frozen=True, kw_only=True)
 class SiteBraking:
-    """What an operator says of how its drivers brake; None: as the train's file says, or as is usual."""
+    """How an operator says that its drivers brake; a deceleration of None: as the train's file says, or as is usual."""
 
     deceleration_mps2: float | None = None
     reaction_s: float = REACTION_S
@@ -63,4 +63,4 @@ class SiteBraking:
 
 
 USUAL = SiteBraking()
-"""The operator says nothing of its drivers."""
+"""The braking of drivers of whom the operator says nothing."""

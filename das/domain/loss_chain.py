@@ -1,13 +1,13 @@
 """A parametric loss chain from current collector to wheel: transformer, converter, motors, gear, auxiliaries.
 
-The measured maps behind the paper are confidential; this makes a map of the same kind from named components. Each
-component is a small dataclass with the textbook formula of its loss and where it is from; parameters are assumptions
-or results of the calibration, as the vehicle's file states (docs/explanation/loss-maps.md).
+The measured maps behind the paper are confidential; this module makes a map of the same kind from named components.
+Each component is a small dataclass with the textbook formula of its loss and the formula's source. The parameters are
+assumptions or results of the calibration, as the vehicle's file states (docs/explanation/loss-maps.md).
 
-Power is followed from the wheel to the line, so that the quadrants differ by themselves: when driving every component
-carries the losses of those behind it as well, when braking it carries less than the wheel gives. Symbols: F wheel
-force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the motors relative to their rated ones, i
-motor current relative to the one at rated torque and flux.
+Power is followed from the wheel to the line, so that driving and braking differ without further assumptions: when
+driving, every component also carries the losses of those nearer to the wheel; when braking, it carries less than the
+wheel gives. Symbols: F wheel force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the motors
+relative to their rated ones, i motor current relative to the one at rated torque and flux.
 
 Sources: [S] Steimel, Electric Traction – Motive Power and Energy Supply (three-phase traction chain, pulse patterns,
 field weakening); [M] Mohan, Undeland, Robbins, Power Electronics (conduction, switching, GTO snubbers); [B] Bose,
@@ -32,7 +32,7 @@ MAP_SPEED_STEP_MPS = 1.0 * KMH
 MAP_FORCE_STEP_N = 1.0 * KN
 """Grid of the map: 1 km/h × 1 kN, the paper's."""
 MOST_MAP_POINTS = 5e6
-"""A map with more is a mistake in speeds or forces (the Re 460's has 120 000)."""
+"""A map with more points is a mistake in speeds or forces (the Re 460's has 120 000)."""
 LARGEST_PARAMETER = 1e12
 """No parameter of a train in SI units is larger."""
 
@@ -161,7 +161,7 @@ class Motors:
         return self.base_speed_mps / np.maximum(speed_mps, self.base_speed_mps)
 
     def current_ratio(self, shaft_force_n: Floats, speed_mps: Floats) -> Floats:
-        """Current relative to that at rated torque and flux, at the force (N, of the wheel's radius) and speed."""
+        """Current relative to that at rated torque and flux, at shaft force (N, referred to the wheel) and speed."""
         flux = self.flux_ratio(speed_mps)
         torque = shaft_force_n / self.rated_force_n * np.where(shaft_force_n < 0, self.brake_current_ratio, 1.0)
         # x²·h without dividing by x: 2·(1 − √(1 − x²)); a torque beyond pull-out does not exist, it counts as pull-out.
@@ -193,7 +193,7 @@ class Gear:
         _check(self, "gear", positive=("churning_speed_mps",))
 
     def drag_n(self, force_n: Floats, speed_mps: Floats) -> Floats:
-        """Loss per way (N) at wheel force (N, either sign) and speed: what the motors give on top, or get less."""
+        """Loss per distance (N) at wheel force (N, either sign) and speed: what the motors give more or get less."""
         return self.mesh_ratio * np.abs(force_n) + self.churning_w * speed_mps / self.churning_speed_mps**2
 
 
@@ -264,7 +264,7 @@ def _total(losses: dict[str, Floats]) -> Floats:
 
 
 def _check(component: object, name: str, positive: tuple[str, ...] = ()) -> None:
-    """Every parameter must be finite, >= 0 and of a train's size, those named > 0."""
+    """Raise InputError unless all parameters are finite, >= 0 and of a train's size, and those named are > 0."""
     for item in fields(component):  # type: ignore[arg-type]
         value = getattr(component, item.name)
         if not np.isfinite(value).all() or np.any(np.asarray(value) < 0):

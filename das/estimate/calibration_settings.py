@@ -22,19 +22,19 @@ class SampleSettings:
     every_s: float = 0.9
     """A sample nearer than this to the one before is left out: a window takes about one sample a second."""
     longest_gap_s: float = 2.5
-    """After a longer gap between samples a window begins anew; efforts further apart than this say nothing of the
+    """After a longer gap between samples a window begins anew; efforts further apart than this say nothing about the
     forces between them."""
     most_waiting: int = 100
-    """This many positions wait for the effort after them; older ones are dropped, so that memory stays bounded."""
+    """At most this many positions wait for the next effort; older ones are dropped, so that memory stays bounded."""
     slowest_mps: float = 5.0
-    """Samples of slower trains do not count: below this brakes are released, couplers stretch and the resistance does
+    """Samples at lower speeds do not count: there brakes are being released, couplers stretch, and the resistance does
     not follow Davis."""
     adhesion_ratio: float = 0.9
     """Samples with forces above this share of what a dry rail carries do not count, because wheels may slip."""
     possible_force_ratio: float = 1.5
-    """An effort with forces above the train's largest one times this is a fault of the sensor."""
+    """A force above this times the train's largest one is a fault of the sensor."""
     overspeed_ratio: float = OVERSPEED_RATIO
-    """A speed above the train's largest one times this is a fault of the sensor, as it is for the localisation."""
+    """A speed above this times the train's top speed is a fault of the sensor, as it is for the localisation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,11 +54,11 @@ class WindowSettings:
     line_sd_ratio: float = 2e-4
     """How well gradients and curves under the train are known, as a share of its weight (one standard deviation)."""
     odometry_m: float = 40.0
-    """A window is left out where its positions and its speeds differ on the way by more than this."""
+    """A window is left out if its positions and its speeds disagree about the distance run by more than this."""
     neutral_margin_m: float = 30.0
     """A window that comes nearer than this to a neutral section is left out."""
     grid_m: float = 10.0
-    """The line is integrated along the way in steps of this."""
+    """The step with which the line is integrated along the way."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,18 +72,19 @@ class BeliefSettings:
     most: MassAndResistance = field(default=MassAndResistance(1.6, 2.5))
     """The largest values of the two estimates: an overloaded train, and a storm from ahead."""
     forgetting: float = 0.98
-    """An observation counts for this share of itself after another one that says the same: the memory is about 50
-    windows, 17 minutes."""
+    """The weight of an observation is multiplied by this at every later one about the same ratio: the memory is about
+    50 windows, 17 minutes."""
     informative_sds: float = 2.0
-    """A window counts where the spread before anything is measured shows in it by at least this many standard
+    """A window counts if the prior spread of the ratios (`prior_sd`) would show in it by at least this many standard
     deviations of its noise."""
     surprise_sds: float = 4.0
     """A window further than this many standard deviations from what is expected is left out: wheels slipped, a sensor
     failed, or a force is unknown."""
     surprises: int = 3
-    """This many such windows in a row mean that the world has changed: the resistance is learned anew."""
+    """This many surprising windows in a row mean that conditions have changed: the resistance is learned anew."""
     model_sd: MassAndResistance = field(default=MassAndResistance(0.005, 0.015))
-    """What stays open however long is measured: the forces between samples, and the shape of the resistance."""
+    """The uncertainty that no amount of measuring removes (one standard deviation): forces between samples are unknown,
+    and so is the exact shape of the resistance."""
     usable_sd: MassAndResistance = field(default=MassAndResistance(0.02, 0.08))
     """The estimates are usable where both are known at least as well as this."""
 
@@ -93,24 +94,27 @@ class ForceSettings:
     """When the force sensor is not trusted."""
 
     clocks_differ_s: float = 0.3
-    """Forces whose time stamps are off by more than this from those of the positions belong to other moments."""
+    """Forces whose time stamps differ by more than this from those of the positions belong to other moments."""
     too_strong_ratio: float = 1.06
-    """A force above the train's largest one at its speed times this is more than noise of 2 % makes of it."""
+    """A measured force above this times the train's largest one at its speed cannot be explained by noise of 2 %."""
     too_strong_samples: int = 5
-    """This many samples in a row with such forces show that the sensor states too much."""
+    """This many samples in a row with too strong forces show that the sensor states too much."""
     idle_ratio: float = 0.005
     """Forces below this share of the train's starting force are those of a coasting train."""
     coasting_windows: int = 4
-    """This many windows of coasting are compared with what was found under forces."""
+    """This many windows of coasting are compared with the estimate from windows with traction or braking."""
     coasting_sds: float = 3.0
-    """Coasting contradicts the forces where those windows differ by this many standard deviations in the mean."""
+    """Coasting contradicts the measured forces if the coasting windows differ from that estimate by more than this many
+    standard deviations in the mean."""
     gain_step: float = 0.03
-    """A mass ratio nearer to 1 than this would not change the plan, so that no gain needs to be looked for."""
+    """A mass ratio nearer to 1 than this would not change the plan, so no wrong gain of the sensor is looked for."""
     gain_sds: float = 3.0
-    """Mass and resistance ratio nearer to each other than this many standard deviations may both be the gain."""
+    """If mass and resistance ratio are nearer to each other than this many standard deviations, a wrong gain of the
+    force sensor may explain both."""
     near_mass_least: float = 0.7
     near_mass_most: float = 1.4
-    """A mass ratio beyond these is said with both explanations: another train than planned, or a wrong force sensor."""
+    """A mass ratio below `near_mass_least` or above this is reported with both explanations: another train than
+    planned, or a wrong force sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,8 +124,8 @@ class LoadSettings:
     stands_for_s: float = 20.0
     """A train that stands for this long may have let passengers on and off."""
     mass_sd: float = 0.05
-    """The mass after such a stop differs by this share of the train's (one standard deviation): 500 people in a train
-    of 440 t are 9 %."""
+    """The mass after a stop that long differs by this share of the train's (one standard deviation): 500 people in a
+    train of 440 t are 9 %."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """A window of samples of a running train, and its means of acceleration, force, line and resistance.
 
-A sample belongs to one moment; it is paired from positions and efforts that come at moments of their own.
+A sample belongs to one moment. It is made from positions and efforts, which are measured at different moments.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from das.estimate.effort import Effort
 from das.solver.line_profile import LineProfile
 
 NORMAL_MAD = 0.6745
-"""The median size of a normal variable, in standard deviations."""
+"""The median absolute value of a normal variable, in standard deviations."""
 
 
 class Sample(NamedTuple):
@@ -40,7 +40,7 @@ class MeasuredWindow(NamedTuple):
     force_n: float
     """The wheel force."""
     line_mps2: float
-    """The force of gradients and curves by the mass of the train."""
+    """The force of gradients and curves divided by the mass of the train."""
     moving_n: float
     """The resistance c1·v + c2·v² of the train as planned."""
     tunnel_n: float
@@ -52,7 +52,7 @@ class MeasuredWindow(NamedTuple):
 
 
 class LineIntegral:
-    """The forces of the line on a train, integrated along the way, so that a mean over any way is a difference."""
+    """The forces of the line on a train, integrated along the way: a difference gives the mean over any stretch."""
 
     def __init__(
         self, route: Route, vehicle: Vehicle, train_length_m: float, settings: WindowSettings, idle_n: float = 0.0
@@ -74,10 +74,10 @@ class LineIntegral:
         self._neutral_m = along((profile.supply == NEUTRAL).astype(float))
 
     def window(self, samples: Sequence[Sample]) -> MeasuredWindow | None:
-        """Return the means over a window, all with the weights with which the slope of the speeds weighs accelerations.
+        """Return the means over a window, all weighted as the slope of the speeds weights the accelerations.
 
         The slope is Σc·v with c = (t − t̄)/Σ(t − t̄)². Summed by parts it is Σω·ā over the intervals between samples,
-        with ω = Δt·Σ_later c. The result is None where the way does not fit the speeds, and near a neutral section.
+        with ω = Δt·Σ_later c. The result is None if the positions do not fit the speeds, or near a neutral section.
         """
         tuning = self._settings
         t, s, v, force, friction = np.array(samples).T
@@ -107,7 +107,7 @@ class LineIntegral:
         )
 
     def _mean(self, integral: Floats, middle_m: Floats, way_m: Floats) -> Floats:
-        """Return the means of what was integrated over stretches of the way, given by their middles and lengths (m)."""
+        """Return the means of an integrated quantity over stretches, given by their middles and lengths (m)."""
         ahead, behind = (np.interp(middle_m + x * way_m, self._node_m, integral) for x in (0.5, -0.5))
         return np.asarray((ahead - behind) / way_m)
 
@@ -119,7 +119,7 @@ class LineIntegral:
 
 
 def _noise_mps(speed_mps: Floats) -> float:
-    """Return the noise of speeds (m/s, one standard deviation) from the median size of their second differences.
+    """Return the noise of speeds (m/s, one standard deviation) from the median absolute second difference.
 
     The median leaves out the few second differences that come from changing forces.
     """
@@ -137,7 +137,7 @@ class _Place(NamedTuple):
 
 
 class Pairing:
-    """Makes samples of positions and efforts; a position waits until the effort after it is heard."""
+    """Makes samples from positions and efforts; a position waits until a later effort is received."""
 
     def __init__(self, vehicle: Vehicle, line_length_m: float, settings: SampleSettings) -> None:
         self._vehicle, self._line_length_m, self._settings = vehicle, line_length_m, settings
@@ -165,8 +165,8 @@ class Pairing:
     def samples(self) -> Iterator[Sample | None]:
         """Yield the samples that can be made now; None stands for a position that cannot be used.
 
-        A sample has the force of its moment, linear between the efforts before and after. A position without an effort
-        before and after it is passed over.
+        A sample has the force at its moment, interpolated linearly between the efforts before and after. A position
+        without an effort before and after it is skipped.
         """
         effort, before = self._effort, self._before
         if effort is None:

@@ -27,7 +27,7 @@ from das.command_line.options import (
 from das.domain.braking import REACTION_S
 
 FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
-"""Advice is given no more often and no more rarely than this."""
+"""The bounds of `--rate`: advice is given no more often and no more rarely than this."""
 
 
 class ClockKind(StrEnum):
@@ -68,7 +68,7 @@ class TrainServed:
 
 @dataclass(frozen=True, kw_only=True)
 class NodePlace(BusPlace):
-    """Where the node speaks and hears."""
+    """Where on the bus the node sends and receives."""
 
     listen: Annotated[str | None, listen_option(NODE_ENDPOINT)] = None
 
@@ -139,7 +139,7 @@ class AdviceGiven:
 
 @dataclass(frozen=True, kw_only=True)
 class NodeOptions:
-    """All of it."""
+    """All options of das-node."""
 
     line: LineServed
     driven: TrainServed

@@ -1,6 +1,6 @@
-"""The process das-node: it reads what it was started with, builds the cab, and runs the node until it is stopped.
+"""The process das-node: it takes its options, builds the cab, and runs the node until it is stopped.
 
-The loop says when to look for messages, and when to advise.
+The loop decides when to look for messages, and when to advise.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from das.node.node import BusClock, Clock, Node, WallClock
 from das.node.options import AdviceGiven, ClockKind, NodeOptions
 
 LOOK_S = 0.1
-"""The loop looks up at least this often."""
+"""The loop looks at clock and messages at least once in this time."""
 SEARCH_LOOK_S = 0.005
-"""The loop looks up this often while a front is being looked for."""
+"""The loop looks at clock and messages at least once in this time while a front is being solved."""
 LEAST_GAP_S = 0.05
-"""However fast the world changes, advice out of turn comes no faster than this."""
+"""The least time between an advice and one out of turn, however fast the situation changes."""
 WAITING_SAID_EVERY_S = 1.0
-"""A node that waits for a journey by the clock of the bus says so this often."""
+"""A node on the clock of the bus reports once in this time that it waits for a journey."""
 SWITCH_S = 0.0005
-"""The thread that looks for a front hands over to the one that advises so often."""
+"""The thread that solves a front lets the one that advises run once in this time."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
-"""Of glibc's mallopt: blocks from this size on are mapped, and unmapped when freed."""
+"""For glibc's mallopt: a block of at least this size is mapped, and returned to the system when it is freed."""
 
 
 def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) -> None:
-    """Answer until told to stop. By the wall clock advice comes once a period, and when the world changes."""
+    """Answer until told to stop. With the wall clock, advise once a period and whenever the situation changes."""
     due, last, said = time.monotonic() + period_s, 0.0, 0.0
     by_wall = node.clock.is_wall
     while not stop.stopped and not node.finished:
@@ -63,7 +63,7 @@ def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) 
 
 
 def prepare_process() -> None:
-    """Let freed fronts leave the process, and let its threads take turns more often than Python does by itself."""
+    """Return the memory of freed fronts to the system, and let threads take turns more often than Python's default."""
     sys.setswitchinterval(SWITCH_S)
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):  # Another C library may have no mallopt.

@@ -13,14 +13,14 @@ from das.command_line.options import RECORDER_ENDPOINT, BusPlace, WithParentOpti
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderPlace(BusPlace):
-    """Where the recorder hears."""
+    """Where on the bus the recorder listens."""
 
     listen: Annotated[str | None, listen_option(RECORDER_ENDPOINT)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileMade:
-    """What is recorded into, and what is put into it beside the messages."""
+    """The file to record into, and what it holds beside the messages."""
 
     out: Annotated[
         Path | None,
@@ -44,7 +44,7 @@ class FileMade:
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderOptions:
-    """All of it."""
+    """All options of das-record."""
 
     place: RecorderPlace
     made: FileMade

@@ -1,4 +1,4 @@
-"""The process das-record: everything said on the bus about a train into one MCAP file, until it is stopped."""
+"""The process das-record: it records every message on the bus about a train in one MCAP file, until it is stopped."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _content(path: Path) -> bytes:
 
 
 def _metadata(options: RecorderOptions) -> dict[str, str]:
-    """What the user says about the run; else that it is a session recorded by this version."""
+    """The metadata that the user gave; by default, that this is a session recorded by this version."""
     if options.made.metadata is None:
         return {"kind": "session", "version": __version__, "train": options.place.train}
     try:

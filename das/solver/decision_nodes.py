@@ -1,9 +1,9 @@
-"""Where on a section the solver decides: where the line changes, and between as often as line and speed ask for it.
+"""Where on a section the solver decides: at each change of the line, and in between as often as line and speed need.
 
-Within a decision step the train has one acceleration. Where the best run switches, say from traction to coasting,
-inside a step of length h at speed v, a run of the table loses a time in proportion to h²/v³. A line asks for more
-switches the nearer its changes of limit and gradient lie together. With d metres from one change to the next, the
-losses of all steps are least for a given number of steps where h is in proportion to v·d^(1/3).
+Within a decision step the train has one acceleration. If the best run switches inside a step of length h at speed v
+(say from traction to coasting), a run from the table loses a time in proportion to h²/v³. The closer together the
+changes of limit and gradient lie, the more switches the line needs. With d metres from one change to the next, a given
+number of steps loses least if h is in proportion to v·d^(1/3).
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from das.solver import tolerances as tol
 Floats = NDArray[np.float64]
 
 _SLOWEST_MPS = 1.0
-"""Where the fastest run is slower than this, near a stop, steps are as for this speed."""
+"""Where the fastest run is slower than this (near a stop), the steps are those for this speed."""
 
 
 def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, beside_m: float = 0.0) -> Floats:
-    """Positions (m) that must be decision nodes: all changes of the line, the train's end past them, and by the stops.
+    """Positions (m) that must be decision nodes: the line's changes, where the train's tail passes them, near stops.
 
-    `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are nodes so far before each change
-    of the limit, and behind the place where the train has passed it.
+    `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are also nodes at this distance (m)
+    before and after each change of the limit, again for the train's head and for its tail.
     """
     start_m, end_m = ends_m
     breaks = route.breakpoints_m()
@@ -39,14 +39,14 @@ def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, besi
 
 
 def even_nodes(fixed_m: Floats) -> Floats:
-    """The fixed nodes with even steps between them, on which the fastest run is found that the steps hang on."""
+    """The fixed nodes with even steps between them; the fastest run on these nodes determines the decision steps."""
     return subdivide(fixed_m, np.ceil(np.diff(fixed_m) / _longest_m(fixed_m) - 1e-9).astype(np.int64))
 
 
 def decision_nodes(
     route: Route, fixed_m: Floats, even_m: Floats, fastest_mps: Floats, asked_m: float | None = None
 ) -> Floats:
-    """Positions (m) of the decision nodes: the fixed ones, and between them such that no step is longer than its cap.
+    """Positions (m) of the decision nodes: the fixed ones, and others so that no step is longer than its cap.
 
     `even_m` are the nodes of `even_nodes`, and `fastest_mps` is the speed of the fastest run there. With `asked_m` no
     step is longer than that.
@@ -69,7 +69,7 @@ def subdivide(nodes: Floats, counts: NDArray[np.int64]) -> Floats:
 
 
 def _longest_m(node_m: Floats) -> float:
-    """The longest step (m) of a section with these nodes, wherever on it."""
+    """The longest step (m) allowed anywhere on a section with these nodes."""
     share_m = (node_m[-1] - node_m[0]) / tol.STEPS_OF_A_SECTION
     return float(np.clip(share_m, tol.SHORTEST_MAX_STEP_M, tol.MAX_STEP_M))
 
@@ -84,7 +84,7 @@ def _caps_m(route: Route, node_m: Floats, fastest_mps: Floats) -> Floats:
 
 
 def _changes_apart_m(route: Route, node_m: Floats) -> Floats:
-    """For each interval, how far the changes of limit or steep changes of gradient around it lie apart (m)."""
+    """For each interval, the distance (m) between the changes of limit, or steep ones of gradient, on either side."""
     gradients = route.gradients_ratio
     steep = gradients.start_m[1:][np.abs(np.diff(gradients.value)) >= tol.STEEP_CHANGE_RATIO]
     at_m = np.unique(np.concatenate((route.limits_mps.start_m, steep)))

@@ -25,12 +25,12 @@ from das.solver.state import State
 Floats = NDArray[np.float64]
 
 BLOCK_NODES = 32
-"""Transitions of this number of decision nodes are kept at a time: a few MB, and threads rarely wait for each other."""
+"""Transitions of this many decision nodes are kept at a time: a few MB, and threads rarely wait for each other."""
 
 PACKED_ABOVE_BYTES = 300_000_000
-"""Policies that would be larger than this (bytes) are packed into half of it: lines of more than 150 km."""
+"""Policies that would take more bytes than this (those of lines longer than 150 km) are packed into half the space."""
 BEHIND_M = 1_000.0
-"""The front of a train under way is solved from this far behind it on (m): positions are corrected by less."""
+"""The front of a train under way begins this far behind the train (m): corrections of its position are smaller."""
 STATE_BYTES = 12
 """Size of the value and the time-to-go of a state under a multiplier (bytes), as the sweep writes them."""
 
@@ -47,15 +47,16 @@ def solve_front(
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
     Where the end speed of the section is free, `end_value_j` holds for each of its J + 1 possible end speeds the energy
-    (J) that the way behind the section costs.
+    (J) that the line beyond the section costs.
 
-    From the end in blocks of decision nodes, first the transitions of a block are found, each thread taking some
-    of its nodes; then the block is swept, each thread taking some of the multipliers. The kernels release the GIL and
-    share nothing that they write. Only the transitions of one block are kept, because all of them together would be as
-    large as the result. The number of threads and the size of a block change no bit of the result.
+    Blocks of decision nodes are solved one after another, from the end. First the transitions of a block are found,
+    with its nodes shared out among the threads; then the block is swept, with the multipliers shared out among them.
+    The kernels release the GIL and share nothing that they write. Only the transitions of one block are kept, because
+    all of them together would be as large as the result. The number of threads and the size of a block change no bit
+    of the result.
 
-    With `packed` (by default above `PACKED_ABOVE_BYTES`) every block is packed once it is swept: the sweep does not
-    notice, and a run from the front needs up to 1e-5 more or less energy.
+    With `packed` (by default above `PACKED_ABOVE_BYTES`) every block is packed once it is swept. This does not affect
+    the sweep; a run from the front needs up to 1e-5 more or less energy.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes, packed=packed)
     sweep.come_down_to(0)
@@ -72,24 +73,24 @@ def solve_ahead(
 ) -> Front:
     """The front of a section for a train that is at a position (m): only what is ahead of it is solved.
 
-    The sweep comes from the end, so that what is ahead has the same bits as in the whole front. A question from more
-    than `BEHIND_M` further back is answered as well: the front then solves the rest first. Other arguments as of
-    `solve_front`.
+    The sweep starts from the end, so the part ahead equals that of the whole front, bit for bit. A run from a position
+    more than `BEHIND_M` further back can be asked for as well: the front then solves the rest first. The other
+    arguments are those of `solve_front`.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads)
-    # A run is led by the policies at the nodes ahead of it, not by those at the node that it is on.
+    # A run follows the policies at the nodes ahead of it, not those at the node where it is.
     sweep.come_down_to(node_behind(section, s_m) + 1)
     return sweep.front()
 
 
 def node_behind(section: Section, s_m: float) -> int:
-    """The decision node from which on a front is solved for a train at a position (m)."""
+    """The first decision node of the front that is solved for a train at a position (m)."""
     from_m = min(max(s_m - BEHIND_M, section.start_m), float(section.node_m[section.decision[-2]]))
     return State.at(section, from_m, 0.0).first_node
 
 
 class _Sweep:
-    """The sweep of a section from its end towards its begin, as far as it has come; safe in threads."""
+    """The sweep of a section from its end towards its start, as far as it has come; thread-safe."""
 
     def __init__(
         self,
@@ -133,7 +134,7 @@ class _Sweep:
             self._known_from = first
 
     def front(self) -> Front:
-        """The front, which lets the sweep go on where more is asked for."""
+        """The front of the nodes solved so far; it continues the sweep when a node further back is needed."""
         store = self._store
         return Front(
             section=self.grid.section,

@@ -33,7 +33,7 @@ Arrays = dict[str, NDArray[Any]]
 SCHEMA_VERSION: Final = 3
 MANIFEST: Final = "manifest.json"
 INFEASIBLE_STEP: Final = UNKNOWN_STEP
-"""Steps of the time-to-go where the end of the section cannot be reached."""
+"""The value in `time_to_go_steps` where the end of the section cannot be reached."""
 _SEAL = b',\n "manifest_sha256": "'
 
 
@@ -50,15 +50,15 @@ class ArrayFormat:
     meaning: str
 
     def shape(self, sizes: Sizes) -> tuple[int, ...]:
-        """The lengths of its axes."""
+        """The lengths of the array's axes."""
         return tuple(axis if isinstance(axis, int) else getattr(sizes, axis) for axis in self.axes)
 
     def size_bytes(self, sizes: Sizes) -> int:
-        """The size of its file: the header and the numbers."""
+        """The size of the array's file (bytes): the header and the numbers."""
         return len(self.header(sizes)) + math.prod(self.shape(sizes)) * np.dtype(self.kind).itemsize
 
     def header(self, sizes: Sizes) -> bytes:
-        """The beginning of its file, as `numpy.save` writes it."""
+        """The beginning of the array's file, as `numpy.save` writes it."""
         file = io.BytesIO()
         facts = {"descr": self.kind, "fortran_order": False, "shape": self.shape(sizes)}
         np.lib.format.write_array_header_1_0(file, facts)
@@ -125,7 +125,7 @@ def grid_of(section: Section) -> Floats:
 
 
 def section_facts(section: Section) -> dict[str, Any]:
-    """What people call a section; whether two are the same is decided by their hashes."""
+    """The facts by which people recognise a section; only the hashes decide whether two sections are the same."""
     places = {round(stop.position_m, 3): stop.name for stop in section.route.stops}
     return {
         "route": section.route.id,
@@ -143,7 +143,7 @@ def section_facts(section: Section) -> dict[str, Any]:
 
 
 def packed(front: Front) -> Arrays:
-    """The policies of a front that was solved, as the arrays of a table hold them."""
+    """The policies of a solved front, as the arrays of a table hold them."""
     value, times = front.value_j, front.time_to_go_s
     if not isinstance(times, PackedTimes):
         nodes, _, size = value.shape
@@ -183,9 +183,9 @@ def seal_of(content: bytes) -> str:
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
-    """What a file holds; it is opened without waiting, so that a pipe holds nobody up.
+    """The content of a file, which is opened without waiting, so that a pipe does not block the reader.
 
-    Raises FileNotFoundError where there is no such file, and TableError where it is no regular file, is larger than
+    Raises FileNotFoundError if there is no such file, and TableError if it is not a regular file, is larger than
     `most_bytes` or cannot be read.
     """
     try:

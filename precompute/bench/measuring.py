@@ -1,4 +1,4 @@
-"""Timing two things side by side, memory, what the machine is, and the best that it can do.
+"""Measurements for the bench: durations side by side, memory, the machine, and the best that the machine can do.
 
 The rates of memory and arithmetic (`Roofline`) are measured when they are needed.
 """
@@ -88,7 +88,7 @@ class Times:
     baseline_seconds: list[float]
 
     def figure(self, subject: Subject, bound_s: float, *, amount: float | None = None) -> Figure:
-        """As a figure: a duration in ms, or with an `amount` (in the unit's multiples) a rate per s.
+        """The times as a figure: a duration in ms, or with an `amount` (in the unit's multiples) a rate per s.
 
         `bound_s` is the least duration that the machine could reach (s).
         """
@@ -109,9 +109,9 @@ def _scaled(seconds: float, amount: float | None) -> float:
 def in_turns(
     work: Callable[[], object], baseline: Callable[[], object], *, rounds: int, baseline_rounds: int | None = None
 ) -> Times:
-    """Time both in turns, so that what else the machine does hits both alike.
+    """Time both alternately, so that other load of the machine affects both alike.
 
-    Each is called once before, uncounted; a baseline of one round is not.
+    Each is first called once without being counted, except a baseline of one round.
     """
     baseline_rounds = rounds if baseline_rounds is None else baseline_rounds
     work()
@@ -202,7 +202,7 @@ CHAINS = 4
 """Independent chains of divisions, enough to keep the divider busy."""
 DIVISIONS = 1_000_000
 COPIED_BYTES = 64_000_000
-"""More than the caches hold."""
+"""The bytes to copy: more than the caches hold."""
 
 
 @dataclass(frozen=True, kw_only=True)

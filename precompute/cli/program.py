@@ -97,8 +97,8 @@ GONE = {
     "calibrate": "uv run python -m docs.studies.calibrate (in a clone of the project)",
     "study": "uv run python -m docs.studies.paper (in a clone of the project)",
 }
-"""Commands with another name now, or that made figures of the documentation, which are scripts beside it now: what to
-run instead."""
+"""Commands that were renamed, or that made figures of the documentation and are scripts beside it now, each with what
+to run instead."""
 
 app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 

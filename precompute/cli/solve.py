@@ -136,7 +136,7 @@ def _with_bound(answer: Solution, bound_s: float) -> Solution:
 
 
 def certified(solution: Solution) -> None:
-    """Prove the bound of a solution, which may compile kernels that solving does not need; it is kept."""
+    """Prove the bound of a solution, which keeps it. This may compile kernels that solving does not need."""
     with loading_solver():
         solution.certificate  # noqa: B018
 
@@ -160,7 +160,7 @@ EXACT_MAX_BUFFER_PERCENT = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class ExactOptions:
-    """What `front --exact` is told: largest buffer (%), time in which one partial run is kept (ms), file of points."""
+    """The options of `front --exact`: largest buffer (%), time in which one partial run is kept (ms), output file."""
 
     exact: Annotated[
         bool,
@@ -193,7 +193,7 @@ class ExactOptions:
     overwrite: OverwriteOption = False
 
     def largest_percent(self) -> float:
-        """The largest buffer (%) of the exact front; DasError for one that cannot be."""
+        """The largest buffer (%) of the exact front; raises DasError if it is impossible."""
         largest = EXACT_MAX_BUFFER_PERCENT if self.max_buffer_percent is None else self.max_buffer_percent
         buffered(1.0, largest)
         return largest

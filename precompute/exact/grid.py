@@ -59,7 +59,7 @@ class Graph:
 
     @classmethod
     def of(cls, section: Section, grid: Grid) -> Graph:
-        """Lay the grid over the section; DasError where it does not fit: a speed at its ends, a neutral section."""
+        """Lay the grid over the section; raises DasError if a speed at its ends or a neutral section does not fit."""
         if (section.supply == NEUTRAL).any():
             raise DasError(
                 f"{section.name}: no exact front: on its grid nothing coasts exactly through a neutral section"
@@ -134,7 +134,7 @@ class Layer:
 
 
 def onward_arcs(graph: Graph, here: Layer, there: Layer) -> Arcs:
-    """What the states of a node lead to: rows of the next node's states."""
+    """The arcs from the states of a node to those of the next node, given by their rows."""
     return Arcs(*kernels.arcs(here.first, here.last, here.coast, graph.ratio, there.lowest, there.row))
 
 
@@ -145,7 +145,7 @@ class Arcs(NamedTuple):
     other: NDArray[np.int32]
 
     def turned(self, states: int) -> Arcs:
-        """The same arcs from the other node, which has so many states; neighbours in rising order."""
+        """The same arcs seen from the other node, which has `states` states; neighbours in rising order."""
         source = np.repeat(np.arange(len(self.start) - 1, dtype=np.int32), np.diff(self.start))
         order = np.argsort(self.other, kind="stable")
         counts = np.bincount(self.other, minlength=states)

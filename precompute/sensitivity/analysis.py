@@ -1,8 +1,8 @@
-"""Robustness of a plan: what its speed profile costs in a world that differs, and what a new plan would cost there.
+"""Robustness of a plan: what its speed profile costs in a changed world, and what a new plan would cost there.
 
-The driver follows the planned speeds over the way, v(s), as well as the changed train can: where its force is short
-the speed falls behind, and full traction brings it back to the planned one. Braking begins as early as the changed
-train needs: no speed is above the envelope integrated backwards with the changed mass, resistance and adhesion.
+The driver follows the planned speeds v(s) as well as the changed train can: where its force is too small, it falls
+below the planned speed, and full traction brings it back. Braking begins as early as the changed train needs: no speed
+is above the envelope integrated backwards with the changed mass, resistance and adhesion.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Parameter(StrEnum):
 RELATIVE = (Parameter.MASS, Parameter.RESISTANCE)
 """Varied in % of the plan's value; the others are given as values in place of the plan's."""
 RANGE_VALUES = 5
-"""Values of a range a..b, evenly from one end to the other."""
+"""The number of values of a range a..b, evenly spaced from one end to the other."""
 _FIELDS = {
     Parameter.MASS: "mass_ratio",
     Parameter.RESISTANCE: "resistance_ratio",
@@ -63,7 +63,7 @@ class Variation:
 
     `value`: change in % of the plan's (mass, resistance), head wind in km/h, or ratio (receptivity, adhesion). `step`:
     by how much that differs from the plan, in % (receptivity and adhesion: points of 1 %) or km/h. `conditions`: all
-    that holds then.
+    conditions of the changed world.
     """
 
     parameter: Parameter
@@ -73,7 +73,7 @@ class Variation:
 
     @classmethod
     def of(cls, plan: Conditions, parameter: Parameter, value: float) -> Variation:
-        """A parameter of a plan changed to (or by) a value; DasError where it cannot be."""
+        """A parameter of a plan changed to (or by) a value; raises DasError if that is impossible."""
         planned = getattr(plan, _FIELDS[parameter])
         if parameter in RELATIVE:
             changed, step = planned * (1 + value * PERCENT), value
@@ -101,7 +101,7 @@ class Variation:
 def parse_variations(text: str, plan: Conditions) -> list[Variation]:
     """The variations of `mass=±5%,±10%,wind=-20..20,…`: values, ± both ways, ranges a..b; each once.
 
-    A range leaves out what the plan has. Raises DasError for what cannot be read or cannot be.
+    A range leaves out the plan's own value. Raises DasError for a value that cannot be read or is impossible.
     """
     found: dict[tuple[Parameter, float], Variation] = {}
     parameter = None
@@ -165,7 +165,7 @@ OFF_PLAN_MPS = 1.0 * KMH
 REPLANNED_TOLERANCE_S = 2e-3
 """A new plan hits its time to within this: a second of time costs more energy than some variations."""
 LEAST_ENERGY_J = 1.0
-"""A plan that needs less than this is no measure of energies."""
+"""A plan that needs less energy than this is no base for ratios of energies."""
 
 World = Callable[[Conditions], Section]
 """The section under given conditions; raises DasError where there is none."""
@@ -188,9 +188,10 @@ class Followed:
 class VariationOutcome:
     """What a variation does to a plan.
 
-    `followed`: the plan as driven. Beside it the optimum of the changed world, `on_time` for the planned time (or the
-    fastest, which is late) and `same_time` for the time that following took. None: there is no such run; `trouble`
-    says why, or what is wrong with the run that was followed. Ratios are to the plan's energy at the collector.
+    `followed`: the plan as driven. Beside it are optima of the changed world: `on_time` for the planned time (or the
+    fastest run, which is late) and `same_time` for the time that following the plan took. None: there is no such run.
+    `trouble` says why there is none, or what is wrong with `followed`. Ratios are to the plan's energy at the
+    collector.
     """
 
     plan: Solution
@@ -202,27 +203,27 @@ class VariationOutcome:
 
     @property
     def late_s(self) -> float | None:
-        """Arrival after the plan's (early < 0)."""
+        """How much later than planned the followed plan arrives (s; early < 0)."""
         return self.followed.time_s - self.plan.time_s if self.followed else None
 
     @property
     def extra_ratio(self) -> float | None:
-        """Energy above the plan's."""
+        """Energy of the followed plan above the plan's own."""
         return self._ratio(self.followed, self.plan)
 
     @property
     def on_time_late_s(self) -> float | None:
-        """Arrival after the plan's when planned anew for its time (early < 0: the least-energy run)."""
+        """How much later than planned a new plan for the planned time arrives (s; early < 0: the least-energy run)."""
         return self.on_time.time_s - self.plan.time_s if self.on_time else None
 
     @property
     def on_time_extra_ratio(self) -> float | None:
-        """Energy above the plan's when planned anew for its time."""
+        """Energy of a new plan for the planned time above the plan's own."""
         return self._ratio(self.on_time, self.plan)
 
     @property
     def saved_ratio(self) -> float | None:
-        """What planning anew saves of the energy of following, in the time that following takes."""
+        """The energy that a new plan saves compared with following the old one, both in the same time."""
         return self._ratio(self.followed, self.same_time)
 
     def per_step(self, effect: float | None) -> float | None:
@@ -268,7 +269,7 @@ def follow(plan: Trajectory, section: Section) -> Followed:
     envelope = _envelope(line, section)
     planned = np.sqrt(np.interp(line.node_m, plan.s_m, plan.v_mps**2))
     speeds = np.full(len(planned), np.nan)
-    # Between the plan and itself lies the plan, cut to what the train can do.
+    # A blend of the plan with itself is the plan, cut to what the train can do.
     time_s = blend_runs(1.0, planned, planned, line.for_kernels, envelope, section.train, speeds)
     if time_s < 0:
         stalled = int(np.isnan(speeds).argmax()) - 1
@@ -311,9 +312,9 @@ def _wrong_end(followed: Followed, section: Section) -> str | None:
 
 
 def by_effect(outcomes: list[VariationOutcome]) -> list[list[VariationOutcome]]:
-    """Pairs of what is as far from the plan on either side, the one that moves the energy most first.
+    """Pairs of variations equally far from the plan on either side, in falling order of their effect on the energy.
 
-    What cannot be driven comes before all.
+    Pairs with a variation that cannot be driven come before all others.
     """
     pairs: dict[tuple[str, float], list[VariationOutcome]] = {}
     for outcome in sorted(outcomes, key=lambda x: x.variation.value):

@@ -1,4 +1,4 @@
-"""New references: a schedule for the time that is left, and through the window of a point ahead."""
+"""New references of the coach: schedules for the time left, which keep the window of a point ahead."""
 
 from __future__ import annotations
 
@@ -24,22 +24,23 @@ from das.solver.section import Section
 from das.solver.state import State
 
 HALVINGS = 12
-"""The speed with which a point is passed in time is found by halving an interval so many times."""
+"""The speed at which a point is passed in time is found by halving an interval this many times."""
 NEAR_S, LATER_TRIES = 0.1, 3
-"""A point passed too early or too late by more than this (s) is aimed at so much later or earlier, so many times."""
+"""If a point is passed more than `NEAR_S` too early or too late, the time aimed at is corrected by the error, up to
+`LATER_TRIES` times."""
 RUN_UPS_M = (0.0, 800.0, 2000.0)
-"""A train that was slow for a point may accelerate from this far before it on."""
+"""The distances before a point from which a train that was slowed for the point may accelerate again."""
 SLOWEST_MPS = 2.0
-"""No train is told to go slower than this to a point."""
+"""No train is told to go slower than this on the way to a point."""
 BRAKE_SHARE = 0.7
-"""A train that would be too early at a point though it coasts brakes with this share of its motors."""
+"""A train that would reach a point too early even if it coasts brakes with this share of its motors' effort."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
     """What a reference is made for: a state, the time left to the end (s), and a point with its window (s from now).
 
-    `thorough`: it is worth several times the work.
+    `thorough`: the reference is worth several times the work.
     """
 
     s_m: float
@@ -54,8 +55,10 @@ class Wanted:
 def solve_coach(
     section: Section, settings: CoachSettings, s_m: float | None = None, *, threads: int = 2
 ) -> FewSwitchFront:
-    """The few-switch trajectories that the coach of a section chooses from; for a train at a position (m) those
-    ahead of it."""
+    """The few-switch trajectories that the coach of a section chooses from.
+
+    For a train at a position (m) they are those ahead of the train.
+    """
     if s_m is None:
         return solve_few_switch(section, settings.few_switch, threads=threads)
     return solve_few_switch_ahead(section, s_m, settings.few_switch, threads=threads)
@@ -77,7 +80,7 @@ def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> S
 
 
 def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float) -> float:
-    """The time (s) after which a train passes a point that keeps to a schedule from a position."""
+    """The time (s) that a train takes from a position to a point if it keeps to a schedule."""
     times, node_m = elapsed_s(schedule, forecast, s_m)
     return float(np.interp(point_m, node_m, times))
 
@@ -93,10 +96,11 @@ def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.nd
 
 
 def _slowed(front: FewSwitchFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """One lower speed up to the point or shortly before it, so that it is not passed too early, then the rest.
+    """A reference with one lower speed until the point or shortly before it, so that it is not passed too early.
 
-    A train that accelerates before the point passes it faster; which way costs least is tried. The train coasts down
-    to the lower speed, and brakes only where that is not enough. Where nothing is enough it goes as slowly as it may.
+    A train that accelerates before the point passes it faster; the variant that costs least is taken. The train coasts
+    down to the lower speed, and brakes only if coasting is not enough. If nothing is enough, it goes as slowly as
+    allowed.
     """
     assert wanted.point_m is not None
     for share in (0.0, BRAKE_SHARE):
@@ -121,7 +125,7 @@ class _Slowing(NamedTuple):
     brake_share: float
 
     def to(self, top_mps: float, wanted: Wanted) -> tuple[Schedule, Prospect]:
-        """The schedule with a highest speed up to the place, and what keeping to it comes to.
+        """The schedule with a top speed up to the place, and its forecast.
 
         Raises DasError where a hill cannot be climbed so slowly.
         """
@@ -135,7 +139,7 @@ class _Slowing(NamedTuple):
 def _slowest(
     front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, free: Scheduled
 ) -> Scheduled:
-    """The lowest speed up to the point at which hills are climbed, then the rest; too early all the same."""
+    """A reference with the lowest speed up to the point that still climbs all hills; it is too early all the same."""
     low, high, best = SLOWEST_MPS, wanted.v_mps, None
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -149,7 +153,7 @@ def _slowest(
 def _passing_late_enough(
     front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, price_w: float
 ) -> Scheduled | None:
-    """A reference with one lower speed up to a place; None where the point is passed too early all the same.
+    """A reference with one lower speed up to a place; None if the point is still passed too early.
 
     How fast the train runs from that place to the point is known only when the rest is planned.
     """
@@ -171,9 +175,9 @@ def _passing_late_enough(
 def _slow_until(
     front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, price_w: float
 ) -> tuple[Schedule, Prospect] | None:
-    """The highest one speed up to a place with which the point is not passed too early; None where there is none.
+    """The schedule with the highest top speed up to a place that does not pass the point too early, and its forecast.
 
-    From that place on the train runs at a price of time.
+    From that place on the train runs at a price of time. None if there is no such schedule.
     """
     assert wanted.point_m is not None
     assert wanted.earliest_s is not None
@@ -201,9 +205,10 @@ def _slow_until(
 
 
 def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
-    """The schedule with no higher speed than this up to an interval; coasting goes down to its last speed, no lower.
+    """The schedule with no higher speed than `top_mps` up to an interval.
 
-    A train that coasts from a lower speed for as long as planned would stand.
+    Coasting from above that speed becomes holding the speed at which the coasting was to end, or `top_mps` if that is
+    lower: a train that coasted from a lower speed for as long as planned would come to a standstill.
     """
     phases: list[Phase] = []
     for one in topped(schedule, top_mps, before).phases:
@@ -234,10 +239,10 @@ def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int,
 
 
 def _hurried(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """The slowest run of the ladder whose schedule passes the point in time, then what the time asks for.
+    """The slowest run of the ladder whose schedule passes the point in time, then a schedule for the time left.
 
-    A schedule has fewer changes than its run and is slower to the point: then a quicker run is taken. Where none is in
-    time it is the schedule that is least late.
+    A schedule has fewer changes than its run and may reach the point later: then a quicker run is taken. If none is in
+    time, the schedule that is least late is taken.
     """
     assert wanted.point_m is not None
     assert wanted.latest_s is not None
@@ -272,7 +277,7 @@ def _slowest_by(front: FewSwitchFront, state: State, point_m: float, latest_s: f
 def _with_rest(
     front: FewSwitchFront, way: tuple[Schedule, Prospect], wanted: Wanted, settings: CoachSettings, lambda_w: float
 ) -> Scheduled:
-    """A way to the point, and from there on the schedule for the time that is left then; its phases say what is run."""
+    """A schedule to the point, joined to one for the time that is left from there; its phases say what is run."""
     assert wanted.point_m is not None
     schedule, forecast = way
     section, node_m = schedule.section, schedule.section.node_m

@@ -1,4 +1,4 @@
-"""Brakes as they are shown: what limits and the stop ahead ask of a train, in efforts that stand, and as forces."""
+"""The brakes that the coach shows for limits and the stop ahead: efforts that change rarely, and their forces."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
 
 SAME_EFFORT = 1e-3
-"""Efforts this near to each other are one."""
+"""Efforts that differ by less than this count as equal."""
 SAME_MPS = 0.3
 """Speeds this near to each other are the same on a display."""
 HELD_MPS2 = 0.5
-"""A driver who is below the speed to hold comes up to it at no more than this."""
+"""A driver below the speed to hold accelerates to it at no more than this."""
 CREEPS_M = 9.0
-"""A creeping train is shown the brake to its stop where that is due within this way."""
+"""A creeping train is shown the brake for its stop once that is due within this distance."""
 TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
@@ -48,22 +48,25 @@ class ShownBrakes:
         """What limits and the stop ahead ask of the brakes."""
         self._settings = settings
         self._efforts: dict[float, float] = {}
-        """The effort of the brake that is shown to each place (m)."""
+        """The effort shown last for the brake to each place (m)."""
         self._exact_effort = 0.0
 
     def unrounded(self, now: Instruction) -> Instruction:
-        """The instruction, of a brake with exactly the effort that it needs."""
+        """The instruction; if it is a brake, with exactly the effort that is needed instead of the rounded one."""
         exact = now.mode in BRAKES and self._exact_effort < -now.effort_ratio
         return replace(now, effort_ratio=-self._exact_effort) if exact else now
 
     def force_n(self, now: Instruction, state: TrainState) -> float:
-        """The wheel force (N) of an instruction, as far as the train gives it: near its speed, what leads to it."""
+        """The wheel force (N) with which a train follows an instruction, within what the train can give.
+
+        Near the speed of the instruction it is the force that leads to that speed.
+        """
         ahead, s_m, v = self.ahead, state.s_m, max(state.v_mps, 0.1)
         if now.mode in BRAKES:
             return ahead.force_n(-now.effort_ratio, s_m, v)
         if now.mode is Regime.COAST:
             return 0.0
-        # A force that stands until the next advice must not carry the train beyond the speed.
+        # A force that is held until the next advice must not carry the train beyond that speed.
         train, closing_mps2 = ahead.section.train, (now.speed_mps - v) / self._settings.limit.closes_in_s
         wanted_n = ahead.section.resistance_n(s_m, v) + train.inertial_mass_kg * closing_mps2
         most_n = float(traction_limit(v, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
@@ -71,31 +74,31 @@ class ShownBrakes:
         return min(max(wanted_n, least_n), most_n)
 
     def lasts(self, now: Instruction, state: TrainState) -> tuple[float, float]:
-        """The time (s) and the way (m) that a brake takes to its speed, at the rate with which it begins."""
+        """The time (s) and the distance (m) in which a brake reaches its speed, at the rate with which it begins."""
         time_s = max(state.v_mps - now.speed_mps, 0.0) / max(self._rate_mps2(-now.effort_ratio, state), LEAST_MPS2)
         return time_s, 0.5 * (state.v_mps + now.speed_mps) * time_s
 
     def slowing_mps(self, now: Instruction, state: TrainState, from_m: float) -> NDArray[np.float64]:
-        """The speeds at all nodes ahead of a train that brakes from a place on to a speed, and holds that."""
+        """The speeds at all nodes ahead of a train that brakes from a place on, and then holds the instructed speed."""
         braked_n = -self.ahead.force_n(-now.effort_ratio, state.s_m, state.v_mps)
         return np.maximum(self.ahead.rolling_mps(from_m, state.v_mps, braked_n), now.speed_mps)
 
     def _rate_mps2(self, effort: float, state: TrainState) -> float:
-        """The deceleration (m/s²) of a train in a state that brakes with an effort."""
+        """The deceleration (m/s²) with which an effort of the brakes slows a train in the given state."""
         ahead, v_mps = self.ahead, state.v_mps
         braked_mps2 = -ahead.force_n(effort, state.s_m, v_mps) / ahead.section.train.inertial_mass_kg
         return braked_mps2 - ahead.rolls_mps2(state.s_m, v_mps)
 
     def stands_short(self, now: Instruction, state: TrainState) -> bool:
-        """Whether a train that brakes on to a standstill would stand clearly before the stop."""
+        """Whether a train that goes on braking would come to a standstill clearly short of the stop."""
         short_m = self.ahead.section.end_m - state.s_m - self.lasts(now, state)[1]
         return short_m > self._settings.brake.short_m
 
     def stands_at_mark(self, now: Instruction, state: TrainState) -> bool:
-        """Whether a train in the last metres before its stop stands near the mark if it brakes on as it is told.
+        """Whether a train in the last metres before its stop will stand near the mark if it goes on braking as shown.
 
-        The driver sees the mark there. The position that the advice rests on is not known so closely: an effort that
-        followed it would only flicker.
+        The driver sees the mark there. The estimated position is not so exact: an effort that followed it would only
+        flicker.
         """
         left_m, settings = self.ahead.section.end_m - state.s_m, self._settings.effort
         if now.mode not in BRAKES or now.speed_mps > SAME_MPS or left_m > AT_MARK_M:
@@ -103,7 +106,7 @@ class ShownBrakes:
         return -settings.beyond_mark_m <= left_m - self.lasts(now, state)[1] <= settings.before_mark_m
 
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
-        """Where a brake ends (m) that limits ask for, and that is not the whole of the phase."""
+        """Where a brake ends (m) that limits need and its phase does not; infinity for any other instruction."""
         if now.mode not in BRAKES or (phase.kind is NotchRegime.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
             return math.inf
         needed = self.ahead.needed(state.braked_m, state.v_mps)
@@ -112,7 +115,7 @@ class ShownBrakes:
         return state.s_m + self.lasts(now, state)[1]
 
     def under_limit(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
-        """An instruction with which a train comes back under the limit, or does not roll above it."""
+        """The instruction that brings a train back under the limit, or keeps it from rolling above the limit."""
         settings, v_mps, limit_mps = self._settings.limit, state.v_mps, min(place.limit_mps, place.allowed_mps)
         rolls_mps2 = self.ahead.rolls_mps2(state.s_m, v_mps)
         excess = v_mps - limit_mps
@@ -136,9 +139,9 @@ class ShownBrakes:
         return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
 
     def safe(self, wanted: Instruction, state: TrainState, known_mps: float) -> Instruction:
-        """The instruction, or the brake that limits and the stop ahead ask for, where it asks for less.
+        """The wanted instruction, or the brake for limits and the stop ahead if the wanted one brakes less.
 
-        A train that accelerates, or is above the speed of the reference, `known_mps`, is shown it sooner.
+        The brake is shown sooner to a train that accelerates, or that is faster than the reference (`known_mps`).
         """
         ahead, lead, v_mps = self.ahead, self._settings.lead, state.v_mps
         on_time = v_mps <= known_mps + SAME_MPS and wanted.mode not in TRACTION
@@ -153,11 +156,11 @@ class ShownBrakes:
         needed = ahead.needed(state.braked_m, v_mps)
         above_mps = v_mps - ahead.allowed_mps(state.braked_m)
         if needed.effort > 0.0 and above_mps > SAME_MPS and not self._ends(needed, v_mps):
-            # One that grows with what is needed comes too late.
+            # An effort that only grew with the need would come too late.
             needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
-        # A speed above that of now which accelerating would pass: nothing has to be braked for yet.
+        # Accelerating would pass this speed. Where it is above the present one, no brake is needed yet.
         passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if wanted.mode in TRACTION else -math.inf
         coasts = needed.effort < self._settings.effort.step_ratio and passes_mps > v_mps
         if needed.effort > 0.0 and not coasts:
@@ -169,9 +172,9 @@ class ShownBrakes:
         return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
-        """The brake that a phase needs from where it begins, or from here; at first with the build-up of the brakes.
+        """The brake that a phase needs from its start, or from here if that is later.
 
-        `brakes`: the train brakes already.
+        A brake that is not shown yet allows for the build-up of the brakes. `brakes`: the train brakes already.
         """
         end_m, begin_m = schedule.begin_m(number + 1), state.braked_m if brakes else schedule.begin_m(number)
         from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
@@ -188,7 +191,7 @@ class ShownBrakes:
         return brake_of(max(self._stepped(effort), self._settings.effort.step_ratio), target_mps)
 
     def brake_at(self, s_m: float, speeds_mps: NDArray[np.float64]) -> Instruction | None:
-        """The brake that limits and the stop ask for at a place ahead, of a train with speeds at the nodes ahead."""
+        """The brake that limits and the stop need from a place ahead, for a train with these speeds at the nodes."""
         nodes_m = self.ahead.section.node_m[-len(speeds_mps) :]
         needed = self.ahead.needed(s_m, float(np.interp(s_m, nodes_m, speeds_mps)))
         if needed.effort <= 0.0:
@@ -196,7 +199,7 @@ class ShownBrakes:
         return brake_of(max(needed.effort, self._settings.effort.step_ratio), needed.target_mps)
 
     def shown(self, needed: NeededBrake, state: TrainState) -> Instruction:
-        """The brake as it is shown: its effort stands until more is needed, or clearly less."""
+        """The brake as it is shown: its effort stays the same until more is needed, or clearly less."""
         settings, v_mps = self._settings.effort, state.v_mps
         kept = self._efforts.get(needed.at_m)
         shown = self._stepped(needed.effort)
@@ -215,9 +218,9 @@ class ShownBrakes:
         return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
 
     def _nearly_enough(self, kept: float, needed: NeededBrake, state: TrainState) -> bool:
-        """Whether a brake that needs more than is shown ends so little above its speed that no driver sees it.
+        """Whether the effort `kept`, less than what is needed, ends so little above the speed that no driver sees it.
 
-        Above the curve of full brakes none is.
+        Never so for a train above the curve of full brakes.
         """
         above_mps = state.v_mps - self.ahead.allowed_mps(state.braked_m)
         if needed.target_mps <= SAME_MPS or needed.effort <= kept or above_mps > SAME_MPS:
@@ -227,14 +230,14 @@ class ShownBrakes:
         return ends_w <= (needed.target_mps + SAME_MPS) ** 2
 
     def _stepped(self, effort: float) -> float:
-        """An effort rounded up to what is shown: to 5 % of the motors, and friction in larger steps."""
+        """An effort rounded up to the steps shown: 5 % of the motors' effort, and larger steps with friction."""
         step_ratio = self._settings.effort.step_ratio if effort <= 1.0 else self._settings.effort.friction_step_ratio
         return math.ceil(effort / step_ratio - SAME_EFFORT) * step_ratio
 
     def _grown(self, needed: NeededBrake, kept: float, state: TrainState) -> float:
-        """The effort that a brake grows to whose driver has not braked as shown: enough where he does so only soon.
+        """The larger effort to show if the driver has not braked as shown: enough even if he acts only a little later.
 
-        Friction is never asked for ahead of its need.
+        Friction is never asked for before it is needed.
         """
         settings = self._settings.effort
         if self.ahead.section.end_m - state.s_m <= AT_MARK_M:
@@ -246,7 +249,7 @@ class ShownBrakes:
         return self._stepped(min(answered, settings.grown_ratio * needed.effort, most))
 
     def _ends(self, needed: NeededBrake, v_mps: float) -> bool:
-        """Whether a train has nearly come down to the speed of a brake that is no stop."""
+        """Whether a train has nearly slowed down to the speed that it brakes for; never so for a stop."""
         above_mps = v_mps - needed.target_mps
         return needed.target_mps > SAME_MPS and 0.0 < above_mps <= self._settings.limit.overspeed_mps
 
@@ -262,5 +265,5 @@ def announced_brake(schedule: Schedule, number: int, target: float) -> Instructi
 
 
 def brake_of(effort: float, target_mps: float) -> Instruction:
-    """A brake of an effort; more than the motors give is friction."""
+    """The instruction to brake with an effort; one above what the motors give is a friction brake."""
     return Instruction(mode=braking_mode(effort), speed_mps=target_mps, effort_ratio=-effort)

@@ -12,7 +12,7 @@ _KEYS = {"planning_brake": "acceleration", "reaction": "time", "below_limit": "s
 def site_braking(fields: Fields) -> SiteBraking:
     """How the drivers of a site brake, as far as the table says it.
 
-    Raises InputError for a key that it does not know, and for a figure that no driver has.
+    Raises InputError for an unknown key, and for a figure outside what is plausible for a driver.
     """
     fields.check_keys(fields.quantity_keys(_KEYS))
     brake_mps2 = fields.within("planning_brake", "acceleration", 0.5, (0.1, 1.5))

@@ -1,4 +1,4 @@
-"""The certificate of a run: an energy that no run of its time goes below, and how far the run is above it."""
+"""The certificate of a run: a lower bound of the energy of every run that takes no more time."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ Floats = NDArray[np.float64]
 
 
 def fastest_is_ahead(task: Task) -> bool:
-    """Whether it is sure that no run is anywhere faster than the fastest one.
+    """Whether it is certain that no run is anywhere faster than the fastest one.
 
-    That is so where the speed after an interval at full traction rises with the speed before it. The force that the
-    motors lose and the resistance gains by a faster start must be below the inertia (`docs/explanation/bounds.md`).
+    This holds if the speed after an interval at full traction rises with the speed before it. For that, the force that
+    a faster start takes from the motors and adds to the resistance must be below the inertia
+    (`docs/explanation/bounds.md`).
     """
     train, line = task.section.train, task.line
     if not _never_slips(train) or not _keeps_acceleration(task):
@@ -43,7 +44,7 @@ def fastest_is_ahead(task: Task) -> bool:
 
 
 def behind_fastest(task: Task) -> Task:
-    """The same task with the fastest run as a bound of the speed; only where that is ahead of all others."""
+    """The same task with the speed bounded by the fastest run; valid only if `fastest_is_ahead`."""
     speeds = np.empty_like(task.envelope_mps)
     speeds[0] = task.speeds_mps[0]
     fastest_roll_out(task.line.for_kernels, task.envelope_mps, task.section.train, speeds)
@@ -51,7 +52,7 @@ def behind_fastest(task: Task) -> Task:
 
 
 def _never_slips(train: TrainParams) -> bool:
-    """Whether force and power limit the traction at every speed before adhesion does."""
+    """Whether force or power, and never adhesion, limits the traction at every speed."""
     if train.adhesive_force_n >= NO_LIMIT_N:
         return True
     corner_mps = train.traction_power_w / max(train.traction_force_n, 1.0)
@@ -59,7 +60,7 @@ def _never_slips(train: TrainParams) -> bool:
 
 
 def _keeps_acceleration(task: Task) -> bool:
-    """Whether the brakes keep the largest acceleration on every descent, if there is one."""
+    """Whether the brakes can hold the train to its largest acceleration on every descent, if it has such a limit."""
     train, line = task.section.train, task.line
     lowest_n = train.c0_n + line.constant_n + min(train.c1_n_per_mps, 0.0) * float(task.envelope_mps.max())
     limits = acceleration_limits(task, lowest_n)
@@ -73,14 +74,14 @@ ENOUGH_RATIO: Final = 1e-5
 MOST_CUTS: Final = 3
 """A loss map gets further planes at most this number of times."""
 ENOUGH_CUT_RATIO: Final = 5e-4
-"""It gets no more where the last ones raised the bound by less than this share."""
+"""A loss map gets no further planes once the last ones raised the bound by less than this share."""
 INSIDE: Final = 0.05
 """How far from its bounds the first point is, as a share of their width."""
 LEAST_PRICE: Final = 1e-3
 LARGEST_PRICE: Final = 1e3
 """The first price of time is between these, in units of force times speed."""
 ROUNDING_RATIO: Final = 1e-9
-"""The bound is lowered by this share of the sizes that it is the sum of, which is more than their rounding."""
+"""The bound is lowered by this share of the sizes of its terms, which is more than their rounding errors."""
 
 
 class ProvenBound(NamedTuple):
@@ -105,7 +106,7 @@ def proven(task: Task, planes: Planes, lambda_w: float) -> ProvenBound:
 def proven_for_map(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) -> ProvenBound:
     """The highest bound found for a task with a loss map, near a run whose motors give `force_n` (N).
 
-    After each search the relaxed run gets planes of its own, below which its energy cannot stay (cutting planes).
+    After each search, planes are added near the relaxed run that its energy must not lie below (cutting planes).
     """
     maker, price_w = MapPlanes(task, loss), task.mean_price_w
     planes = maker.of_run(force_n, price_w + lambda_w)
@@ -171,43 +172,43 @@ class Certificate:
 
 
 class BoundedRun(Protocol):
-    """What is known of a run that is to be bounded, as a `das.solver.solution.Solution` has it."""
+    """What the certificate needs of a run, as a `das.solver.solution.Solution` has it."""
 
     @property
     def section(self) -> Section:
-        """Line, train and losses."""
+        """The section of the run: line, train and losses."""
 
     @property
     def trajectory(self) -> Trajectory:
-        """The run."""
+        """The trajectory of the run."""
 
     @property
     def balance(self) -> EnergyBalance:
-        """Where its energy goes (J)."""
+        """The energy balance of the run (J)."""
 
     @property
     def time_s(self) -> float:
-        """How long it takes (s)."""
+        """The time that the run takes (s)."""
 
     @property
     def requested_s(self) -> float:
-        """The time that was asked for (s)."""
+        """The time that was asked for when the run was solved (s)."""
 
     @property
     def saves_time(self) -> bool:
-        """Whether it is the run of least energy, and ends before the time that was asked for."""
+        """Whether this is the run of least energy, which ends before the time that was asked for."""
 
     @property
     def lambda_w(self) -> float:
-        """Its price of time (W)."""
+        """The run's price of time (W)."""
 
     @property
     def feasible(self) -> bool:
-        """Whether it keeps the limits and the speed at the end."""
+        """Whether the run keeps the limits and the speed at the end."""
 
 
 def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
-    """The certificate of a solution; 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
+    """The certificate of a solution; proving it takes 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
     With a loss map, a search of about `tight_s` seconds more can raise the bound (see `das.solver.bound.cells`); with
     constant efficiencies there is nothing to raise. A run of least energy ends before its time: then the bound holds
@@ -233,7 +234,7 @@ def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
 
 
 def _raised_j(task: Task, solution: BoundedRun, bound_j: float, tight_s: float) -> float:
-    """The bound (J) that cells of speeds prove in a time (s), or the one given where that is higher or good enough."""
+    """The bound (J) that cells of speeds prove in `tight_s`, or the given one if that is higher or good enough."""
     loss, energy_j = task.section.loss, solution.balance.input
     if not isinstance(loss, LossMap) or energy_j - bound_j <= TIGHT.enough_ratio * abs(energy_j):
         return bound_j
@@ -251,7 +252,7 @@ def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:
 
 
 def task_of(solution: BoundedRun, allowed_s: float) -> Task:
-    """What is to be bounded for a solution: every run from its state that takes at most a time (s)."""
+    """The task of bounding a solution: every run from its state that takes at most `allowed_s`."""
     run, section = solution.trajectory, solution.section
     line = LineProfile(
         node_m=run.s_m,
@@ -267,7 +268,7 @@ def task_of(solution: BoundedRun, allowed_s: float) -> Task:
 
 
 def _unkept(solution: BoundedRun) -> str:
-    """Which condition of the proof a run does not keep; empty where it keeps them all."""
+    """Which condition of the proof a run violates; empty if it meets them all."""
     section, speeds = solution.section, solution.trajectory.v_mps
     if (speeds > section.envelope_mps[-len(speeds) :] + tol.SPEED_TOLERANCE_MPS).any():
         return "the run begins above the braking envelope"

@@ -15,11 +15,11 @@ from das.solver.few_switch.settings import ScheduleSettings
 Floats = NDArray[np.float64]
 BRAKES = (NotchRegime.BRAKE, NotchRegime.CURVE)
 NEAR_MPS = 1e-3
-"""A train this near (m/s) to a speed is at it."""
+"""A train has reached a speed if its own is this near (m/s)."""
 
 
 class Phase(NamedTuple):
-    """One thing to do: its kind and share of effort, the first interval of the section, and the speed it leads to."""
+    """What to do on a stretch: kind and share of effort, the section's interval where it begins, the speed to reach."""
 
     kind: NotchRegime
     share: float
@@ -38,7 +38,7 @@ class _Part:
 
 
 def phases_of(run: FewSwitchTrajectory, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
-    """The stretches of a run in one notch, without the short ones; `first` is the run's interval on the section."""
+    """The stretches of a run in one notch, without short ones; `first` is the run's first interval on the section."""
     speeds = run.speeds_mps
     elapsed_s = run.state.elapsed_s(speeds)
     parts = _without_short(_parts(run), elapsed_s, speeds, settings)
@@ -72,7 +72,7 @@ def _parts(run: FewSwitchTrajectory) -> list[_Part]:
 
 
 def _done(run: FewSwitchTrajectory, i: int, kind: NotchRegime) -> NotchRegime:
-    """What a train in a notch of the brake does in an interval: it brakes only from where it is too fast on."""
+    """What a train in a braking notch does in an interval: it brakes only once it is too fast."""
     before, after = run.speeds_mps[i : i + 2]
     if kind is NotchRegime.CURVE:
         brakes, met = after < before, after > run.state.envelope_mps[i + 1] - NEAR_MPS
@@ -134,7 +134,7 @@ def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
 
 
 def _joined(parts: list[_Part]) -> list[_Part]:
-    """The parts, where neighbours that say the same are one."""
+    """The parts, with equal neighbours merged into one."""
     found = parts[:1]
     for part in parts[1:]:
         if (part.kind, part.share) == (found[-1].kind, found[-1].share):
