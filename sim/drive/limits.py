@@ -1,4 +1,4 @@
-"""What "above the limit" means: the limit of the line over the train, and the restrictions announced by then.
+"""What "above the limit" means: the limit of the line over the train, and the temporary restrictions told by then.
 
 The train's own top speed is no limit: a train that is faster than its file says may be another train.
 """
@@ -34,7 +34,7 @@ class Violations:
     """What a drive violated.
 
     `signals_passed` counts the signals passed at danger; `beyond_signal_m` is the furthest that the train went beyond
-    one (m). `over_limit_s` is the time above limits (s), `over_limit_mps` the greatest speed above one (m/s).
+    one (m). `over_limit_s` is the time above limits (s), `over_limit_mps` the greatest excess over one (m/s).
     """
 
     signals_passed: int = 0

@@ -26,9 +26,9 @@ EXPECTED = "expected a class with a method command(self, cab) that returns a Com
 
 
 class OwnDriver:
-    """Drives as a class of the user's does; raises DasError for its exceptions and for answers that make no sense.
+    """Drives as a class of the user's does; raises DasError for its exceptions and invalid answers.
 
-    The class is called with the line (`LineKnowledge`) and `seed=…`, with one of them, or with nothing, as it accepts.
+    The class is called with the line (`LineKnowledge`) and `seed=…`, one of them, or nothing, whichever it accepts.
     """
 
     def __init__(self, own: OwnClass, line: LineKnowledge, seed: int) -> None:

@@ -31,7 +31,7 @@ LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
 """Solved lines that a process keeps: one for the true train's losses, and two for loss levels of the advice."""
 APART: Final = 1_000_000_007
-"""Distance of a participant's random streams on two trials; it exceeds every number of a participant."""
+"""Distance of a participant's random streams on two trials; it exceeds every participant's number."""
 _services = ServiceMemory(most=LINES_KEPT)
 
 
@@ -40,8 +40,8 @@ class StudyTrial:
     """One trial. `person` is the participant's number in the population, `who` that in the study (from 1).
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
-    factors' levels in the order of the design. `seed` is that of the day, `chance` numbers the random streams of a
-    participant whose trials do not share one, and `trips` is how many trips the participant has made before.
+    factors' levels in the order of the design. `seed` is that of the day, `chance` differs between trials of a
+    participant that draw different random numbers, and `trips` is how many trips the participant has made before.
     """
 
     number: int

@@ -23,7 +23,7 @@ from sim.recording.clock import DriveClock
 from sim.recording.findings import CheckFinding, CheckKind, Rate, find, is_session, rate_of, to_recorder_s, versions
 
 HASH = "_sha256"
-"""How the metadata keys end that hold the hash of an input file."""
+"""Ending of the metadata keys that hold the hash of an input file."""
 ELSEWHERE = ("trip_sha256", "what_if_of_sha256")
 """Keys for the hashes of files that are not attached to a recording."""
 
@@ -187,7 +187,7 @@ def _notes(contents: Contents, recording: Recording) -> list[str]:
 
 
 def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
-    """Indices of the first status after each restart of the node, which shows because the node counts from 0 again."""
+    """Indices of the first status after each restart of the node, whose count of advices then begins at 0 again."""
     found, most = [], 0
     for i, one in enumerate(statuses):
         if one.message.state == NodeState.STOPPING:  # sent by the process, which counts no advice

@@ -48,7 +48,7 @@ _SHOWN_NAMES = 6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reading:
-    """A record, the format of its file and, for a recording of das, its journey and its delays.
+    """A record, the format of its file and, for an MCAP recording, its journey and its delays.
 
     `delays` are pairs of a time (ns) and a delay (s). `recording` is None for a record of another format.
     """

@@ -52,7 +52,10 @@ def read_range(table: Fields, key: str) -> Drawn:
 
 
 def read_quantity(table: Fields, name: str, dimension: str, default: float | None = None) -> Drawn:
-    """Read a quantity or a range of it, whose key ends in its unit, into SI. Raises InputError for anything else."""
+    """Read a quantity, or a range of it, in SI units; the key ends in the unit that the file uses.
+
+    Raises InputError for anything else.
+    """
     key = key_of(table, name, dimension)
     if not isinstance(table.data.get(key), Mapping):
         value = table.quantity(name, dimension, default, unbounded=True)
@@ -136,7 +139,7 @@ def read_truth(table: Fields) -> Truth:
 
 
 def beside(folder: Path, name: str) -> str:
-    """The name of a bundled file unchanged, or the path of a file as seen from the scenario's folder."""
+    """The name of a bundled file unchanged, or the path of a file, resolved from the scenario's folder."""
     return str(folder / name) if Path(name).suffix else name
 
 

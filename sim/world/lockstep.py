@@ -66,7 +66,7 @@ class Answers:
         self.controls: Any | None = None
         """The external driver's latest answer (the bus's message); None before the first."""
         self.driver = ""
-        """The session whose driver drives: the first one heard. If it is empty, the next one heard drives."""
+        """Session of the external driver in control: the first one heard. If empty, the next one takes control."""
         self.other_drivers = 0
         """How many messages were ignored because they came from other sessions that tried to drive as well."""
 
@@ -168,7 +168,7 @@ class Lockstep:
 
     def restart_node(self) -> None:
         """Kill the node, start it anew, and wait until it has the journey again, which the bus keeps."""
-        # No message of the node may be lost when it is killed: how many arrive would depend on the machine.
+        # No message of the node may be lost by the kill: how many got through would depend on the machine.
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
         self._node.__exit__(None, None, None)

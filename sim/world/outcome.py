@@ -136,7 +136,7 @@ class RunEnergies:
 
 @dataclass(frozen=True, kw_only=True)
 class DayOutcome:
-    """The result of a run of a day.
+    """The result of one day's run.
 
     `drive` has the figures that a recording of the run has as well: stops, energy above the optimum, violations, and
     how often the advice on the display changed. `running_time_s` is the time between departures and arrivals,
@@ -186,7 +186,7 @@ class DayOutcome:
 
 
 def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
-    """The result of a run of a day, with the optimum for braking as a human driver intends or as the advice plans."""
+    """The result of one day's run, with the optimum for braking as a human driver intends or as the advice plans."""
     service = day.service
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)

@@ -265,7 +265,7 @@ def _against_chance(
 
 
 def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> AssumptionCheck:
-    """Whether the groups are of one size and drove the same conditions equally often, equally early."""
+    """Whether the groups are of one size and drove the same conditions equally often and equally early."""
     trials, others = study.trials, [one.name for one in study.plan.factors if one.name != comparison.factor]
     sizes, shares, places = [], [], []
     cells = np.array([" ".join(str(trials.levels[name][row]) for name in others) for row in rows], dtype=np.str_)
