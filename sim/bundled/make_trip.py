@@ -23,7 +23,7 @@ from sim.world.lockstep import location
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08
-"""Noise of the receiver (assumptions of the size of a good GPS)."""
+"""Noise of the receiver (assumed, and typical of a good GPS)."""
 FIX_EVERY_S = 1.0
 STANDING_S = 5
 """Seconds of standing recorded before departure and after arrival."""
@@ -33,7 +33,7 @@ AT_STOP_M = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class TripPlan:
-    """What trip to make: a section, its timetable and how late it leaves."""
+    """The trip to make: a section, its timetable and the delay of the departure."""
 
     route: Route
     vehicle: Vehicle
@@ -49,7 +49,7 @@ class TripPlan:
 
 
 def drive(plan: TripPlan) -> list[HurriedState]:
-    """The truth of the trip, once a second from departure to standstill at the stop."""
+    """The true states of the trip, once a second from departure to standstill at the stop."""
     plant = HurriedPlant(plan.route, plan.vehicle, plan.vehicle.loss_model(plan.level))
     driver = HurriedDriver(plan.route, plan.vehicle, plan.end.position_m, plan.seed, DriverStyle())
     state = HurriedState(time_s=0.0, s_m=plan.start.position_m, speed_mps=0.0)
@@ -68,7 +68,7 @@ def drive(plan: TripPlan) -> list[HurriedState]:
 
 
 def write_trip(path: Path, plan: TripPlan, states: list[HurriedState], command: str) -> None:
-    """Write what a receiver and the operator would have said of a trip as a recording of ours."""
+    """Write a recording of a trip, with the messages that a receiver and the operator would have sent."""
     random = np.random.default_rng(plan.seed + 1)
     file = RecordingFile(path)
 

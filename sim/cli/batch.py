@@ -94,7 +94,7 @@ def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Pat
 
 
 def _run_all(jobs: Sequence[BatchJob], out: Path, workers: Workers) -> dict[str, Any]:
-    """Run what is not finished yet and write the table, even if it is interrupted. Returns what came out."""
+    """Run what is not finished yet and write the table, even if it is interrupted. Returns the summary."""
     from sim.jobs.batch import make_run, write_table
     from sim.jobs.report import savings, summary
     from sim.jobs.runner import JobWords, Runner
@@ -121,7 +121,7 @@ def _each(kind: type[Kind], option: str, text: str) -> list[Kind]:
 
 
 def _drivers(text: str) -> list[DriverKind | OwnClass]:
-    """The drivers of a list; DasError for a name that there is not, and for a driver that is a process of its own."""
+    """The drivers of a list; DasError for an unknown name, and for a driver that is a process of its own."""
     found: dict[DriverKind | OwnClass, None] = {}
     for part in text.split(","):
         driver = named_driver("--drivers", part.strip())

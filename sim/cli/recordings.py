@@ -96,7 +96,7 @@ def recover(
 
 EXIT_DIFFERENT = 1
 MOST_FIELDS = 12
-"""So many fields are shown of the first message that differs."""
+"""At most this many fields of the first message that differs are shown."""
 
 
 def reproduce(

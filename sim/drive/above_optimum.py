@@ -1,8 +1,8 @@
-"""What a drive took above its optimum, how sure that is, and whether it can be compared with an optimum at all.
+"""The energy of a drive above its optimum, how certain it is, and whether the two can be compared at all.
 
 Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of the
-energy driven. It is a distance and no saving: nobody drove the optimum. Runs, replays, reports and recordings say it
-by this module, and refuse it with the same words.
+energy driven. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all take
+it from this module, and use the same words when it cannot be stated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from das.solver.solution import Solution
 
 NOT_COMPARABLE: Final = "not comparable"
-"""What every command says in the place of an energy above the optimum that cannot be stated."""
+"""What every command says instead of an energy above the optimum that cannot be stated."""
 SAID_BY_THE_RECORDING: Final = "the recording says so of its trip and the optimum"
 
 
@@ -38,10 +38,10 @@ class EnergyBand(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SectionEnergy:
-    """The energy of a section as driven, and the least of the same train in the same time (J).
+    """The energy of a section as driven, and the least energy of the same train in the same time (J).
 
-    `late_s` is by how much the fastest run of the train takes longer than the section took (s); 0 where the train as
-    assumed could drive so, and NaN where it could not and nobody recorded by how much.
+    `late_s` is how much longer the train's fastest run takes than the section took (s). It is 0 if the train as assumed
+    can drive that fast, and NaN if it cannot and the recording does not say how much longer it takes.
     """
 
     start: str
@@ -53,7 +53,7 @@ class SectionEnergy:
 
     @classmethod
     def of(cls, start: str, end: str, trip_s: float, driven_j: float, best: Solution) -> SectionEnergy:
-        """The energies of a section that took a time (s), with the best run in that time."""
+        """The energies of a section from its time (s), the energy driven (J) and the best run in that time."""
         from das.solver.solution import Fit  # imports the solver, which reading a recording does not need
 
         return cls(
@@ -67,7 +67,7 @@ class SectionEnergy:
 
     @property
     def too_fast(self) -> bool:
-        """Whether the train as assumed cannot drive so fast: the optimum is its fastest run then."""
+        """Whether the train as assumed cannot drive the section that fast; the optimum is then its fastest run."""
         return self.late_s != 0.0
 
 
@@ -75,9 +75,9 @@ class SectionEnergy:
 class AboveOptimum:
     """The energy of a drive beside its optimum, section by section.
 
-    `measured` tells whether the energy was; otherwise it is estimated from positions. `why_not` says why the two cannot
-    be compared; it is empty where they can. `likely` and `worst` are bands of the energy above the optimum of an
-    estimated drive: with each unknown where it likely is, and with all at their worst.
+    `measured` tells whether the energy was measured; otherwise it is estimated from positions. `why_not` says why drive
+    and optimum cannot be compared; it is empty where they can. `likely` and `worst` are bands of the energy above the
+    optimum of an estimated drive: with the unknowns where they are likely to be, and with all of them at their worst.
     """
 
     sections: tuple[SectionEnergy, ...]
@@ -93,7 +93,7 @@ class AboveOptimum:
 
     @classmethod
     def recorded(cls, recording: Recording) -> AboveOptimum | None:
-        """What a recording says at its end; None where it says nothing, as one of a node alone."""
+        """The energies that a recording states at its end; None if it states none, like a recording of a node alone."""
         for entry in recording.of(topics.SAVING)[-1:]:
             found = entry.message
             return cls(
@@ -138,7 +138,7 @@ class AboveOptimum:
 
     @property
     def gap_ratio(self) -> float | None:
-        """Energy driven over that of the optimum, less 1, as studies give it; None where that cannot be stated."""
+        """Energy driven divided by that of the optimum, minus 1, as in studies; None where that cannot be stated."""
         return None if self.ratio is None or self.optimum_j <= 0 else self.driven_j / self.optimum_j - 1.0
 
     @property
@@ -155,7 +155,7 @@ class AboveOptimum:
         return f"{kwh(above_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
 
     def rows(self) -> list[tuple[str, str]]:
-        """What is said of the energy, by name."""
+        """Names and words for a table: the energy above the optimum, its bands, and that of each section."""
         name = "above the optimum" if self.measured else "above the optimum (estimated)"
         rows = [(name, self.words)]
         if self.why_not:
@@ -171,7 +171,7 @@ class AboveOptimum:
         return rows
 
     def message(self, time_ns: int) -> das_pb2.Saving:
-        """The same as it is recorded at the end of a drive; of a measured one, the bands are a point."""
+        """The message that is recorded at the end of a drive; the bands of a measured drive have no width."""
         nothing, above_j = EnergyBand(math.nan, math.nan), self.driven_j - self.optimum_j
         point = EnergyBand(above_j, above_j) if self.measured else nothing
         likely, worst = self.likely or point, self.worst or point
@@ -204,10 +204,10 @@ def _band(low_j: float, high_j: float) -> EnergyBand | None:
 
 
 def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True, direction_known: bool = True) -> str:
-    """Why a drive cannot be compared with its optimum, in words; nothing where it can.
+    """Why a drive cannot be compared with its optimum, in words; empty where it can.
 
-    A drive that is faster than its train can be has no optimum, nor has one that does not go from stand to stand at
-    stops, or in an unknown direction.
+    A drive has no optimum if it is faster than its train can be, does not run from stand to stand at stops, or runs in
+    an unknown direction.
     """
     late_s = [one.late_s for one in sections if one.too_fast]
     if late_s:

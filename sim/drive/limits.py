@@ -1,4 +1,4 @@
-"""What "above the limit" means: the limit of the line over the train, with the temporary restrictions told by then.
+"""What "above the limit" means: the limit of the line over the train, and the temporary restrictions told by then.
 
 The train's own top speed is no limit: a train that is faster than its file says may be another train.
 """
@@ -24,7 +24,7 @@ from sim.recording.course import DrivenCourse, Floats, Times
 from sim.recording.inputs import DriveInputs
 
 OVER_MPS: Final = 1.0 * KMH
-"""A speed this much (m/s) above a limit is too fast: less is within the error of a speedometer."""
+"""A speed that is more than this (m/s) above a limit is too fast; less is within the error of a speedometer."""
 BEYOND_M: Final = 0.5
 """A signal counts as passed when the train's head is further beyond it than this (m)."""
 
@@ -33,8 +33,8 @@ BEYOND_M: Final = 0.5
 class Violations:
     """What a drive violated.
 
-    That is the number of signals passed at danger, and by how much at most (m); the time above limits (s), and by how
-    much at most (m/s).
+    `signals_passed` counts the signals passed at danger; `beyond_signal_m` is the furthest that the train went beyond
+    one (m). `over_limit_s` is the time above limits (s), `over_limit_mps` the greatest excess over one (m/s).
     """
 
     signals_passed: int = 0
@@ -51,12 +51,12 @@ class TemporaryLimit(NamedTuple):
     lifted_ns: int
 
     def holds_at(self, time_ns: Times) -> NDArray[np.bool_]:
-        """Whether the node was told about it at each moment (ns), and its window was open."""
+        """Whether, at each moment (ns), the node knew of the restriction and its time window was open."""
         told = (time_ns >= self.told_ns) & (time_ns < self.lifted_ns)
         return np.asarray(told & self.restriction.holds_at(time_ns))
 
     def changes(self) -> list[tuple[int, str]]:
-        """The moments (ns) at which it was told, began to hold, ended and was lifted, each with that word."""
+        """The moments (ns) at which the restriction was told, began, ended and was lifted, each with that word."""
         one = self.restriction
         window = ((one.valid_from_ns, "begins"), (one.valid_until_ns, "ends"))
         inside = [(at_ns, word) for at_ns, word in window if self.told_ns < at_ns < self.lifted_ns]
@@ -88,8 +88,8 @@ def limit_in_force(
 ) -> Floats:
     """The limit of the line (m/s) over the train at every position of its course, with the restrictions told by then.
 
-    It is NaN where it is not known. `inputs` are line and train; where nobody knows them (None), the line's limit is
-    what a simulator wrote down, and behind a restriction's end it holds as long as the node says that it does.
+    It is NaN where it is not known. `inputs` are line and train. If these are not known (None), the line's limit is
+    the one that a simulator recorded, and beyond its end a restriction holds for as long as the node says so.
     """
     truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
     at, length_m, said_mps = trip.time_ns, 0.0, np.full(len(trip.time_ns), np.nan)
@@ -109,7 +109,10 @@ def limit_in_force(
 
 
 class SpanAbove(NamedTuple):
-    """A stretch of time (ns) above a speed: by how much at most (m/s), that speed there (m/s), and how long (s)."""
+    """A span of time (ns) above an allowed speed.
+
+    It has the greatest excess and the speed that was allowed there (m/s), and the duration (s).
+    """
 
     start_ns: int
     end_ns: int

@@ -59,7 +59,7 @@ def named_driver(option: str, text: str) -> DriverName:
 class Presentation(StrEnum):
     """How much of the same advice the display shows: the list of the presentations.
 
-    A new one is a line here and a module of its name in `sim/drivers/presentations`, where everything else about it is.
+    A new presentation takes one line here and a module of its name in `sim/drivers/presentations`, with all else.
     """
 
     NONE = "none"

@@ -26,9 +26,9 @@ EXPECTED = "expected a class with a method command(self, cab) that returns a Com
 
 
 class OwnDriver:
-    """Drives as a class of the user's does. An exception in it and an answer that no train understands are a DasError.
+    """Drives as a class of the user's does; raises DasError for its exceptions and invalid answers.
 
-    The class is made with the line (`LineKnowledge`) and `seed=…`, with one of them, or with nothing, as it takes them.
+    The class is called with the line (`LineKnowledge`) and `seed=…`, one of them, or nothing, whichever it accepts.
     """
 
     def __init__(self, own: OwnClass, line: LineKnowledge, seed: int) -> None:
@@ -37,7 +37,7 @@ class OwnDriver:
 
     @property
     def events(self) -> Sequence[DriverEvent]:
-        """What the user's class notes of what it does, if it keeps a diary as the bundled human does."""
+        """The events that the user's class has noted, if it keeps a diary as the bundled human driver does."""
         return kept_by(self._driver)
 
     def command(self, cab: CabView) -> Command:
@@ -68,7 +68,7 @@ def load_class(own: OwnClass) -> type:
 
 
 def driver_versions(driver: DriverName) -> dict[str, str]:
-    """The hash of the source file of a user's class, as `driver_sha256`; nothing for others.
+    """The hash of the source file of a user's class, as `driver_sha256`; empty for other drivers.
 
     Raises DasError where the class is not there or is no driver.
     """
@@ -89,7 +89,7 @@ def source_of(own: OwnClass) -> Path:
 def _module(own: OwnClass) -> ModuleType:
     here = os.getcwd()
     if here not in sys.path:
-        sys.path.append(here)  # last, so that no file beside the user hides an installed package
+        sys.path.append(here)  # last, so that no file in the current folder hides an installed package
     try:
         return importlib.import_module(own.module)
     except ModuleNotFoundError as error:
@@ -131,7 +131,7 @@ def _takes(called: Any, *arguments: Any, **named: Any) -> bool:
 
 
 def _raised(own: OwnClass, error: BaseException, when: str = "") -> DasError:
-    """What the user's code raised, with the place in it."""
+    """An error that says what the user's code raised, and at which line."""
     words = " ".join(str(error).split())
     said = f"{type(error).__name__}: {words}" if words else type(error).__name__
     return DasError(f"--driver {own}: {_place(error)}raised{when}: {said}")
@@ -160,7 +160,7 @@ _VALUES: Final = {
     LEVER: ("the lever's ratio", -1.0, 1.0, ""),
     SPEED: ("the speed to hold", 0.0, MOST_SPEED_MPS, "m/s"),
 }
-"""By the law of a command: what its value is, and the range of it."""
+"""For each law of a command: the name, the range and the unit of its value."""
 
 
 def checked(answer: Any, who: str, time_s: float) -> Command:
@@ -197,7 +197,7 @@ def _within(value: Any, where: str, name: str, limits: tuple[float, float, str])
 
 
 def _short(value: Any) -> str:
-    """A value as Python writes it, in a few letters; a user's own type may fail at that."""
+    """A value as Python writes it, shortened; the name of its type if a user's own type cannot be written."""
     try:
         text = repr(value)
     except Exception:

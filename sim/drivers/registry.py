@@ -24,8 +24,8 @@ def make_driver(
 ) -> Driver:
     """Make a driver for a line.
 
-    Parameters, friction policy and stream (one per driver of a seed) concern the human alone, the seed also a class of
-    the user's. Raises DasError for a class that cannot be used.
+    Only the human driver uses the parameters, the friction policy and the stream (one per driver of a seed). A class of
+    the user's is given the seed as well. Raises DasError for a class that cannot be used.
     """
     if isinstance(kind, OwnClass):
         return OwnDriver(kind, line, seed)

@@ -29,9 +29,9 @@ from sim.world.service import Service
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
-"""Solved lines that a process keeps: that of the true train's losses, and those of two levels of the advice's."""
+"""Solved lines that a process keeps: one for the true train's losses, and two for loss levels of the advice."""
 APART: Final = 1_000_000_007
-"""Streams of a participant's chances on two trials are this far apart: further than any number of a participant."""
+"""Distance of a participant's random streams on two trials; it exceeds every participant's number."""
 _services = ServiceMemory(most=LINES_KEPT)
 
 
@@ -40,8 +40,8 @@ class StudyTrial:
     """One trial. `person` is the participant's number in the population, `who` that in the study (from 1).
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
-    factors' levels in the order of the design. `seed` is that of the day, `chance` tells trials of a participant apart
-    whose chances are not the same, and `trips` is how many trips the participant has made before.
+    factors' levels in the order of the design. `seed` is that of the day, `chance` differs between trials of a
+    participant that draw different random numbers, and `trips` is how many trips the participant has made before.
     """
 
     number: int
@@ -58,7 +58,7 @@ class StudyTrial:
 
     @property
     def stream(self) -> int:
-        """Number of the stream of the participant's chances on the day."""
+        """Number of the participant's random stream on the day."""
         return self.person + 1 + APART * self.chance
 
     @property
@@ -115,7 +115,7 @@ class WatchedDriver:
 
 
 def lever_trace_sha256(looks: Sequence[DriverLook]) -> str:
-    """Hash of all that a driver asked of the train, look by look; equal hashes are equal drives at the controller."""
+    """Hash of all that a driver asked of the train, look by look; equal hashes mean equal use of the controller."""
     return hashlib.sha256(np.array([look.command for look in looks], dtype=np.float64).tobytes()).hexdigest()
 
 
@@ -174,10 +174,10 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
 
 
 def service_of(setting: Setting) -> Service:
-    """The service of a setting, with the timetable and the optimum of the true train whatever the advice is planned
-    with.
+    """The service of a setting.
 
-    Raises DasError for files that cannot be used.
+    The timetable and the optimum are the true train's, whichever losses the advice is planned with. Raises DasError
+    for files that cannot be used.
     """
     scenario = setting.read_scenario()
     own = _services.of(scenario, None)
@@ -198,7 +198,7 @@ def service_of(setting: Setting) -> Service:
 
 
 def _day(trial: StudyTrial, who: Participant) -> Day:
-    """The day of a trial, with the participant's own chances and the trips that were made before."""
+    """The day of a trial, with the participant's own random stream and the number of trips made before."""
     day = make_day(service_of(trial.setting), trial.seed, who)
     day = replace(day, stream=trial.stream)
     if trial.trips is None:

@@ -1,4 +1,4 @@
-"""Runs an experiment: the jobs of its trials, what is not finished yet, on all workers, into the study's folder."""
+"""Runs an experiment: drives its unfinished trials on all workers, and writes the files in the study's folder."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ from sim.recording.metadata import typed_command
 from sim.world.service import PLANNED
 
 FAILED: Final = ("trial", "participant", "condition", "error")
-"""What is said of a trial that failed."""
+"""What the list of failed trials says of each."""
 ONE_AT_A_TIME: Final = Lock()
 """A worker of a cluster with several threads drives one trial at a time, because its solved lines are shared."""
 
 
 class Keep(StrEnum):
-    """What is kept of a trial beside its measures."""
+    """What is kept of a trial besides its measures."""
 
     MEASURES = "measures"
     SERIES = "series"
@@ -128,8 +128,8 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
 def make_trial(job: TrialJob) -> JobResult:
     """Drive a trial, find its measures and make its files; raises DasError where it cannot be driven.
 
-    It is also raised where a file of the trial is another one here than where the jobs were made: another machine has
-    another file at the same path, or the file was changed since.
+    It is also raised if a file of the trial is not the one with which the jobs were made: it was changed since, or this
+    is another machine, with another file at the same path.
     """
     here = _files_here(job.trial.setting)
     # Version, source and population are no files of a setting.
@@ -148,10 +148,10 @@ def _files_here(setting: Setting) -> dict[str, str]:
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
-    """The jobs so that those of one solved line follow each other, and else in the order of the trials.
+    """The jobs in the order of the trials, but with those of one solved line after each other.
 
-    A worker keeps the lines of a few loss levels. Up to so many of them are driven in turn, so that what is finished of
-    a study that was stopped is balanced.
+    A worker keeps the lines of a few loss levels. Trials of up to that many levels are driven in turn, so that a study
+    that is stopped has a balanced set of finished trials.
     """
     settings = {job.trial.setting for job in jobs}
     many_levels = len({setting.loss_level for setting in settings}) >= LINES_KEPT

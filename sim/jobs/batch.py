@@ -36,9 +36,9 @@ from sim.world.scenario import load_scenario, read_scenario
 from sim.world.service import lay_out, scenario_files
 
 MOST_SEEDS = 1_000_000
-"""Most seeds in one range; more are a slip of the finger."""
+"""Most seeds in one range; a larger range is taken for a typing error."""
 STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
-"""Figures of the stops, as lists in the order of the way."""
+"""Figures of the stops, as lists in the order in which the train comes to them."""
 _services = ServiceMemory()
 """A worker is a process: this is its memory between jobs."""
 _SEEDS = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
@@ -90,7 +90,7 @@ class BatchJob:
 
     @property
     def kept_files(self) -> tuple[str, ...]:
-        """None: all that comes of a run is its row, and perhaps a recording."""
+        """Empty: a run makes no files other than its recording, if it has one."""
         return ()
 
     @property
@@ -100,7 +100,7 @@ class BatchJob:
 
     @property
     def command(self) -> str:
-        """What a recording of the run names as the command that made it."""
+        """The command that a recording of the run names as the one that made it."""
         return f"das-sim batch: {self.name}, inputs {self.inputs_sha256}"
 
 
@@ -108,7 +108,7 @@ class BatchJob:
 class Batch:
     """What the user asked for: every scenario with every driver, presentation and seed.
 
-    With `participants`, the human driver stands for each of these persons.
+    With `participants`, the human driver is each of these persons in turn.
     """
 
     scenarios: Sequence[str]

@@ -1,4 +1,4 @@
-"""How much each parameter of the human driver matters: the gap to the optimum, one standard deviation up and down."""
+"""How much the gap to the optimum changes with each parameter of the human driver, by one standard deviation of it."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ from sim.world.scenario import read_scenario
 ASSUMED_SD_RATIO: Final = 0.2
 """Standard deviation, as a share of the default, of a parameter that the population does not draw."""
 WITHOUT_EFFECT: Final = ("notches", "notch_s", "learning_trips", "learned_ratio")
-"""Parameters that are not varied: this driver has a percent controller, and learning changes other parameters."""
+"""Parameters that are not varied: the driver has a percent controller, and learning changes other parameters."""
 NORMAL_95: Final = 1.96
 _services = ServiceMemory()
 
 
 @dataclass(frozen=True, kw_only=True)
 class VariedParameter:
-    """A parameter one standard deviation below and above its middle, in its own unit, and where its middle is from.
+    """The values of a parameter one standard deviation below and above its middle, in its own unit.
 
-    `drawn`: the population draws it; else its standard deviation is a fifth of the default.
+    `drawn` tells whether the population draws the parameter; otherwise its standard deviation is a fifth of the
+    default. `source` says where the middle is from.
     """
 
     name: str
@@ -44,7 +45,7 @@ class VariedParameter:
 
 @dataclass(frozen=True, kw_only=True)
 class SensitivityJob:
-    """One run: a day with one presentation and a driver of whom one parameter was changed (`name` and `side`, ±1)."""
+    """One run: a day with one presentation and a driver with one parameter changed (`name` and `side`, ±1)."""
 
     scenario: Path
     level: Level | None
@@ -69,8 +70,8 @@ class SensitivityRun:
 class Sensitivity:
     """How the gap changes with one standard deviation of a parameter (percentage points), and the energy (kWh).
 
-    The mean over the days of half the difference between one standard deviation above and one below; its 95 % interval
-    over the days is ± `interval_points` (NaN for one day).
+    The change is the mean over the days of half the difference between one standard deviation above and one below; its
+    95 % interval over the days is ± `interval_points` (NaN for one day).
     """
 
     advice: Presentation
@@ -127,7 +128,7 @@ def _variation(item: Field[Any], spread: Spread | None) -> VariedParameter:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What is asked: which days, with which presentations, which parameters (None: all), and how drivers differ."""
+    """What the user asks for: days, presentations, parameters (None: all), and how drivers differ."""
 
     scenario: Path
     level: Level | None
@@ -139,7 +140,7 @@ class Study:
 
     @property
     def variations(self) -> tuple[VariedParameter, ...]:
-        """What is varied; raises DasError for a parameter that cannot be."""
+        """The parameters to vary; raises DasError for one that cannot be varied."""
         return variations(self.population, self.parameters)
 
     def jobs(self) -> Iterator[SensitivityJob]:
@@ -158,7 +159,7 @@ class Study:
 
 
 def drive(job: SensitivityJob) -> SensitivityRun:
-    """Make a run in this process; raises DasError where it cannot be made, or has no optimum to compare with."""
+    """Drive a run in this process; raises DasError if it cannot be driven, or has no optimum to compare with."""
     day = replace(make_day(_services.of(read_scenario(job.scenario), job.level), job.seed), human=job.human)
     how = How(driver=DriverKind.HUMAN, friction=job.friction, advice=job.advice, train="train-1", command="")
     run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None)
@@ -174,7 +175,7 @@ def drive(job: SensitivityJob) -> SensitivityRun:
 
 
 def sensitivities(study: Study, runs: Iterable[SensitivityRun]) -> list[Sensitivity]:
-    """What each parameter does with each presentation, the strongest first."""
+    """The effect of each parameter with each presentation, the strongest first."""
     kept = {(one.job.advice, one.job.name, one.job.side, one.job.seed): one for one in runs}
     found = []
     for advice in study.advice:

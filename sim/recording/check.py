@@ -23,18 +23,18 @@ from sim.recording.clock import DriveClock
 from sim.recording.findings import CheckFinding, CheckKind, Rate, find, is_session, rate_of, to_recorder_s, versions
 
 HASH = "_sha256"
-"""Keys of the metadata that hold the hash of an input file end so."""
+"""Ending of the metadata keys that hold the hash of an input file."""
 ELSEWHERE = ("trip_sha256", "what_if_of_sha256")
-"""Hashes of files that a recording does not bring along."""
+"""Keys for the hashes of files that are not attached to a recording."""
 
 
 RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap")
-"""What `Checked.rate_rows` tells of a topic."""
+"""The columns of `Checked.rate_rows`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checked:
-    """What a check found out: figures by name, the rate of each topic, what is wrong, and what should be known."""
+    """The result of a check: figures by name, the rate of each topic, what is wrong (`findings`), and other `notes`."""
 
     recording: Recording
     figures: dict[str, str]
@@ -72,7 +72,7 @@ class Checked:
         return rows
 
     def lines(self) -> list[str]:
-        """What should be known and what is wrong, in words; at the end how much is."""
+        """The notes and the findings in words, and at the end the number of findings."""
         noted = [f"note: {note}" for note in self.notes]
         clock = DriveClock.of_recording(self.recording)
         wrong = [_line(one, clock) for one in self.findings]
@@ -81,13 +81,13 @@ class Checked:
 
 
 def check_file(path: Path, train: str | None = None) -> Checked:
-    """Check a recording; raises DasError for a file that holds nothing of a train, and as `read_contents`."""
+    """Check a recording; raises DasError for a file with no messages of a train, and where `read_contents` does."""
     contents = read_contents(path)
     return check_contents(contents, recording_of(contents, train))
 
 
 def check_contents(contents: Contents, recording: Recording) -> Checked:
-    """Check a recording that has been read: what its file holds, and the train of it that is asked about."""
+    """Check a recording that has been read: the contents of its file, and the recording of one train in it."""
     hashes = _hashes(contents)
     findings = [*find(recording), *_inputs(recording, hashes)]
     found = {topic.name: rate_of(recording, topic) for topic in TOPICS}
@@ -126,7 +126,7 @@ def _numbers(missing: int | None) -> str:
 
 
 def _speed_of_advice(recording: Recording) -> dict[str, str]:
-    """How long solving and advising took, and the way to the recorder, as far as they were measured."""
+    """How long it took to solve, to advise and to reach the recorder, as far as these times were measured."""
     status = recording.columns(topics.STATUS, "solve_s", "last_advice_s")
     rows = {}
     for name, values in (("solving a section", status["solve_s"]), ("computing an advice", status["last_advice_s"])):
@@ -158,7 +158,7 @@ def _hashes(contents: Contents) -> dict[str, str]:
 
 
 def _inputs(recording: Recording, attached: dict[str, str]) -> list[CheckFinding]:
-    """Hashes of input files to which no attached file has the content."""
+    """Findings about input files whose hash matches no attached file."""
     run = recording.metadata.get("run", {})
     named = {key: value for key, value in run.items() if key.endswith(HASH) and key not in ELSEWHERE}
     missing = [key[: -len(HASH)].replace("_", " ") for key, value in named.items() if value not in attached]
@@ -187,10 +187,10 @@ def _notes(contents: Contents, recording: Recording) -> list[str]:
 
 
 def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
-    """Places of the first status of a node that was started anew: it counts its advices from 0 again."""
+    """Indices of the first status after each restart of the node, whose count of advices then begins at 0 again."""
     found, most = [], 0
     for i, one in enumerate(statuses):
-        if one.message.state == NodeState.STOPPING:  # said by the process, which counts nothing
+        if one.message.state == NodeState.STOPPING:  # sent by the process, which counts no advice
             continue
         if one.message.advices < most:
             found.append(i)

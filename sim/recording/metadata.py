@@ -1,4 +1,4 @@
-"""What a recording's metadata say of how it was made: their keys, and the command as it was typed."""
+"""The metadata that say how a recording was made: their keys, and the command as it was typed."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from enum import StrEnum
 from typing import Final
 
 NODE_ARGUMENTS: Final = "node_arguments"
-"""The key that says with what the node was started (JSON list)."""
+"""Key of the arguments with which the node was started (JSON list)."""
 WHAT_IF: Final = "what_if"
-"""The key that says of which kind a what-if is."""
+"""Key of the kind of a what-if (`WhatIfKind`)."""
 
 
 class WhatIfKind(StrEnum):
-    """What a what-if is of."""
+    """How a what-if is made from a recording."""
 
     OPEN_LOOP = "open loop"
-    """The recorded drive as it was heard, and other advice on it."""
+    """The drive stays as it was recorded; only the advice on it is different."""
     DRIVEN_ANEW = "driven anew"
-    """The recorded day's disturbances, and a simulated driver who drives it again."""
+    """A simulated driver drives again, on a day with the recorded disturbances."""
 
 
 def typed_command() -> str:

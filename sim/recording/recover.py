@@ -33,7 +33,7 @@ class Recovered:
 
     @property
     def skipped_bytes(self) -> int:
-        """Bytes of the old file that nothing could be made of."""
+        """Number of bytes of the old file from which nothing could be recovered."""
         lost = sum(one.end_byte - one.start_byte for one in self.health.damage if one.lost)
         return lost + (self.health.size_bytes - self.health.cut_byte if self.health.cut_byte >= 0 else 0)
 
@@ -68,7 +68,7 @@ class Recovered:
 
 
 def recover(source: Path, out: Path) -> Recovered:
-    """Write what is sound of `source` to `out`, which is there whole or not at all.
+    """Write what is sound in `source` to `out`, which is written as a whole or not at all.
 
     Raises DasError for a file that cannot be read, holds no message, or where `out` cannot be written.
     """
@@ -111,7 +111,7 @@ def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:
 
 
 def _note_recovery(writer: McapWriter, found: Recovered) -> None:
-    """Say in the new file what was lost; a sound one has lost nothing."""
+    """Note in the new file what was lost; nothing is noted if the old file was sound."""
     losses = found.losses()
     if not found.health.complete:
         losses.append("it was cut off")
@@ -129,7 +129,7 @@ class _Channels:
         self._schemas: dict[int, int] = {}
 
     def number(self, old: int) -> int | None:
-        """The new number of a channel; None for one that nothing describes."""
+        """The new number of a channel; None for a channel that the old file does not describe."""
         if old not in self._channels:
             channel = self._raw.channels.get(old)
             if channel is None:
@@ -151,7 +151,7 @@ class _Channels:
     def _schema(self, schema: records.Schema, topic: str) -> int:
         if schema.id not in self._schemas:
             ours = topic_of(topic)
-            if not schema.data and ours is not None:  # its chunk was lost; what it holds is known
+            if not schema.data and ours is not None:  # the chunk of the schema was lost, but the schema is one of ours
                 data = schema_of(ours.message)
                 self._schemas[schema.id] = self._writer.register_schema(schema.name, "protobuf", data)
             else:

@@ -1,7 +1,7 @@
-"""Our blueprint for a review: over distance and over time under one cursor, the cab, the energy, and a list that jumps.
+"""The blueprint of a review: plots over distance and time with one cursor, the cab, the energy, and lists to click on.
 
 A plot of rerun follows the active timeline and starts at ±30 s about the cursor unless its axis is given; linked axes
-ignore what is given. So the plots show the whole trip on the drive's clock, and what is over distance is a plane.
+ignore what is given. So the plots show the whole trip on the drive's clock; those over distance are drawn as planes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAP_PX: Final = (380.0, 210.0)
 class Row(NamedTuple):
     """A view over time: its quantity or its lanes, its share of the height, the corner of its legend, and its title.
 
-    The title is for lanes; a quantity brings its own along.
+    The title is for lanes; a quantity has a title of its own.
     """
 
     origin: str
@@ -37,7 +37,7 @@ class Row(NamedTuple):
 
 DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
 NODE: Final = ("node", "no advice")
-"""Lanes by name: of the driving, and of the node."""
+"""Names of the lanes about the driving and of those about the node."""
 TABS: Final = {
     "Over time": (
         Row("speed", 2.2),
@@ -61,7 +61,7 @@ TABS: Final = {
     ),
 }
 ALWAYS: Final = {"lost", "energy"}
-"""Views that are there from the beginning, because what they show comes when it is found."""
+"""Views that are never left out, because what they show is found only after the layout is made."""
 LANE_SHARE: Final = 0.6
 """Each lane adds this much to the share of its view in the height."""
 
@@ -97,7 +97,7 @@ def _over_time(scene: ReviewScene) -> rrb.Container:
 
 
 def _side(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
-    """What is so at the moment of the cursor, and what is so of the whole drive."""
+    """The views about the moment of the cursor, and those about the whole drive."""
     found: list[rrb.View] = []
     if scene.recording.of(CAB) or scene.recording.of(ADVICE):
         found.append(rrb.TextDocumentView(origin=CAB_CARD, name="What the driver saw"))
@@ -109,7 +109,7 @@ def _side(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
 
 
 def _lists(scene: ReviewScene) -> list[rrb.View]:
-    """The lists; a click on a time leads there."""
+    """The lists; a click on a time moves the cursor to it."""
     columns = rrb.TextLogColumns(timeline_columns=[DRIVE_CLOCK], text_log_columns=["body"])
     found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Notes and bookmarks", columns=columns)]
     if scene.recording.of(EVENT) or scene.recording.of(LOG):
@@ -121,7 +121,7 @@ def _lists(scene: ReviewScene) -> list[rrb.View]:
 def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
     """The views for which there is something to show, one under the other; None if there are none."""
     found = scene.quantities | ALWAYS
-    lanes = {lane.name for lane in scene.lanes} | {COST}  # which comes when it is found
+    lanes = {lane.name for lane in scene.lanes} | {COST}  # the lane of costs is found later
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
     shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]
     axis = _whole_trip(scene)

@@ -1,8 +1,7 @@
 """The scene of a review: everything that is shown of a drive, found once, as plain data.
 
-Two renderers draw it: `rerun_drawing` for the viewer and `picture` for a file. What things are called, their units and
-what their colours mean is said here and in `series` and `lanes`; where things go in a window or on a page is the
-renderer's.
+Two renderers draw it: `rerun_drawing` for the viewer and `picture` for a file. Names, units and the meaning of colours
+are defined here and in `series` and `lanes`; the renderer decides where things go in a window or on a page.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ FROM_ADVICE: Final = (
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
 """The quantities that are drawn over distance as well as over time."""
 USUAL_PERCENT: Final = (2.5, 97.5)
-"""Percentiles of the advised force that its axis shows: in the last metres before a stop the advice goes beyond."""
+"""Percentiles of the advised force that its axis shows; the force exceeds them in the last metres before a stop."""
 
 HAPPENING_MEANINGS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
 """What the colours of marks mean, by kind of happening; others are in the colour of the ink."""
 ROUTINE: Final = (
     EventKind.ADVICE, EventKind.REPLAN, EventKind.DRIVER, EventKind.DELAY, EventKind.JOURNEY, EventKind.LOG,
 )  # fmt: skip
-"""Events that happen all the time, or that another event tells as well; `das-sim events` lists them."""
+"""Events that are frequent or repeat another event: they are no bookmarks, but `das-sim events` lists them."""
 BOOKMARK_MEANINGS: Final = {
     EventKind.NOTE: Meaning.NOTE,
     EventKind.WARNING: Meaning.WARNING,
@@ -68,11 +67,11 @@ COST_MEANINGS: Final = {
     EnergyCause.REST: Meaning.NO_ADVICE,
     **dict.fromkeys(OTHER_THAN_ADVISED, Meaning.AGAINST),
 }
-"""What the colours of costs mean; the other causes are energy lost."""
+"""What the colours of costs mean; the other causes have the colour of energy lost."""
 
 
 class LinePlace(NamedTuple):
-    """Something at a place of the line: from where to where (m), what it says, and its limit (m/s) if it is one.
+    """Something at a place of the line: from where to where (m), its words, and its limit (m/s) if it sets one.
 
     Its meaning tells what it is: a restriction (LIMIT), a signal at danger (DANGER), or a target (OPERATOR).
     """
@@ -106,7 +105,7 @@ class RestrictedTime(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewScene:
-    """A drive, the series to plot, the lanes of states, and what stood and happened on the way."""
+    """A drive, the series to plot, the lanes of states, and the places and happenings along the way."""
 
     drive: Drive
     series: Found
@@ -115,7 +114,7 @@ class ReviewScene:
     """The stops of the journey by name, with their positions (m)."""
     places: tuple[LinePlace, ...]
     marks: tuple[Mark, ...]
-    """What happened on the day beside the driving, in order of time."""
+    """What happened on the day other than the driving, in order of time."""
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     way: MapTrack | None = None
@@ -150,7 +149,7 @@ class ReviewScene:
         )
 
     def with_attribution(self) -> ReviewScene:
-        """The scene with where the energy went, which takes a while to find; the same scene where that is not known."""
+        """The scene with its energy attribution, which takes a while to find; the same scene if that is not known."""
         if self.drive.attribution is None:
             return self
         shown = AttributionView.of(self.drive.attribution)
@@ -195,7 +194,7 @@ class ReviewScene:
                 continue
             time_ns, values = self.series[name]
             at_m = trip.at(time_ns, trip.s_m)
-            if name == "speed/optimum" and plan is not None:  # it would be elsewhere than the train was at its times
+            if name == "speed/optimum" and plan is not None:  # at the times of the plan, the train was elsewhere
                 within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
                 at_m, values = plan.s_m[within], plan.speed_mps[within] / KMH
             if np.isfinite(values).any():
@@ -212,7 +211,7 @@ class ReviewScene:
         return (min(ends), max(ends)) if ends else None
 
     def restricted_times(self) -> Iterator[RestrictedTime]:
-        """When the train's head was on each of the restrictions, as far as it was."""
+        """When the train's head was on a restriction, for each restriction that it came to."""
         trip = self.trip
         for limit in self.drive.temporary_limits:
             one = limit.restriction
@@ -255,13 +254,13 @@ def _mark(one: Happening, trip: DrivenCourse, clock: DriveClock) -> Mark:
 
 
 def _bookmark(one: DriveEvent, clock: DriveClock) -> Mark:
-    """A bookmark with its time as all tables show it, because rerun shows seconds."""
+    """A bookmark whose words have its time as all tables show it, because rerun itself shows seconds."""
     text = f"{clock.shown(one.time_ns)}  {place_text(one.s_m)}  {one.kind}: {one.text}"
     return Mark(one.time_ns, text, BOOKMARK_MEANINGS.get(one.kind))
 
 
 class CostSpan(NamedTuple):
-    """A time (ns since 1970) to which energy above the optimum (J) belongs, all of it by one cause."""
+    """A span of time (ns since 1970), with the energy above the optimum (J) that a single cause took in it."""
 
     start_ns: int
     end_ns: int
@@ -328,7 +327,7 @@ def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
 
 
 def _attribution_series(attribution: Attribution) -> Found:
-    """Energy above the optimum over time: all that the driving cost, and what was other than advised; the optimum's."""
+    """Over time: energy above the optimum by all causes, the part by driving other than advised, and the optimum."""
     rises = [
         (int(leg.leg.motion.time_ns[leg.committed.sample][rise.last]), rise.cause, rise.energy_j)
         for leg in attribution.legs
@@ -346,7 +345,7 @@ def _attribution_series(attribution: Attribution) -> Found:
         best[0].extend((start_ns + np.rint(run.t_s / NS).astype(np.int64)).tolist())
         best[1].extend((before_j + drawn_j).tolist())
         before_j += float(drawn_j[-1])
-    # Of the true train the energy of the optimum is known, not its way: the planned train's curve leads to that energy.
+    # Of the true train's optimum only the energy is known: the planned train's curve is scaled to end at that energy.
     to_known = attribution.optimum_j / before_j if before_j > 0.0 else 1.0
     found = {
         "lost/driving": (at_ns, kwh(lost_j)),

@@ -1,7 +1,7 @@
 """What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's way.
 
-A recording of the node alone lacks some of them. They are found from the files that it brings along and its positions:
-the gradient is that of the line; forces and energy are the estimate of inverse dynamics (docs/explanation/
+A recording of the node alone lacks some of them. They are derived from its attached files and its positions: the
+gradient is that of the line; forces and energy are the estimate of inverse dynamics (docs/explanation/
 trip-energy.md), as `das-sim energy` makes it.
 """
 
@@ -227,7 +227,7 @@ def _broken(time_ns: Times, values: Floats) -> tuple[Times, Floats]:
 
 
 def _in_the_cab(recording: Recording) -> Found:
-    """What the display showed and what the controller was set to, as shares of the largest effort that way."""
+    """What the display showed and what the controller was set to, as shares of the largest effort in that direction."""
     fields = ("time_ns", "presentation", "advised_speed_mps", "advised_lever_ratio", "lever_ratio")
     cab = recording.columns(topics.CAB, *fields)
     at, gap = cab["time_ns"], np.where(cab["presentation"] == das_pb2.Cab.PRESENTATION_NONE, np.nan, 1.0)
@@ -261,7 +261,7 @@ def _estimated(recording: Recording, trip: DrivenCourse) -> Found:
 def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -> tuple[Times, Floats]:
     """The values that lie on the trip.
 
-    Of a quantity that is held, the last value before the trip and its value at the end belong to it.
+    For a quantity that is held between its values, the last value before the trip and the one at its end are included.
     """
     keep = time_ns >= trip.time_ns[0]
     if held and len(time_ns):
@@ -285,7 +285,7 @@ class FilledIn:
 
 
 def filled_in(drive: Drive) -> FilledIn:
-    """What is missing in a recording without a simulator; nothing where the simulator was recorded."""
+    """The series that a recording without a simulator lacks; none where the simulator was recorded."""
     recording = drive.recording
     if recording.of(topics.TRUTH) or not recording.of(topics.JOURNEY):
         return FilledIn(series={}, source="")

@@ -1,1 +1,1 @@
-"""Recorded trips: readers, matching to the line, and the even run that inverse dynamics works on."""
+"""Recorded trips: readers, matching to the line, and the evenly sampled run that inverse dynamics needs."""

@@ -18,7 +18,7 @@ COLUMNS: Final = {
     "longitude": ("longitude", "longitude_deg", "lon", "lng"),
     "kilometre": ("kilometre", "kilometer", "km", "position_km"),
 }
-"""What a list of posts says about each post, and the names that its column may have."""
+"""The quantities in a list of kilometre posts, and the names that the column of each may have."""
 EARTH_RADIUS_M: Final = 6_371_008.8
 """Mean radius of the Earth (m, IUGG)."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
@@ -71,10 +71,10 @@ class Line:
     def match(self, latitude_deg: Floats, longitude_deg: Floats) -> tuple[Floats, Floats]:
         """Chainage and distance (m) of the nearest point of the line, for points of shape (n,).
 
-        The chainage runs evenly along each segment and goes on along the first and the last one beyond the ends. Plane
-        coordinates are equirectangular around the line's centre: east-west lengths at Δφ from it are wrong by
-        tan(φ)·Δφ (10 km north of the centre at 60°: 0.3 %). Points and line are distorted alike, so that the
-        chainage suffers only through the angle of the projection and the distance by that fraction of itself.
+        The chainage runs evenly along each segment; beyond the ends it continues along the first and the last segment.
+        Plane coordinates are equirectangular around the line's centre: east-west lengths at Δφ from it are wrong by
+        tan(φ)·Δφ (10 km north of the centre at 60°: 0.3 %). Points and line are distorted alike. The chainage is
+        therefore wrong only through the angle of the projection, and the distance by that fraction of itself.
         """
         x, y = self._plane_m(self.latitude_deg, self.longitude_deg)
         px, py = self._plane_m(latitude_deg, longitude_deg)

@@ -18,17 +18,17 @@ from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import PLACING, POSITIONS, STANDS
 
 SAME_TIME_S = 1e-6
-"""Times nearer to each other than this (s) are the same."""
+"""Times closer together than this (s) count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatchReport:
     """How the record fits: s = offset_m + scale · chainage.
 
-    `anchor` says what fixed offset and scale: "route" (nothing had to), "start and end", "start" or "end" (the stops
-    where the train stood), "positions" (the record has positions on the route). Where only positions tell of a stand at
-    an end of the record, the stand may be up to `stand_uncertainty_m` beyond it. Distances from the line are None if
-    there is no line.
+    `anchor` says what fixed offset and scale: "route" (the line has the route's positions already), "start and end",
+    "start" or "end" (the stops where the train stood), "positions" (the record has positions on the route). If only
+    positions show that the train stood at an end of the record, it may have stood up to `stand_uncertainty_m` beyond
+    that end. Distances from the line are None if there is no line.
     """
 
     offset_m: float
@@ -93,13 +93,14 @@ def match_trip(
     *,
     whole_stands: bool = False,
 ) -> MatchedTrip:
-    """Put a record (times increasing) on a route that is driven from the first of `stops` to the second.
+    """Match a record (times increasing) to a route that is driven from the first of `stops` to the second.
 
-    What cannot be is dropped or mended, and told in the report (see docs/reference/trips.md). Kilometre posts have a
-    zero of their own: two standstills as far apart as the stops, within 1 %, are put on the stops and the kilometrage
-    is scaled to both; else the stand at the start, or that at the end, gives the zero. Without a line the record's
-    positions count. Of long stands at the ends 30 s are kept, or all (`whole_stands`). Raises DasError where nothing
-    sensible remains: off the line, not moving, turning back, not of this section.
+    Impossible points and speeds are dropped or mended, and listed in the report (see docs/reference/trips.md).
+    Kilometre posts have a zero of their own. If two standstills are as far apart as the stops, within 1 %, they are
+    placed at the stops and the kilometrage is scaled to both; otherwise the stand at the start, or else the one at the
+    end, fixes the zero. Without a line, the record's own positions are used. Long stands at the ends are cut to 30 s
+    unless `whole_stands`. Raises DasError where nothing usable remains: the train is off the line, does not move, turns
+    back, or runs on another section.
     """
     log = log or FindingLog(read=len(record))
     start_stop, end_stop = stops
@@ -144,7 +145,7 @@ def _fastest(slowed_to_mps: Floats) -> float:
 def _pinned(along_m: Floats, found: list[Stand]) -> Floats:
     """Positions (m) with every standstill in one place.
 
-    At the start it is the last position, by which the receiver has settled best; elsewhere it is the median.
+    At the start that place is the last position, because the receiver has settled by then; elsewhere it is the median.
     """
     pinned = along_m.copy()
     for stand in found:
@@ -188,7 +189,7 @@ def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tu
     """The two standstills whose distance is nearest to that of the stops, None if all are off by more than 1 %."""
     places = pinned_m[[stand.first for stand in found]]
     off = np.abs(np.subtract.outer(places, places).T - distance_m)
-    off[np.tril_indices(len(places))] = np.inf  # the first stands before the last
+    off[np.tril_indices(len(places))] = np.inf  # keep pairs in driving order
     if not np.any(off <= PLACING.scale_tolerance_ratio * distance_m):
         return None
     i, j = np.unravel_index(int(off.argmin()), off.shape)
@@ -196,14 +197,14 @@ def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tu
 
 
 def _mended(record: Record, points: Points, log: FindingLog) -> Points:
-    """The points with positions made flat, and with speeds from positions where they were not measured."""
+    """The points with positions that never decrease, and with speeds from positions where none were measured."""
     s_m = _flattened(record, points)
     back = np.abs(s_m - points.along_m) > PLACING.told_m
     log.add(FindingKind.STEP_BACK, record, points.point[back], f"less than {POSITIONS.max_backward_m:.0f} m")
-    # On the final positions once more: a cleaned trip has nothing left to mend.
+    # Wrong speeds are sought again on the final positions, so that a cleaned trip has nothing left to mend.
     dropout, spike = cleaning.find_wrong_speeds(points.time_s, s_m, measured_mps(record, points))
     points = replace(points, dropout=points.dropout | dropout, spike=points.spike | spike)
-    # A train that stands has no speed, one that moves is not slower than one that stands.
+    # A standing train has speed 0; a moving train is at least as fast as the limit of standing.
     derived = np.maximum(cleaning.derived_speed_mps(points.time_s, s_m), STANDS.standing_mps)
     derived = np.where(points.standing, 0.0, derived)
     return replace(points, along_m=s_m, speed_mps=np.where(points.speed_derived, derived, points.speed_mps))
@@ -223,7 +224,7 @@ def _flattened(record: Record, points: Points) -> Floats:
 
 
 def _tell(record: Record, points: Points, end_stop: Stop, log: FindingLog) -> None:
-    """Report the speeds that were mended, and what is left as it is, in the section."""
+    """Report what was mended in the section's speeds, and what was found but left as it is."""
     at = points.point
     for kind, which in (
         (FindingKind.SPEED_MISSING, points.missing),
@@ -258,7 +259,7 @@ def _speeds(record: Record, at: Ints, points: Points, which: Bools) -> str:
 
 
 def _with_invalid(record: Record, points: Points, report: MatchReport) -> MatchedTrip:
-    """The trip, together with points that a recording calls invalid: the node was told them as well."""
+    """The trip, with the points that a recording calls invalid put back, because the node received them as well."""
     inside = np.zeros(len(record), dtype=bool)
     inside[points.point[0] : points.point[-1] + 1] = True
     kept = record.invalid & inside
@@ -294,7 +295,7 @@ def _with_invalid(record: Record, points: Points, report: MatchReport) -> Matche
 
 
 def _departure_and_arrival(points: Points) -> tuple[int, int]:
-    """The last point of the stand at the start and the first of that at the end; the ends where there is no stand."""
+    """The last point of the stand at the start and the first of the one at the end; without a stand, the end point."""
     moving = np.flatnonzero(~points.standing)
     return max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(points) - 1)
 
@@ -310,9 +311,9 @@ def section_of(
 ) -> slice:
     """The points of the section: from the last stand at the first stop to the first stand at the last stop after it.
 
-    `points` have positions on the route, `found` are their standstills. Where the train does not stand at a stop, the
-    record is cut where the train passes it, or not at all if it is never more than 300 m beyond. Of the stand at either
-    end 30 s are kept, or all if `whole_stands`. Raises DasError if nothing is left.
+    `points` have positions on the route, `found` are their standstills. If the train does not stand at a stop, the
+    record is cut where the train passes it, or not at all if it is never more than 300 m beyond the stop. The stand at
+    either end is cut to 30 s unless `whole_stands`. Raises DasError if nothing is left.
     """
     start, end = _stands_of_section(points, found, stops)
     last = end.last if end else _passing_end(points, start, stops[1])
@@ -369,7 +370,7 @@ def _how_far(beyond_m: np.ndarray, stop: Stop, where: str) -> str:
 def _without_long_stands(
     record: Record, points: Points, found: list[Stand], ends: tuple[int, int], log: FindingLog
 ) -> slice:
-    """The points between the ends, with only the last and the first 30 s of a stand at the start and at the end."""
+    """The points between the ends, less all but the last 30 s of a stand at the start and the first 30 s at the end."""
     (first, last), time_s, kept_s = ends, points.time_s, STANDS.stand_kept_s
 
     def cut(kind: FindingKind, which: slice, stood_s: float) -> None:

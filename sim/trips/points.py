@@ -20,11 +20,11 @@ from sim.trips.settings import GAPS, PLACING, POSITIONS, SPEEDS, STANDS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Points:
-    """The points that are left; arrays of shape (points,), and `point` is the index in the record.
+    """Points of a record that have been kept; arrays of shape (points,), and `point` is the index in the record.
 
     `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
-    `dropout` and `spike` say why a speed is not the reported one. `slowed_to_mps` is the speed to which positions lead
-    at an end that was taken for a stand because of them, else NaN.
+    `dropout` and `spike` say why a speed is not the reported one. Where the positions alone show that the train stands
+    at an end of the record, `slowed_to_mps` is the speed that they give there; elsewhere it is NaN.
     """
 
     point: Ints
@@ -63,7 +63,7 @@ def _place(record: Record, line: Line | None) -> tuple[Floats, Floats]:
 
 
 def runs_back(record: Record, line: Line | None) -> bool:
-    """Whether a record (in order of time) runs against the line, or against its positions as driven.
+    """Whether a record (in order of time) runs against the line or, without a line, towards lower positions.
 
     The medians of its first and its last tenth on the line decide. They must lie well apart, because a trip there and
     back has no direction.
@@ -80,8 +80,8 @@ def runs_back(record: Record, line: Line | None) -> bool:
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
     """The points of a record that are on the line and fit together, with speeds that fit them.
 
-    Every point that is dropped is reported. Wrong speeds are only marked, because they are reported for the section
-    alone. Raises DasError if most points do not fit.
+    Every point that is dropped is reported. Wrong speeds are only marked here; later those of the section are
+    reported. Raises DasError if most points do not fit.
     """
     along, aside = _place(record, line)
     located = np.isfinite(aside)
@@ -115,7 +115,7 @@ def _all_points(record: Record, along_m: Floats, aside_m: Floats) -> Points:
 
 
 def _on_line(record: Record, line: Line | None, points: Points, section_m: float, log: FindingLog) -> Points:
-    """The points without those off the line before and after; a point off the line between others has jumped."""
+    """The points from the first to the last on the line; a point off the line between them is kept, as a jump."""
     off = points.aside_m > PLACING.max_cross_track_m
     if line is not None and not _enough(points.take(~off), len(points), section_m):
         i = int(off.argmax())
@@ -188,7 +188,7 @@ def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
 
 
 def _with_speeds(record: Record, points: Points) -> Points:
-    """The points with speeds without dropouts and spikes, and stands; raises DasError if the train never moves."""
+    """The points with stands marked, and with dropouts and spikes mended; raises DasError if the train never moves."""
     halted = np.zeros(len(points), dtype=bool)
     if cleaning.speeds_unusable(points.time_s, points.along_m, measured_mps(record, points)):
         halted = cleaning.find_halts(points.time_s, points.along_m, measured_mps(record, points))
@@ -226,10 +226,10 @@ def standing(speed_mps: Floats, from_positions: Bools) -> Bools:
 
 
 def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) -> Bools:
-    """Which points belong to a stand once seeming motion is taken away.
+    """Which points belong to a stand once apparent motion is disregarded.
 
-    `still` are points at which the train stands. Points without a speed (`untold`) stand as well if positions over 15 s
-    on either side keep them in place, and so do all points between two stands within 30 m.
+    `still` are points at which the train stands. Points without a speed (`untold`) stand as well if the positions over
+    15 s on either side show no motion, and so do all points between two stands within 30 m.
     """
     slow_mps = cleaning.derived_speed_mps(time_s, along_m, SPEEDS.stall_half_window_s)
     found = still | (untold & (np.abs(slow_mps) < STANDS.standing_by_positions_mps))
@@ -243,8 +243,8 @@ def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) 
 def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
     """Speed (m/s) at the first and the last point if positions slow down to a stand there, else NaN.
 
-    Mean slopes are those of seconds before, so they show no stand in a record that ends as the train stops. The speed
-    is therefore that of the parabola through the positions of 12 s, at an end whose speed is `untold`.
+    A mean slope of the positions is seconds old, so it shows no stand in a record that ends as the train stops. At an
+    end whose speed is `untold`, the speed is therefore the slope of the parabola through the positions of 12 s.
     """
     found = np.full(len(time_s), np.nan)
     for end in (0, -1):
@@ -260,7 +260,7 @@ def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
 
 
 def left_over(speed_mps: float) -> tuple[float, float]:
-    """How far (m) and how long (s) a train of this speed runs to its stand, or has run from it, at most."""
+    """How far (m) and how long (s), at most, a train at this speed runs until it stands, or has run since it stood."""
     return speed_mps**2 / (2.0 * STANDS.gentle_mps2), speed_mps / STANDS.gentle_mps2
 
 
@@ -271,7 +271,7 @@ def stands(standing_points: Bools) -> list[Stand]:
 
 
 def visits(found: list[Stand], s_m: Floats, stop_m: float, *, last: bool) -> list[Stand]:
-    """The standstill nearest to a stop in each visit to it; of two that are equally near, the first, or the `last`.
+    """The standstill nearest to a stop in each visit to it; if two are equally near, the first (the last if `last`).
 
     A visit ends when the train is further away than 300 m.
     """

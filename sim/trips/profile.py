@@ -22,7 +22,7 @@ class DrivenRun:
     """A run on an even grid from departure to arrival, arrays of shape (steps + 1,).
 
     s is the trapezoidal integral of the speed and the acceleration its slope. `dropout` marks times whose reported
-    speed dropped out. `position_rms_m` is the distance of s from the matched positions, `speed_lag_s` how late the
+    speed dropped out. `position_rms_m` is the RMS distance of s from the matched positions, `speed_lag_s` how late the
     reported speed was.
     """
 
@@ -39,15 +39,15 @@ class DrivenRun:
 def to_profile(
     matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float = SMOOTHING.jerk_psd_m2ps5
 ) -> DrivenRun:
-    """Resample from departure to arrival to steps of `step_s`, smooth and consistent.
+    """Resample a trip from departure to arrival in steps of `step_s`, smooth and consistent.
 
-    GPS receivers filter the speed, so it comes seconds late: the lag is estimated by sliding the integrated speed
-    against the positions, and departure and arrival, which the speed tells, move with it. Then the likeliest motion
-    under white jerk of density `jerk_psd_m2ps5` is taken (Kalman filter and Rauch–Tung–Striebel smoother for s, v, a):
-    positions, weighted little, lead over long distances; speeds, weighted more, give the detail over some 8 s; dropouts
-    are bridged by positions and inertia, gaps by inertia alone. A standing end is exact in position and speed, and
-    moved to the next step. Negative speeds become 0, and s is integrated from the speed. Raises DasError for a run
-    shorter than 3 steps.
+    GPS receivers filter the speed, so it comes seconds late. The lag is estimated by sliding the integrated speed
+    against the positions; departure and arrival are known from the speed and therefore move with the lag. Then the
+    likeliest motion under white jerk of density `jerk_psd_m2ps5` is taken (Kalman filter and Rauch–Tung–Striebel
+    smoother for s, v, a). Positions have little weight and govern over long distances; speeds have more weight and give
+    the detail over some 8 s. Dropouts are bridged by positions and inertia, gaps by inertia alone. An end at which the
+    train stands is exact in position and speed, and is moved to the next step. Negative speeds become 0, and s is
+    integrated from the speed. Raises DasError for a run shorter than 3 steps.
     """
     valid = ~matched.invalid
     time_s, place_m, dropout = matched.elapsed_s()[valid], matched.s_m[valid], matched.dropout[valid]
@@ -85,7 +85,7 @@ def to_profile(
 
 
 def _run_times(matched: MatchedTrip, lag_s: float) -> tuple[float, float]:
-    """Departure and arrival, as far as the record goes; its ends where it does not stand."""
+    """Departure and arrival (s), never outside the record; its first or last time where the train does not stand."""
     time_s = matched.elapsed_s()
     begin = time_s[matched.ends.departure] - lag_s if matched.ends.starts_standing else time_s[0]
     end = time_s[matched.ends.arrival] - lag_s if matched.ends.ends_standing else time_s[-1]
@@ -95,8 +95,8 @@ def _run_times(matched: MatchedTrip, lag_s: float) -> tuple[float, float]:
 def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
     """How late (s) the reported speed is against the positions; 0 if no lag stands out.
 
-    It is the least spread of s(t) − c − k·∫v(t + lag)dt; the free k keeps a speed that is too low throughout from
-    looking late.
+    The lag minimises the spread of s(t) − c − k·∫v(t + lag)dt. The free factor k keeps a speed that is too low
+    throughout from looking late.
     """
     spread = []
     for lag in LAGS_S:
@@ -112,7 +112,7 @@ def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
 
 
 def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) -> tuple[Floats, Bools]:
-    """Values on the grid, and where there is none: outside the points, or in a gap."""
+    """Values interpolated on the grid, and at which of its times there is none: outside the points, or in a gap."""
     if not len(time_s):
         return np.zeros_like(grid), np.ones(len(grid), dtype=bool)
     after = np.searchsorted(time_s, grid)
@@ -151,9 +151,9 @@ def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Fl
 
 
 def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats, step_s: float) -> tuple[Floats, Floats]:
-    """Position (m) from speed, counted from a standing end.
+    """Position (m) integrated from the speed, beginning at an end where the train stands, and the speed (m/s).
 
-    Between two standing ends, both are scaled by the rest of a metre that is left.
+    If the train stands at both ends, position and speed are scaled to take up the last fraction of a metre.
     """
     if matched.ends.starts_standing:
         v[0] = 0.0

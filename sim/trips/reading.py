@@ -48,7 +48,7 @@ _SHOWN_NAMES = 6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reading:
-    """A record, the format of its file, and what a recording of ours says besides: its journey and its delays.
+    """A record, the format of its file and, for an MCAP recording, its journey and its delays.
 
     `delays` are pairs of a time (ns) and a delay (s). `recording` is None for a record of another format.
     """
@@ -67,10 +67,9 @@ class Reading:
 
 
 def read_trip(path: Path, train: str | None = None) -> Reading:
-    """Read a trip's file; its format is told by how it begins (MCAP and GPX also by their suffix).
+    """Read a trip's file; its format is recognised by its first bytes (MCAP and GPX also by their suffix).
 
-    `train` says which train of a recording that holds several. What is damaged in
-    a recording is left out with a warning.
+    `train` names the train if a recording holds several. Damaged parts of a recording are left out with a warning.
     Raises DasError or InputError (file, line, value, expectation) for anything unusable.
     """
     try:
@@ -87,7 +86,7 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
 
 
 def reading_of(recording: Recording) -> Reading:
-    """The record of a recording: its positions are on the route as driven, its journey and delays tell the timetable.
+    """The record of a recording: its positions are on the route as driven, its journey and delays give the timetable.
 
     Raises DasError or InputError for positions that cannot be used.
     """
@@ -261,7 +260,7 @@ class _TrackPoints:
     found: list[tuple[int, int, float, float, float]] = field(default_factory=list)
     _line: int = 0
     _attributes: dict[str, str] | None = None
-    """What is known of the track point that is being read."""
+    """XML attributes of the track point that is being read."""
     _texts: dict[str, str] = field(default_factory=dict)
     _open: str = ""
 
@@ -280,7 +279,7 @@ class _TrackPoints:
         self._root = False
         if name == "trkpt":
             self._line, self._attributes, self._texts = self.parser.CurrentLineNumber, attributes, {}
-        self._open = name if name not in self._texts else ""  # the point's own comes before that of an extension
+        self._open = name if name not in self._texts else ""  # the point's own value wins over an extension's
 
     def _text(self, text: str) -> None:
         if self._attributes is not None and self._open in ("time", "speed"):

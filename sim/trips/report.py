@@ -1,4 +1,4 @@
-"""What is told of a trip: an object for programs, tables and notes for people, a picture, and the cleaned record."""
+"""Reports on a trip: an object for programs, tables and notes for people, a picture, and the cleaned record."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sim.trips.trip import Trip
 LEGEND: Final = {
     "from, to": "what the energy may have been at least and at most, whatever the unknowns are",
 }
-"""What is said below the table of energies."""
+"""Explanations that are printed below the table of energies."""
 BALANCE_WORDS = {
     "resistance": "running resistance",
     "component_loss": "losses of the train and auxiliaries",
@@ -127,7 +127,7 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
 
 
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
-    """What no record of positions tells, a sentence each, with figures where there are any."""
+    """What a record of positions cannot tell, in one sentence each, with figures where there are any."""
     notes = []
     if not trip.direction_known:
         notes.append(direction_by_posts(trip))
@@ -322,7 +322,7 @@ def _distances(axis: Any, trip: Trip) -> None:
 
 
 def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
-    """Draw the wheel forces of motors and friction brake; peaks shorter than the held ones are cut, and told so."""
+    """Draw the wheel forces of motors and friction brake; peaks shorter than the held ones are cut; a text says so."""
     at_km = driven.trajectory.s_m / KM
     axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
     if driven.trajectory.force_friction_n.any():
@@ -339,9 +339,9 @@ def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
 
 
 def write_cleaned(path: Path, trip: Trip) -> None:
-    """Write the points that are left, with positions as in the route's file, to 1 µm.
+    """Write the points that cleaning kept, with positions as in the route's file, to 1 µm.
 
-    Points a recording calls invalid are left out. DasError where the file cannot be written.
+    Points that a recording calls invalid are left out. DasError where the file cannot be written.
     """
     matched = trip.matched
     s_m = trip.route.length_m - matched.s_m if trip.reversed else matched.s_m

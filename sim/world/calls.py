@@ -1,4 +1,4 @@
-"""How a run kept its stops, signals and limits."""
+"""How well a run kept to its stops, signals and limits."""
 
 from __future__ import annotations
 
@@ -51,16 +51,18 @@ class Calls:
         return not self.waits or now_s >= self._ready_s()
 
     def _ready_s(self) -> float:
-        """When the train may depart: not before the timetable's departure, the end of the dwell, and what delays it
-        further."""
+        """When the train may depart (s): at the timetable's departure or the end of the dwell, whichever is later, plus
+        any further delay."""
         ready_s = self._service.clock_s(self.timetable.departure_ns)
         if self.arrivals:
             ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.scenario.dwell_s)
         return ready_s + self._day.held_s[self.section]
 
     def take(self, before: PlantState, after: PlantState) -> str | None:
-        """Note a departure or an arrival between two states; a sentence about it, or None. A stand beyond the stop
-        counts."""
+        """Note a departure or an arrival between two states; return a sentence about it, or None.
+
+        A train that stands beyond the stop has arrived as well.
+        """
         if self.waits:
             if after.speed_mps > 0:
                 self.departures.append(before)
@@ -75,7 +77,7 @@ class Calls:
         return f"{what} {self._service.stops[stop].name}, {time_s - self._service.clock_s(due_ns):+.1f} s"
 
     def kept(self) -> Iterator[KeptCall]:
-        """How the finished run kept each of its stops."""
+        """When and where the finished run called at each of its stops."""
         service = self._service
         tables, stops = service.timetables, service.stops
         due_arrivals_ns, due_departures_ns = (
@@ -96,7 +98,7 @@ class Calls:
 
 
 class Watch:
-    """Looks at every state of a run; its methods are to be called in the order of time."""
+    """Watches every state of a run for violations; its methods are to be called in the order of time."""
 
     def __init__(self, length_m: float) -> None:
         self._length_m = length_m
@@ -123,7 +125,7 @@ class Watch:
         limit_mps: float,
         temporary: Sequence[Restriction],
     ) -> list[str]:
-        """Note a state that lasted for a time, under a signal at danger, the line's limit and temporary limits.
+        """Check a state that lasted for a time (s) against a signal at danger, the line's limit and temporary limits.
 
         Returns a sentence about each new violation.
         """

@@ -26,9 +26,9 @@ class Day:
     """Plan and truth of the day that belongs to one seed.
 
     `conditions` are those of the true train and line, without what happens on the way. `held_s` is by how much the
-    departure from each stop is held up. `human` are the parameters of the driver, if a human drives, and `stream`
-    numbers the driver's own chances on this day. `drawn` is everything that was drawn, in SI, for programs: the
-    disturbances, what the scenario says about the truth, and the human.
+    departure from each stop is held up. `human` are the parameters of the driver, if a human drives, and `stream` is
+    the number of the driver's own random stream on this day. `drawn` is everything that was drawn, in SI, for programs:
+    the disturbances, what the scenario says about the truth, and the human.
     """
 
     service: Service
@@ -44,7 +44,7 @@ class Day:
     def driver(self, kind: DriverKind | OwnClass, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
         """Make a driver of a kind, or of a class of the user's, for this day; DasError where it cannot be made.
 
-        The friction policy concerns a human.
+        Only a human driver uses the friction policy.
         """
         human, stream = self.human, self.stream
         return make_driver(kind, self.service.line, parameters=human, friction=friction, seed=self.seed, stream=stream)
@@ -82,7 +82,7 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
 
 
 def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
-    """The same day with other restrictions or news; what changes train or line must be drawn with the day."""
+    """The same day with other restrictions or news; disturbances of train or line must be drawn with the day."""
     found = tuple(disturbances)
     return replace(day, disturbances=found, drawn={**day.drawn, "disturbances": as_figures(found)})
 
@@ -101,7 +101,7 @@ def _plant(service: Service, conditions: Conditions, disturbances: Sequence[Dist
     patches = []
     for x in disturbances:
         if isinstance(x, SlipperyRail | HeadWind):
-            # What begins at the first stop is under the whole train that stands there.
+            # A patch that begins at the first stop lies under the whole train, which stands there.
             patch = Patch(from_m=x.from_m if x.from_m > first_m else -math.inf, to_m=x.to_m)
             what = (
                 {"adhesion_ratio": x.adhesion_ratio} if isinstance(x, SlipperyRail) else {"head_wind_mps": x.wind_mps}

@@ -23,7 +23,7 @@ from sim.drivers.population import Participant
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """A figure that every seed draws evenly between `low` and `high`; it is fixed if they are equal."""
+    """A figure that each seed draws uniformly between `low` and `high`; it is fixed if the two are equal."""
 
     low: float
     high: float
@@ -52,7 +52,10 @@ def read_range(table: Fields, key: str) -> Drawn:
 
 
 def read_quantity(table: Fields, name: str, dimension: str, default: float | None = None) -> Drawn:
-    """Read a quantity, or a range of it, in SI; its key ends in its unit. Raises InputError for anything else."""
+    """Read a quantity, or a range of it, in SI units; the key ends in the unit that the file uses.
+
+    Raises InputError for anything else.
+    """
     key = key_of(table, name, dimension)
     if not isinstance(table.data.get(key), Mapping):
         value = table.quantity(name, dimension, default, unbounded=True)
@@ -69,7 +72,7 @@ def key_of(table: Fields, name: str, dimension: str) -> str:
 
 
 TRUTH_STREAM = 5
-"""Number of the stream of random numbers, among those of a seed, from which the conditions are drawn."""
+"""Number of the random stream of a seed from which the conditions are drawn."""
 RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 
 
@@ -77,8 +80,9 @@ RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 class Truth:
     """How the true train differs from the plan's; None means as planned.
 
-    `conditions` multiply the true train's figures, by the names of `Conditions`; every seed draws its own.
-    `adhesive_mass_kg` is the mass on driven axles where the file gives none. `loss_map` is the file of its losses (L3).
+    `conditions` are the ranges from which each seed draws its `Conditions`, by the names of the fields.
+    `adhesive_mass_kg` is the mass on driven axles, for a train whose file gives none. `loss_map` is the file of the
+    true train's losses (L3).
     """
 
     conditions: Mapping[str, Drawn]
@@ -90,7 +94,7 @@ class Truth:
 
     @property
     def changes_adhesion(self) -> bool:
-        """Whether the rail differs from a dry one on any day."""
+        """Whether there are days on which the adhesion differs from that of a dry rail."""
         adhesion = self.conditions["adhesion_ratio"]
         return (adhesion.low, adhesion.high) != (1.0, 1.0)
 
@@ -135,7 +139,7 @@ def read_truth(table: Fields) -> Truth:
 
 
 def beside(folder: Path, name: str) -> str:
-    """The name of a bundled file as it is, or the path of a file, which is taken from the scenario's folder."""
+    """The name of a bundled file unchanged, or the path of a file, resolved from the scenario's folder."""
     return str(folder / name) if Path(name).suffix else name
 
 
@@ -170,7 +174,7 @@ def _level(table: Fields) -> Level | None:
 
 
 HUMAN_STREAM = 4
-"""Number of the stream of random numbers, among those of a seed, from which the driver is drawn."""
+"""Number of the random stream of a seed from which the driver is drawn."""
 TRIPS = "trips"
 COUNTED = ("notches",)
 """Parameters that are whole numbers."""
@@ -192,14 +196,14 @@ class HumanRange:
         return _driver(drawn), drawn
 
     def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The driver that a participant is, or without one the driver of a seed; and the values that make him."""
+        """Parameters of the participant, or of the seed's driver if there is none, and the values they are made of."""
         return self.draw(seed) if who is None else self.participant(who, source)
 
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The driver that a participant is, and the values that make him.
+        """The parameters of a participant, and the values that they are made of.
 
-        Values of the scenario (`source`) replace those of the population. Raises DasError where the scenario gives a
-        range, from which every seed would draw another driver, or where the values contradict each other.
+        Values of the scenario (`source`) replace those of the population. Raises DasError where the values contradict
+        each other, or where the scenario gives a range, because each seed would then draw a different driver.
         """
         for name, figure in self.given.items():
             if figure.low != figure.high:
@@ -222,7 +226,7 @@ def read_human(table: Fields) -> HumanRange:
             raise table.error(name, table.data[name], "one whole number")
     lows = {name: figure.low for name, figure in given.items()}
     highs = {name: figure.high for name, figure in given.items()}
-    # The mean of a glance must be above the least even where they are drawn nearest to each other.
+    # The mean glance must be longer than the shortest even when the two are drawn as close together as they can be.
     nearest = lows | {name: highs[name] for name in ("glance_least_s",) if name in highs}
     for ends in (nearest, highs):
         try:

@@ -1,6 +1,6 @@
-"""A driver that is a process of its own: it is shown the cab over the bus and sets the controller.
+"""An external driver: a process of its own that is shown the cab over the bus and sets the controller.
 
-Every look is asked over the bus and answered. A driver who is silent is braked for.
+At every look, the simulation asks over the bus and the driver answers. If the driver is silent, the train is braked.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class DeadMan:
 
     def __init__(self) -> None:
         self.silent_s = 0.0
-        """Time (s) without an answer, since the last one."""
+        """Time (s) since the last answer."""
         self.braking = False
         """Whether the brake is applied."""
 
     def answered(self, *, standing: bool) -> str | None:
-        """Take note of an answer; returns what happened, where something did."""
+        """Take note of an answer; returns a sentence if the brake is released, else None."""
         self.silent_s = 0.0
         if not self.braking or not standing:
             return None
@@ -49,7 +49,7 @@ class DeadMan:
         return "the external driver answers again: the dead-man brake is released"
 
     def silent(self, span_s: float) -> str | None:
-        """Take note of a time (s) without an answer; returns what happened, where something did."""
+        """Take note of a time (s) without an answer; returns a sentence if the brake is applied, else None."""
         self.silent_s += span_s
         if self.braking or self.silent_s < SILENT_S - 1e-9:
             return None
@@ -58,13 +58,13 @@ class DeadMan:
 
 
 LOOK_S: Final = 0.2
-"""A driver is asked this often, as every simulated driver is."""
+"""A driver is asked at this interval (s), as every simulated driver is."""
 AWAITED_S: Final = 120.0
 """A run waits this long (s) for its driver before it starts."""
 GIVEN_UP_S: Final = 30.0
 """A train that the dead-man brake has stopped waits this long (s) for its driver; then the run ends."""
 LEAST_LISTENING: Final = 0.5
-"""At a pace, at least this share of a look is left for the driver's answer."""
+"""When the run keeps a pace, the driver has at least this share of each look's time to answer."""
 BRAKES: Final = lever(-1.0)
 
 
@@ -72,8 +72,8 @@ class ExternalDriver:
     """Asks a process on the bus what the controller is set to, five times a second of the run.
 
     Without `times_real` (as fast as it goes) the run waits for each answer, so that it does not depend on how fast the
-    machine is. With it, a look lasts as long as the pace lets it, and the newest answer counts. `clock` (s) may be any
-    that does not go back. A driver who is silent is braked for: `DeadMan`.
+    machine is. With it, a look lasts as long as the pace allows, and the newest answer counts. `clock` (s) may be any
+    clock that does not go back. If the driver is silent, `DeadMan` brakes the train.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class ExternalDriver:
         self._lockstep, self._due = lockstep, self._clock()
 
     def command(self, cab: CabView) -> Command:
-        """What the driver answers to this look; the brakes while it is silent for too long."""
+        """The driver's answer to this look, or full braking while the dead-man brake is applied."""
         assert self._lockstep is not None
         self._look += 1
         now_ns = self._day.service.moment_ns(cab.time_s)
@@ -119,7 +119,7 @@ class ExternalDriver:
         return self._command
 
     def _tell(self, now_ns: int, told: str | None) -> None:
-        """Record what happened, and once that another process would drive as well."""
+        """Record what happened; also record, once, that another process tries to drive as well."""
         assert self._lockstep is not None
         if self._lockstep.answers.other_drivers and not self._crowded:
             self._crowded = True
@@ -154,9 +154,9 @@ class ExternalDriver:
 
 
 HEARD = (CAB, CONTROL)
-"""Topics that such a process must hear."""
+"""Topics that the process of an external driver must hear."""
 CALLED_EVERY_S: Final = 0.2
-"""Until the run begins, the process says this often that it is there."""
+"""Until the run begins, the driver's process announces itself at this interval (s)."""
 LOST_S: Final = 60.0
 """A run that says nothing for this long (s) is taken to be gone."""
 

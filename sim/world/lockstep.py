@@ -37,7 +37,7 @@ def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> Locatio
 
 
 def happened(time_ns: int, text: str, level: Any = Log.INFO) -> Log:
-    """Something for people to read."""
+    """A message for people to read, about something that happened."""
     log = Log(level=level, message=text, name="das-sim")
     log.timestamp.FromNanoseconds(time_ns)
     return log
@@ -52,7 +52,7 @@ class Written(NamedTuple):
 
 
 class Answers:
-    """Keeps the last word of node, recorder and external driver."""
+    """Keeps the latest message of node, recorder and external driver."""
 
     def __init__(self) -> None:
         self.node_state: int = NodeState.STARTING
@@ -64,14 +64,14 @@ class Answers:
         self.advice: Any | None = None
         """The last advice (the bus's message); None before the first."""
         self.controls: Any | None = None
-        """What an external driver answered last (the bus's message); None before it said anything."""
+        """The external driver's latest answer (the bus's message); None before the first."""
         self.driver = ""
-        """The session of the external driver who is heeded: the first one heard; empty: whoever is heard next."""
+        """Session of the external driver in control: the first one heard. If empty, the next one takes control."""
         self.other_drivers = 0
-        """How many messages of other sessions that would drive as well were left out."""
+        """How many messages were ignored because they came from other sessions that tried to drive as well."""
 
     def take(self, topic: Topic, message: Any | None, source: str = "") -> None:
-        """Take note of a message of a session (`source`); None, one that cannot be read, is left out."""
+        """Take note of a message of a session (`source`). A message that could not be read is None and is ignored."""
         if message is None:
             return
         if topic is ADVICE:
@@ -100,17 +100,17 @@ class Answers:
 
 
 START_TIMEOUT_S = 120.0
-"""The node compiles its solver the first time on a machine."""
+"""Longest wait (s) for the start: the node compiles its solver the first time on a machine."""
 ANSWER_TIMEOUT_S = 10.0
 HEARD_EVERY_S = 0.2
-"""While nothing is said, node and recorder are looked after this often."""
+"""While no message comes, the processes of node and recorder are checked at this interval (s)."""
 RECORDER_WINDOW = 50
 """The recorder may be this many ticks behind before the simulation waits for it."""
 
 
 @dataclass(kw_only=True)
 class Traffic:
-    """Messages of a run: sent by topic, advices given and withdrawn, above the limit, and what the recording holds."""
+    """Counts of a run: messages sent and recorded by topic; advices given, withdrawn, and above the limit."""
 
     ticks: int = 0
     start_s: float = 0.0
@@ -154,7 +154,7 @@ class Lockstep:
         self._stack.close()
 
     def begin(self, journey: JourneyHeard) -> None:
-        """Wait for both, and until the node has taken the journey."""
+        """Wait until node and recorder have started and the node has accepted the journey."""
         began = time.perf_counter()
         answers, waiting = self.answers, (NodeState.WAITING, NodeState.READY)
         self._until(
@@ -167,8 +167,8 @@ class Lockstep:
         self.traffic.start_s = time.perf_counter() - began
 
     def restart_node(self) -> None:
-        """Kill the node, start it anew, and wait until it has the journey again (the bus keeps it for it)."""
-        # What the node said so far must not be lost with it: how far that got would depend on the machine.
+        """Kill the node, start it anew, and wait until it has the journey again, which the bus keeps."""
+        # No message of the node may be lost by the kill: how many got through would depend on the machine.
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
         self._node.__exit__(None, None, None)
@@ -177,7 +177,7 @@ class Lockstep:
         self._until_taken()
 
     def tell(self, value: Heard) -> None:
-        """Tell the node something that it can hear."""
+        """Send the node one of its inputs."""
         self.send(*codec.encode_input(value))
 
     def send(self, topic: Topic, message: Message) -> None:
@@ -198,7 +198,7 @@ class Lockstep:
         return answers.advice
 
     def finish(self, now_ns: int) -> None:
-        """Tell both that the run is over, wait until everything is written, and stop them."""
+        """Tell node and recorder that the run is over, wait until everything is written, and stop both."""
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last tick")
         answers, last = self.answers, self._asked_tick + 1
         self._ask(now_ns, last, finish=True)
@@ -213,8 +213,10 @@ class Lockstep:
         self.traffic.recorded = recorded_counts(self.processes.out)
 
     def _ask(self, now_ns: int, tick: int, *, finish: bool = False) -> None:
-        """Send a Control message; the node answers it when it has heard what was told before, which comes by a way of
-        its own."""
+        """Send a Control message.
+
+        The node answers only when it has heard the restrictions and targets sent before, which travel separately.
+        """
         asked = codec.control(
             now_ns,
             tick,
@@ -229,7 +231,7 @@ class Lockstep:
         return written.tick >= self._asked_tick and written.advice_tick >= self._asked_tick
 
     def _until_taken(self) -> None:
-        """Until the node is ready, and the recorder has heard it say so."""
+        """Wait until the node is ready and the recorder has written that it is."""
         answers, ready, refused = self.answers, NodeState.READY, NodeState.WITHDRAWN
         self._until(
             lambda: answers.node_state == refused or answers.node_state == answers.written.node_state == ready,
@@ -269,7 +271,7 @@ class Lockstep:
 
 
 def sleep_until(moment: float) -> None:
-    """Sleep until a moment of time.perf_counter, in naps that Ctrl-C ends."""
+    """Sleep until a moment of time.perf_counter, in short steps so that Ctrl-C can end it."""
     while (left := moment - time.perf_counter()) > 0:
         time.sleep(min(left, 0.2))
 

@@ -23,7 +23,7 @@ from sim.world.loop import Counts, Run
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
-    """The run of least energy of each section in the time that it really took, or the fastest where it took less."""
+    """Each section's least-energy trajectory for the time really taken; the fastest one if even less time was taken."""
     return tuple(
         front.trajectory(arrived.time_s - departed.time_s)
         for front, (departed, arrived) in zip(fronts, run.legs, strict=True)
@@ -31,7 +31,7 @@ def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]
 
 
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
-    """What a run took above the optimum of its true train, section by section; DasError as `true_fronts`."""
+    """What a run took above the optimum of its true train, by section; raises DasError where `true_fronts` does."""
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
     return AboveOptimum.measured_on(
         [
@@ -46,8 +46,8 @@ def above_optimum(day: Day, run: Run) -> AboveOptimum:
 def true_fronts(day: Day) -> tuple[Front, ...]:
     """The fronts of the sections for the train and the conditions of the day; the plan's where they are the same.
 
-    What happens on the way is not known: signals, restrictions, slippery rail and wind on a part of the line. Raises
-    DasError for losses that do not cover what the train can do.
+    They do not know what happens on the way: signals, restrictions, slippery rail and wind on a part of the line.
+    Raises DasError for losses that do not cover what the train can do.
     """
     service, truth = day.service, day.service.scenario.truth
     if truth.is_as_planned and day.conditions.changes_nothing:
@@ -65,7 +65,7 @@ def true_fronts(day: Day) -> tuple[Front, ...]:
 
 
 def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
-    """The fronts of the true train that brakes as the day's human driver means to, or else as the advice plans."""
+    """The true train's fronts with the braking that a human driver intends or, for others, that the advice plans."""
     service, human = day.service, day.human
     braking = service.scenario.braking.of(service.vehicle)
     if driver is DriverKind.HUMAN:
@@ -92,9 +92,10 @@ class RunEnergies:
     losses for the times that the sections really took. `at_stops_j` is drawn at stops in between, `planned_j` is the
     plan's least energy for the timetable; neither optimum knows what happened on the way.
 
-    Driven = optimum + `blending_j` + `profile_j`: the optimum, what friction took that the motors could have given,
-    and what the speed profile cost. `own_braking_j` is the optimum for the same times of who brakes and keeps
-    below limits as a human driver means to, or for other drivers as the advice plans: braking so costs the difference.
+    Driven = optimum + `blending_j` + `profile_j`, where `blending_j` went to friction brakes although the motors could
+    have braked, and `profile_j` is what the speed profile cost. `own_braking_j` is the optimum for the same times with
+    the braking and the margin below limits that a human driver intends or, for other drivers, that the advice plans;
+    its difference from the optimum is what such braking costs.
     """
 
     above: AboveOptimum
@@ -115,7 +116,7 @@ class RunEnergies:
 
     @property
     def profile_j(self) -> float:
-        """What the run took above its optimum other than for brakes that the motors could have been."""
+        """Energy above the optimum (J), less what friction brakes took although the motors could have braked."""
         return self.driven_j - self.optimum_as_driven_j - self.blending_j
 
     def as_dict(self) -> dict[str, Any]:
@@ -135,10 +136,10 @@ class RunEnergies:
 
 @dataclass(frozen=True, kw_only=True)
 class DayOutcome:
-    """What a run of a day came to.
+    """The result of one day's run.
 
-    `drive` has the figures that a recording of the run has as well: stops, energy above the optimum, what must not
-    happen and did, and how often what was shown changed. `running_time_s` is the time between departures and arrivals,
+    `drive` has the figures that a recording of the run has as well: stops, energy above the optimum, violations, and
+    how often the advice on the display changed. `running_time_s` is the time between departures and arrivals,
     `simulated_s` the whole time of the run. `balance` is where the energy went from the first departure to the last
     arrival (J), comfort systems included. `counts` say how the advice fared.
     """
@@ -185,7 +186,7 @@ class DayOutcome:
 
 
 def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
-    """What a run of a day came to, also against the optimum of who brakes as a human driver does, or as advised."""
+    """The result of one day's run, with the optimum for braking as a human driver intends or as the advice plans."""
     service = day.service
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
@@ -249,7 +250,7 @@ class RecordedFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class DayResult:
-    """What `das-sim run` tells: the outcome, how the day was driven, what happened on it, and the recording.
+    """What `das-sim run` reports: the outcome, how the day was driven, what happened on it, and the recording.
 
     `happens` is one line about the disturbances, `drawn` everything that the seed drew (SI). `wall_s` is how long the
     run took by the stopwatch. `recorded` is None for a run in one process, which records nothing.

@@ -37,16 +37,16 @@ from sim.world.service import Service, scenario_files
 
 
 class OverBus:
-    """Speaks with a node, and to a recorder, that are in lockstep.
+    """Exchanges messages with a node and a recorder that are in lockstep with the simulation.
 
-    `shows_cab` is False where an external driver drives: it is asked with every cab that it sees.
+    `shows_cab` is False where an external driver drives, because the driver is sent the cab with every question.
     """
 
     def __init__(self, day: Day, lockstep: Lockstep, *, shows_cab: bool = True) -> None:
         self._day, self._lockstep, self._shows_cab = day, lockstep, shows_cab
 
     def exchange(self, tick: Tick) -> Any:
-        """Send what is told at a tick and wait for the node's advice."""
+        """Send the node its inputs of a tick and wait for its advice."""
         for heard in tick.told:
             self._lockstep.tell(heard)
             if isinstance(heard, PositionHeard):
@@ -54,13 +54,13 @@ class OverBus:
         return self._lockstep.ask(tick.now_ns, tick.number)
 
     def _locate(self, now_ns: int, s_m: float) -> None:
-        """Record where the train is on the map, where the route has a place for it."""
+        """Record where the train is on the map, if the route gives a location."""
         place = self._day.service.route.location_deg(s_m)
         if place is not None:
             self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Send what is recorded beside."""
+        """Send what is only recorded: the truth, the cab, events, and the driver's decisions."""
         self._lockstep.send(TRUTH, _truth(self._day, now_ns, told))
         if self._shows_cab:
             look = CabLook(now_ns, told.cab, told.command)

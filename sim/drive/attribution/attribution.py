@@ -1,9 +1,9 @@
-"""The energy attribution of a recorded drive: how much energy each leg took above the optimum, where and by what.
+"""The energy attribution of a recorded drive: how much energy each leg took above the optimum, where and why.
 
-At each place counts the energy at the current collector less the rise of the kinetic energy, E(s) − m·ρ·v(s)²/2, driven
-minus optimum. The potential energy is the same on both sides. What a train carries on as speed is therefore not
-counted where it was drawn, but where it is lost; both runs begin and end standing, so that the differences sum to that
-of the whole leg.
+What counts at each place is the energy at the current collector minus the rise of the kinetic energy,
+E(s) − m·ρ·v(s)²/2, as driven minus as in the optimum. The potential energy is the same in both. Energy that a train
+carries on as speed is therefore counted where it is lost, not where it was drawn. Both runs begin and end at a stand,
+so the differences sum to that of the whole leg.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optim
     inertial_kg = section.vehicle.inertial_mass_kg
     best_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(section.loss)))))
     moving = _rising(motion.s_m)
-    # A train that stood a little beyond the end of the route was driven there all the same.
+    # A train may have stood a little beyond the end of the route; its energy counts as far as it went.
     driven_edges_m = np.concatenate((motion.s_m[:1], edges_m[1:-1], motion.s_m[-1:]))
 
     def driven(values: Floats) -> Floats:
@@ -93,19 +93,19 @@ def _edges(first_m: float, inside_m: Floats, last_m: float) -> Floats:
 
 
 def _rising(s_m: Floats) -> NDArray[np.intp]:
-    """Samples at places that rise: of those at one place the last, and at the end of the leg all are one."""
+    """Samples at rising positions: the last of those at one position, and a single one at the end of the leg."""
     return np.append(np.flatnonzero(np.diff(s_m) > 0), len(s_m) - 1)
 
 
 OTHER_TRAIN: Final = "the true train, wind and rail"
-"""What the optimum of the true train takes more than that of the plan's, in words."""
+"""What makes the optimum of the true train differ from that of the planned train, in words."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegAttribution(ComparedLeg):
     """The energy attribution of one leg.
 
-    `true_optimum_j` is that of the true train (J), as a simulator recorded it; None where only the plan's is known.
+    `true_optimum_j` is the optimum of the true train (J) if a simulator recorded it, else None.
     `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
     departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
     """
@@ -124,7 +124,7 @@ class LegAttribution(ComparedLeg):
 
     @property
     def other_train_j(self) -> float:
-        """By how much the optimum of the true train takes more than that of the plan's (J)."""
+        """Energy of the true train's optimum minus that of the planned train's (J)."""
         return self.optimum_j - self.optimum.balance.input
 
     @property
@@ -164,12 +164,12 @@ class LegAttribution(ComparedLeg):
 
     @property
     def early_j(self) -> float | None:
-        """What arriving before the timetable's time cost (J; after it: saved), both driven as well as possible."""
+        """What arriving early cost, at the best driving for either time (J); < 0 if arriving late saved energy."""
         return None if self.left_j is None else self.optimum.balance.input - self.left_j
 
     @property
     def against_timetable(self) -> dict[EnergyCause, float] | None:
-        """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
+        """The whole energy above the optimum for the timetable, by cause (J); None without a timetable."""
         if self.recovered_j is None or self.early_j is None:
             return None
         parts = self.by_cause
@@ -198,7 +198,7 @@ class Attribution:
 
     @property
     def other_train_j(self) -> float:
-        """By how much the optimum of the true train takes more than that of the plan's (J); 0 where it is not known."""
+        """Energy of the true train's optimum minus that of the planned train's (J); 0 where the former is not known."""
         return sum(leg.other_train_j for leg in self.legs)
 
     @property
@@ -213,7 +213,7 @@ class Attribution:
 
     @property
     def difference_j(self) -> float:
-        """By how much more energy than the optimum for the same times was driven (J)."""
+        """Energy as driven minus that of the optimum for the same times (J)."""
         return self.driven_j - self.optimum_j
 
     @property
@@ -229,7 +229,7 @@ class Attribution:
 
     @property
     def against_timetable(self) -> Mapping[EnergyCause, float] | None:
-        """The energy above the optimum for the timetable by cause (J), which the parts sum to; None without one."""
+        """The whole energy above the optimum for the timetable, by cause (J); None where a leg has no timetable."""
         parts = [leg.against_timetable for leg in self.legs]
         known = [one for one in parts if one is not None]
         return _summed(known) if len(known) == len(parts) else None
@@ -249,10 +249,10 @@ def attribution_of(
     shown: ShownAdvice,
     said: AboveOptimum | None,
 ) -> Attribution:
-    """The energy attribution of a recorded drive by its line and train, legs and shown advice, also where it is not
-    comparable.
+    """The energy attribution of a recorded drive from its line and train, its legs and the shown advice.
 
-    `said` is what the recording says of the energy above the optimum; None where it says nothing.
+    It is made even if drive and optimum are not comparable. `said` is what the recording says of the energy above the
+    optimum; None where it says nothing.
     """
     epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
     measured = () if said is None or not said.measured else said.sections

@@ -1,8 +1,8 @@
-"""The energy that is committed at each moment of a drive, by what it rises, and what was known at that moment.
+"""The energy that is committed at each moment of a drive, why it rises, and what was known at that moment.
 
 W(t) = energy driven so far + least energy from here to the end of the leg at the arrival as driven. W begins with the
-optimum for the same times and ends with the energy as driven. It rises by what was done between two moments and can
-never be got back by driving on as well as possible.
+optimum for the same times and ends with the energy as driven. Its rise between two moments is the energy that driving
+on as well as possible can no longer save.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
 
 LATE_S = 0.1
-"""A best run that arrives later than this (s) is none for the time wanted."""
+"""A best run that arrives later than wanted by more than this (s) does not count."""
 
 Told = frozenset[Restriction]
 
 
 class Epoch(NamedTuple):
-    """From when on (ns) which restrictions were known and counted; none of them has a window any more."""
+    """The restrictions, less their time windows, that were known and counted from a moment (ns) on."""
 
     since_ns: int
     told: Told
@@ -57,9 +57,9 @@ NOTHING = Remaining(energy_j=math.nan, run=None)
 
 
 def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
-    """What was known and counted, from each moment on at which that changed; first nothing is known.
+    """An epoch for each moment at which the known and counted restrictions change; the first epoch has none.
 
-    It changes when a list is told, and when a restriction of it begins or ceases to count.
+    They change when a list is told, and when a restriction of the list begins or ceases to count.
     """
     found = [Epoch(-(2**63), frozenset())]
     lists = [*told_lists(recording)]
@@ -81,7 +81,7 @@ def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Told = frozenset()
 
 
 class Knowledge:
-    """The best runs of a leg on the line as it was known at a time; each line is solved once, when it is asked for."""
+    """The best runs of a leg on the line as known at a time; each state of the line is solved once, on demand."""
 
     def __init__(self, inputs: DriveInputs, leg: DrivenLeg, epochs: tuple[Epoch, ...]) -> None:
         self.inputs, self.leg = inputs, leg
@@ -103,7 +103,7 @@ class Knowledge:
         return self._front(told)
 
     def remaining(self, told: Told, time_s: float, s_m: float, speed_mps: float) -> Remaining:
-        """The best run from a state to the end of the leg in a time; NOTHING where none arrives in it."""
+        """The best run from a state to the end of the leg in a time (s); NOTHING if no run arrives in that time."""
         try:
             run = self.front(told).trajectory(time_s, s_m, speed_mps)
         except (DasError, InfeasibleError):  # from here the section cannot be finished, or there is no time left
@@ -116,20 +116,20 @@ class Knowledge:
         return solve_front(self.section(told))
 
     def _here(self, told: Told) -> Told:
-        """Of restrictions, those that the train meets on this leg."""
+        """Those of the restrictions that the train meets on this leg."""
         first_m, last_m = float(self.leg.motion.s_m[0]), float(self.leg.motion.s_m[-1])
         length_m = self.inputs.vehicle.train_length_m
         return frozenset(one for one in told if one.is_under(first_m, last_m, length_m))
 
 
 MOST_CUTS = 4000
-"""Most moments of a drive at which the best run from there is found: one a second in up to an hour, then fewer."""
+"""Most moments of a drive from which a best run is sought: one a second in an hour or so, fewer in longer drives."""
 
 
 MISSED_S = 10.0
-"""An arrival this much (s) after the timetable's was missed; the leg was driven for it all the same."""
+"""A train that comes later than the timetable by more than this (s) has hurried for the arrival in vain."""
 HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_FAST)
-"""What a driver does who goes for an arrival that the train then misses."""
+"""Causes that become lateness if the driver hurried for an arrival that the train then missed."""
 
 
 class Rise(NamedTuple):
@@ -143,11 +143,11 @@ class Rise(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Committed:
-    """The committed energy at the cuts of a leg, and to what each rise belongs.
+    """The committed energy at the cuts of a leg, and the cause of each rise.
 
     Arrays of shape (cuts,): `sample` (index into the leg's samples) and `energy_j` (NaN where no best run arrives in
-    time from there). `causes` has the cause of the time from each cut to the next, shape (cuts − 1,). `news_j` is by
-    how much energy news of restrictions raised it between two cuts.
+    time from there). `causes` has the cause of the time from each cut to the next, shape (cuts − 1,). `news_j` is
+    the rise between two cuts because of news of restrictions (J).
     """
 
     sample: NDArray[np.intp]
@@ -195,7 +195,7 @@ def committed(
     signals: Sequence[Signal],
     every: int = 1,
 ) -> Committed:
-    """The committed energy of a driven leg at every so many samples, with the cause of every rise."""
+    """The committed energy of a driven leg at each `every`-th sample, with the cause of each rise."""
     leg = knowledge.leg
     motion, samples, vehicle = leg.motion, _cuts(len(leg.motion.s_m), every), knowledge.inputs.vehicle
     energy_j, news_j = np.full(len(samples), math.nan), np.zeros(len(samples) - 1)
@@ -225,12 +225,12 @@ def committed(
 
 
 def _cuts(samples: int, every: int) -> NDArray[np.intp]:
-    """The samples at which the best run from there is found: the first, every so many, and the last."""
+    """The samples from which a best run is sought: the first, each `every`-th after it, and the last."""
     return np.unique(np.append(np.arange(0, samples, every), samples - 1)).astype(np.intp)
 
 
 def spacing(legs: Sequence[DrivenLeg]) -> int:
-    """Every how many samples the best run is found, so that a long drive has no more than `MOST_CUTS` of them."""
+    """The distance (samples) between cuts with which a long drive has no more than `MOST_CUTS` of them."""
     return max(math.ceil(sum(len(leg.motion.s_m) for leg in legs) / MOST_CUTS), 1)
 
 

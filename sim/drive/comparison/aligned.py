@@ -56,14 +56,14 @@ class DriveOnTrack:
         return str(journey.route_id), bool(journey.reversed)
 
     def at(self, s_m: Floats, values: Floats) -> Floats:
-        """Values over the drive at positions; at a stand, the value on coming to it."""
+        """Values over the drive at positions; where the train stood, the value at which it came to a stand."""
         first = np.append(True, np.diff(self.s_m) > 0)
         return np.asarray(np.interp(s_m, self.s_m[first], values[first]), dtype=np.float64)
 
     def advice_at(self, s_m: Floats) -> tuple[Times, Floats]:
-        """Mode and speed that were advised when the train came to positions; the last before each."""
+        """Mode and speed of the last advice before the train came to each of the positions."""
         index = np.maximum(np.searchsorted(self.s_m, s_m + 1e-9, side="right") - 1, 0)
-        first = np.searchsorted(self.s_m, self.s_m[index])  # of a stand the moment of coming to it
+        first = np.searchsorted(self.s_m, self.s_m[index])  # where the train stood, the moment when it came to a stand
         return self.advised_mode[first], self.advised_mps[first]
 
 
@@ -78,7 +78,7 @@ def drives_on_track(paths: Sequence[Path]) -> list[DriveOnTrack]:
 
 
 def on_track(drive: Drive, label: str) -> DriveOnTrack:
-    """A recorded drive over the track; DasError where its line and train are not known, or it served no two stops."""
+    """A recorded drive over the track; DasError if line and train are not known, or it served fewer than two stops."""
     recording, inputs, motion, legs = drive.recording, drive.inputs, drive.motion, drive.legs
     first = int(np.searchsorted(motion.time_ns, legs[0].motion.time_ns[0]))
     last = int(np.searchsorted(motion.time_ns, legs[-1].motion.time_ns[-1]))
@@ -104,7 +104,7 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
 def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     """Positions that do not fall, moved by the few metres by which the train stood before or beyond its stops.
 
-    Without that, of two trains that stood a metre apart one would come to the stop after its dwell.
+    Otherwise, if two trains stood a metre apart, one would seem to reach the stop only after its dwell.
     """
     stood_m = np.array([legs[0].motion.s_m[0], *(leg.motion.s_m[-1] for leg in legs)])
     stops_m = np.array([legs[0].start.s_m, *(leg.end.s_m for leg in legs)])
@@ -112,7 +112,7 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
 
 
 def _energy_j(inputs: DriveInputs, motion: DrivenMotion, legs: tuple[DrivenLeg, ...], time_ns: Times) -> Floats:
-    """Energy since the first departure (J): measured, or estimated on the legs, where nothing is drawn at stops."""
+    """Energy since the first departure (J): measured, or estimated on the legs, with nothing drawn at stops."""
     if motion.input_j is not None:
         energy_j = np.interp(time_ns, motion.time_ns, motion.input_j)
         return np.asarray(energy_j - energy_j[0])
@@ -134,7 +134,7 @@ def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
 
 
 def check_one_line(drives: list[DriveOnTrack]) -> None:
-    """Raise DasError where drives are not of one line and direction: their positions mean other places."""
+    """Raise DasError where drives are not of one line and direction, because their positions mean different places."""
     first = drives[0]
     for other in drives[1:]:
         if other.route != first.route:
@@ -147,7 +147,7 @@ STEP_M = 10.0
 SAME_ADVICE_MPS = 0.5 / 3.6
 """Advised speeds that differ by less than this (m/s) are shown as the same."""
 SAME_S, SAME_J = 1e-6, 1.0
-"""Drives that differ by less than this nowhere are the same: rounding."""
+"""Drives that never differ by more than this (s, J) are the same: it is only rounding."""
 EDGE_M = 0.5
 """A stretch begins and ends this far (m) at most from a row."""
 
@@ -176,7 +176,7 @@ class PartedStretch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AlignedDrives:
-    """Drives at the same positions; arrays have the shape (drives, rows), and the first drive is compared with.
+    """Drives at the same positions; arrays have the shape (drives, rows), and the first drive is the reference.
 
     `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
     before and after it. Times and energies count from the first row, at which the clock of each drive shows `start_s`
@@ -230,7 +230,7 @@ class AlignedDrives:
         return len({(drive.train, drive.inputs.vehicle.mass_kg) for drive in self.drives}) > 1
 
     def is_same(self, other: int) -> bool:
-        """Whether a drive does not differ from the first: in time, speed, energy and advice, at any row."""
+        """Whether a drive agrees with the first in time, speed, energy and advice at every row."""
         return bool(
             np.abs(self.time_s[other] - self.time_s[0]).max() < SAME_S
             and np.abs(self.speed_mps[other] - self.speed_mps[0]).max() < SAME_S
@@ -277,7 +277,7 @@ class AlignedDrives:
 
 
 def _rows(drive: DriveOnTrack, low_m: float, high_m: float, step_m: float) -> tuple[Floats, Floats]:
-    """Positions in constant steps, and twice every change of the limit; the limit (m/s) before or after each."""
+    """Positions in constant steps, and every change of the limit twice, with the limit (m/s) before and after it."""
     limits = drive.inputs.route.limits_mps
     even = np.append(np.arange(low_m, high_m, step_m), high_m)
     changes = limits.start_m[(limits.start_m > low_m) & (limits.start_m < high_m)]

@@ -1,4 +1,4 @@
-"""Notes of people: `foxglove.Event`s in an MCAP file beside the recording, which itself is never changed.
+"""Notes by people: `foxglove.Event`s in an MCAP file beside the recording. The recording itself never changes.
 
 The notes of `drive.mcap` are in `drive.notes.mcap`. Viewers of MCAP open both together.
 """
@@ -21,12 +21,12 @@ from das.domain.files.writing import write_whole
 SUFFIX: Final = ".notes.mcap"
 TOPIC: Final = "notes"
 LONGEST_NOTE: Final = 2000
-"""Most characters of a note."""
+"""Most characters that a note may have."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Note:
-    """A note: the time that it is about (ns since 1970), its text and its tags, and who made it where that is said."""
+    """A note: the span of time that it is about (ns since 1970), its text, its tags, and its author if one is given."""
 
     time_ns: int
     end_ns: int
@@ -57,7 +57,7 @@ def read_notes(recording: Path) -> tuple[Note, ...]:
 
 
 def add_note(recording: Path, note: Note) -> Path:
-    """Add a note to those of a recording and return their file, which is written anew as a whole.
+    """Add a note to those of a recording; rewrite the file of the notes as a whole and return its path.
 
     Raises DasError for a text that is empty or too long, and where the file cannot be read or written.
     """
@@ -72,7 +72,7 @@ def add_note(recording: Path, note: Note) -> Path:
 
 
 def remove_note(recording: Path, number: int) -> Note:
-    """Take away the note of a number, counted from 1 in order of time, and return it; DasError where there is none."""
+    """Remove a note by its number, counted from 1 in order of time, and return it; DasError where there is none."""
     kept = list(read_notes(recording))
     if not 1 <= number <= len(kept):
         raise DasError(f"--remove {number}: {recording} has {len(kept)} notes")
@@ -106,7 +106,7 @@ def _event(note: Note) -> Any:
 
 def _note(event: Any) -> Note:
     said = {pair.key: pair.value for pair in event.metadata}
-    # Other programs may name the text otherwise; all that they say is shown then.
+    # Other programs may use another key for the text; then all their keys and values are shown.
     text = said.get("text") or "; ".join(f"{key}: {value}" for key, value in said.items()) or "(no text)"
     return Note(
         time_ns=event.start_time.ToNanoseconds(),

@@ -17,7 +17,7 @@ from sim.plant.plant import Command, force, speed
 
 
 class VectorPresenter(Presenter):
-    """Shows speed and effort now and for the next seconds, and the next change of the mode."""
+    """Shows speed and effort now and for the next seconds, and the next change of driving regime."""
 
     number = 3
     phrase = "speed and effort of the moment"
@@ -43,9 +43,9 @@ class VectorPresenter(Presenter):
         return (view.mode,)
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The effort, and more or less of it where the speed is another one.
+        """The advised effort, corrected where the speed differs from the advised one.
 
-        Nobody corrects while he is told to let the train roll, and at the end of the scale there is no more or less.
+        It is not corrected while the advice is to coast, nor at the end of the controller's scale.
         """
         if view.mode == Regime.COAST:
             return 0.0
@@ -79,7 +79,7 @@ class VectorFollower:
         if now > cab.limit_mps:
             return hold(cab, outlook, cab.limit_mps)
         rate = (_between(speeds, since_s + TRACKING.ahead_s) - now) / TRACKING.ahead_s
-        # Brakes early enough on and not too early off; traction the other way round.
+        # Brakes are applied early enough and not released too early; traction the other way round.
         ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (RULE.anticipation_s, FOLLOWING.release_s))
         # No friction brake beyond the plan's own.
         low_n = min(ahead_n, _between(forces, since_s), -electric_effort(cab.speed_mps, 1.0, train))
@@ -87,7 +87,7 @@ class VectorFollower:
 
 
 def _between(values: tuple[float, ...], at_s: float) -> float:
-    """A value of a horizon with steps of 1 s, linear between them; before and after it, the values of its ends."""
+    """A value of a horizon in steps of 1 s, linear between the steps; outside the horizon, the value at its end."""
     x = min(max(at_s, 0.0), len(values) - 1.0)
     i = min(int(x), len(values) - 2)
     return values[i] + (x - i) * (values[i + 1] - values[i])

@@ -14,11 +14,11 @@ from sim.experiment.analysis.reading import SAME, Floats, Ints, RunStudy, ShownM
 from sim.experiment.plan import PlannedComparison
 
 SURE: Final = 0.01
-"""An assumption counts as broken where chance alone would show as much less often than this."""
+"""An assumption counts as broken where the p value of its test is below this."""
 LEAST: Final = 5
-"""Fewest participants for a check by a test."""
+"""Fewest participants for which a statistical test is made."""
 EVEN_NOISE: Final = 2.0
-"""Conditions whose standard deviations differ by more than this factor have no common noise."""
+"""Conditions count as equally noisy if their standard deviations differ by at most this factor."""
 UNTOLD: Final = "cannot be told"
 
 
@@ -94,7 +94,7 @@ def _single_driver_of_groups(groups: TwoGroups, shown: ShownMeasure) -> Assumpti
 
 
 def _single_driver(names: Sequence[str], mean: float, without: Floats, shown: ShownMeasure) -> AssumptionCheck:
-    """Whether the difference has the same sign without any one driver; `without` has it without each of them."""
+    """Whether the difference keeps its sign whichever driver is left out; `without` has it for each driver left out."""
     name = "No single driver makes the result"
     if len(names) < 3:
         return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows="Too few drivers.")
@@ -109,7 +109,7 @@ def _single_driver(names: Sequence[str], mean: float, without: Floats, shown: Sh
 
 
 def _noise(pairs: PairedTrials, comparison: PlannedComparison) -> AssumptionCheck:
-    """Noise is what remains in a condition when drivers and what the other factors do are taken out."""
+    """Noise is what remains in a condition once the effects of drivers and of the other factors are taken out."""
     name = "Both conditions scatter alike from trial to trial"
     follows = "Paired differences do not need it. The mixed model has a noise for each condition."
     spreads = []
@@ -187,7 +187,7 @@ def _drift(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) 
 
 
 def _unexplained(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> Floats:
-    """What remains of each value without the mean of its conditions and of its driver, (trials,)."""
+    """What remains of each value once the means of its conditions and of its driver are subtracted, (trials,)."""
     trials = study.trials
     rest = trials.values[comparison.measure][rows].copy()
     cells = [" ".join(str(trials.levels[one.name][row]) for one in study.plan.factors) for row in rows]
@@ -202,7 +202,7 @@ def _means(values: Floats, names: Texts) -> Floats:
 
 
 def _carried(study: RunStudy, comparison: PlannedComparison, driver: str, position: Ints, rest: Floats) -> float:
-    """What remains after trials at level a, less after trials at level b, of one driver; NaN where he lacks one."""
+    """The mean remainder of one driver after trials at level a minus that after level b; NaN if he lacks either."""
     trials = study.trials
     mine = trials.participant == driver
     before = dict(zip(trials.position[mine].tolist(), trials.levels[comparison.factor][mine].tolist(), strict=True))
@@ -212,7 +212,7 @@ def _carried(study: RunStudy, comparison: PlannedComparison, driver: str, positi
 
 
 def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
-    """Whether the result would move with other days: participants are resampled, days are not."""
+    """Whether the result could change with other days, because participants are resampled and days are not."""
     name = "The days are many enough to stand for other days"
     if not pairs.same_day:
         return AssumptionCheck(
@@ -245,9 +245,9 @@ def _compared_words(shown: ShownMeasure, difference: float, tail: str) -> str:
 def _against_chance(
     name: str, follows: str, values: Floats, shown: ShownMeasure, what: tuple[str, str]
 ) -> AssumptionCheck:
-    """A check that the mean of a figure of each participant is 0 but for chance (Student's t).
+    """Check whether a figure, of which each participant has one, differs from 0 only by chance (Student's t).
 
-    `what` is said before and after what was found.
+    `what` are the words before and after the finding.
     """
     from scipy import stats
 
@@ -265,7 +265,7 @@ def _against_chance(
 
 
 def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> AssumptionCheck:
-    """Whether the groups are of one size and drove the same conditions equally often, at the same places."""
+    """Whether the groups are of one size and drove the same conditions equally often and equally early."""
     trials, others = study.trials, [one.name for one in study.plan.factors if one.name != comparison.factor]
     sizes, shares, places = [], [], []
     cells = np.array([" ".join(str(trials.levels[name][row]) for name in others) for row in rows], dtype=np.str_)
@@ -287,7 +287,7 @@ def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> Assu
 
 
 def _people(study: RunStudy, groups: TwoGroups) -> Iterator[AssumptionCheck]:
-    """Whether the groups differ in who they are by more than a draw does (Welch, Bonferroni); nothing without data."""
+    """Whether the drivers of the groups differ by more than chance (Welch, Bonferroni); no check without data."""
     from scipy import stats
 
     if not study.people or min(len(groups.a), len(groups.b)) < LEAST:

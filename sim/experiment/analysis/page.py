@@ -34,7 +34,7 @@ from sim.review.light import INK, TEXT_POINTS, WIDTH_IN, as_image, light_figure,
 
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
-"""Measures beside each other in the table of those that no comparison is about."""
+"""Measures side by side in the table of the measures that no comparison is about."""
 BLUE, ORANGE = SEVERAL[0], SEVERAL[1]
 FAINT: Final = "#9aa0a6"
 ROW_IN: Final = 0.5
@@ -43,7 +43,7 @@ SCATTER: Final = 0.16
 
 
 def page(found: StudyFindings) -> str:
-    """The page as HTML, which needs nothing besides itself."""
+    """The page as HTML that needs no other file."""
     style = Path(sim.review.report.__path__[0])  # all pages share their style
     environment = Environment(
         loader=FileSystemLoader([Path(__file__).parent, style]),
@@ -74,7 +74,7 @@ def page(found: StudyFindings) -> str:
 
 
 def _signed(*values: float) -> str:
-    """Numbers with their signs, from the first to the last; nothing where they are not known."""
+    """Numbers with their signs as text, a range with "to" between its ends; empty where they are not known."""
     return "" if math.isnan(values[0]) else " to ".join(f"{one:+.2f}".replace("-", "−") for one in values)
 
 
@@ -237,12 +237,12 @@ def _differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figur
 
 
 def _label(comparison: PlannedComparison) -> str:
-    """The own name of a comparison, or what is taken from what."""
+    """The name of a comparison if the user gave one, else which level is subtracted from which."""
     return comparison.name if comparison.title == comparison.name else comparison.contrast("\n")
 
 
 def _beside(count: int) -> Floats:
-    """How far (rows) each of some points is drawn beside its row: back and forth, always the same."""
+    """How far (rows) each of `count` points is drawn beside its row: on alternate sides, always by the same steps."""
     steps = np.array([0.0, 0.5, -0.5, 1.0, -1.0])
     return np.asarray(SCATTER * steps[np.arange(count) % len(steps)])
 

@@ -77,7 +77,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
 
 
 def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
-    """The legs of a trip, cut and timed as those of every drive; the whole run where it does not stand at the stops."""
+    """The legs of a trip, cut and timed as for every drive; one leg if the train does not stand at both end stops."""
     motion, matched = DrivenMotion.of_run(run), trip.matched
     course = DrivenCourse(time_ns=motion.time_ns, s_m=motion.s_m, speed_mps=motion.speed_mps)
     told = DrivenCourse(time_ns=matched.time_ns, s_m=matched.s_m, speed_mps=matched.speed_mps)
@@ -92,8 +92,8 @@ def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
 class TripEnergies:
     """The energy of a replayed trip beside that of the optimum with the same arrivals, leg by leg.
 
-    `energy` is the range of the energy as driven, `above_range` that of the energy above the optimum by each unknown,
-    None where trip and optimum cannot be compared.
+    `energy` is the range of the energy as driven. `above_range` is the range of the energy above the optimum, also by
+    each unknown alone; it is None where trip and optimum cannot be compared.
     """
 
     legs: tuple[ComparedLeg, ...]
@@ -155,7 +155,7 @@ def _attachments(options: TripOptions) -> list[Path]:
 
 
 def _input_files(options: TripOptions) -> dict[str, Path]:
-    """Route, vehicle and loss map by what they are; one that is given takes the place of the vehicle's own."""
+    """The paths of route, vehicle and loss map by those names; a loss map that is given replaces the vehicle's own."""
     files = input_files(str(options.route), str(options.vehicle))
     return files if options.loss_map is None else {**files, "loss_map": options.loss_map}
 
