@@ -84,8 +84,10 @@ def in_time(
     brakes later than the schedule, which knows of no brake to come; or one who brakes `freely`, without a limit that
     asks for it, comes down less soon than the schedule does.
     """
-    if now.mode in BRAKES and not freely:
-        return _after_brake(following, now, brakes, state)
+    if now.mode in BRAKES:
+        following = _after_brake(following, now, brakes, state)
+        if not freely:
+            return following
     ahead, v_mps, from_m = brakes.ahead, state.v_mps, state.s_m + now.way_m
     speeds_mps = ahead.rolling_mps(from_m, v_mps)
     if now.mode in BRAKES:

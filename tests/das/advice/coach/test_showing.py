@@ -12,7 +12,7 @@ import pytest
 
 from das.advice.braking import NeededBrake
 from das.advice.coach.announcing import Announcing, Foreseen, in_time
-from das.advice.coach.coaching import Replan
+from das.advice.coach.coaching import Instruction, Replan
 from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
 from das.advice.coach.showing import Showing, ShownNow
@@ -172,6 +172,18 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
     for speed_mps, modes in ((20.0, [Regime.COAST]), (25.0, [Regime.REDUCED_BRAKE, Regime.COAST])):
         following = in_time(announced, brake_of(1.0, speed_mps), brakes, state, foreseen)
         assert [one.mode for one in following] == modes
+
+
+def test_what_follows_a_brake_that_no_limit_asks_for_waits_for_its_speed_as_well() -> None:
+    """A train far above the speed of its brake is not told to coast where the schedule does, but when it has slowed."""
+    here, state = section(), TrainState(0, 3200.0, 30.0)
+    brakes, now = ShownBrakes(here, SETTINGS), brake_of(1.0, 20.0)
+    announced = (Instruction(mode=Regime.COAST, speed_mps=20.0, effort_ratio=0.0, way_m=2.0, in_s=0.1),)
+    foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), as_shown=True)
+    lasts_s, lasts_m = brakes.lasts(now, state)
+    for freely in (False, True):
+        (first,) = in_time(announced, now, brakes, state, foreseen, freely=freely)
+        assert (first.mode, first.in_s, first.way_m) == (Regime.COAST, lasts_s, lasts_m)
 
 
 def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(display: Shown) -> None:
