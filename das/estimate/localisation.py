@@ -90,7 +90,7 @@ class _Noticed:
 
 
 SPEED_DOUBTED_S = 0.5
-"""Where clocks differ by more than this (s), a train that slows down may still have the speed of its last fix."""
+"""If the clocks differ by more than this (s), a train that slows down may still have the speed of its last fix."""
 
 
 class Localisation:

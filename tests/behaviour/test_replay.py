@@ -180,6 +180,8 @@ FLAT = ("--route", "flat-6km", "--vehicle", "re460-ic")
 BAD = [
     (["view", "junk.mcap", "--save", "junk.mcap"], "the file to write is one that is read"),
     (["replay", "nothing.csv", *FLAT, "--line", "posts.csv"], "nothing.csv"),
+    (["replay", "empty.csv", *FLAT, "--line", "posts.csv"], "empty.csv"),
+    (["replay", "nan.csv", *FLAT, "--line", "posts.csv"], "nan.csv.*line 2"),
     (["replay", "back.csv", *FLAT, "--line", "posts.csv", "--strict"], "back.csv: line 3: time running back"),
     (["replay", "far.csv", *FLAT, "--line", "posts.csv"], "far.csv.*line 1"),
     (["replay", "good.csv", "--vehicle", "re460-ic"], "good.csv: a trip without a journey needs --route"),
@@ -207,6 +209,8 @@ def bad_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for i in range(61)
     ]
     (folder / "good.csv").write_text("\n".join(good) + "\n")
+    (folder / "empty.csv").write_text("")
+    (folder / "nan.csv").write_text("\n".join([good[0], good[1].replace(",90,", ",nan,"), *good[2:]]))
     (folder / "back.csv").write_text("\n".join([good[0], good[2], good[1], *good[3:]]))
     (folder / "far.csv").write_text("\n".join(line.replace("47.0,", "48.0,") for line in good))
     track: dict[str, Any] = {

@@ -80,9 +80,9 @@ def in_time(
 ) -> tuple[Instruction, ...]:  # fmt: skip
     """The next changes, with a brake in time for a driver who does what is shown now.
 
-    The forecast may stay below the speed that is shown, on a hill, and brake later; or a driver who may still roll
-    brakes later than the schedule, which knows of no brake to come; or one who brakes `freely`, without a limit that
-    asks for it, comes down less soon than the schedule does.
+    The forecast alone would announce some brakes too late: on a hill it may stay below the speed that is shown, and it
+    knows nothing of a driver who may still roll. `freely`: the brake shown now is not for a limit, and a driver who
+    does it may slow down later than the schedule does.
     """
     if now.mode in BRAKES:
         following = _after_brake(following, now, brakes, state)
@@ -113,9 +113,10 @@ def in_time(
 def _after_brake(
     following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState
 ) -> tuple[Instruction, ...]:
-    """What follows a brake does so when its speed is reached; another brake where the train may be further ahead.
+    """The changes after a brake: each begins when the brake has reached its speed; a second brake may begin sooner.
 
-    A brake that leads to no lower speed has begun already: the train was too fast for it to wait.
+    It begins where the train would be if it were as far ahead as it may be. A second brake to no lower speed is left
+    out: the train was too fast to wait for it, and brakes for it already.
     """
     if not following:
         return following

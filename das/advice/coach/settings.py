@@ -55,7 +55,7 @@ class BrakeShowingSettings:
     again_ratio: float = 0.95
     """and to brake again when this share of it is needed."""
     rolls_above_mps: float = 8.0 * KMH
-    """A train this near to the speed that it brakes to is not told to roll: it comes down to it while he answers."""
+    """A train this near to the speed that it brakes for is not told to roll: it is there before the driver answers."""
     last_mps: float = 3.0
     """A train that is slower than this before its stop is not told to roll any more,"""
     short_ratio: float = 0.1
@@ -108,9 +108,9 @@ class LimitShowingSettings:
     """The force of an instruction that leads to a speed brings the train there in this time: longer than an advice
     is valid, so that a driver who sets the force exactly does not pass the speed."""
     rolls_back_in_s: float = 60.0
-    """A train above the speed to hold is told to coast back to it where that takes no longer than this,"""
+    """A train above the speed to hold is told to coast back to that speed if this takes no longer,"""
     brakes_back_in_s: float = 10.0
-    """and else to brake with the motors, so that it has the speed after this time if they are strong enough."""
+    """and otherwise to brake with the motors, so strongly that it reaches the speed after this time if they can."""
     coasts_in_s: float = 5.0
     """A train above the limit is told to coast where it comes down to it in this time."""
 

@@ -39,8 +39,8 @@ ROUNDED_MPS = 0.5 * KMH
 LONG_S = 3600.0
 """A creeping train has no forecast: it takes so long at most."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
-"""A train that has braked early rolls on, or holds a low speed because it would stand short of its mark; one that is
-above the speed to hold, and would not roll down to it, brakes."""
+"""A train that has braked early rolls on, or creeps because it would stand short of its mark. A train above the speed
+to hold brakes if rolling would not bring it down to that speed soon enough."""
 
 
 class ShownNow(NamedTuple):
@@ -228,7 +228,7 @@ class Showing:
         return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
-        """How a train comes down to the speed to hold, and with what effort: it rolls where that is soon enough."""
+        """`ROLLS` or `BRAKES_BACK` for a train above the speed to hold, and the effort of the brake (1: all motors)."""
         assert self._brakes is not None
         ahead, limit = self._brakes.ahead, self._settings.limit
         if -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
@@ -248,11 +248,10 @@ class Showing:
         else:
             eased = 1.0 if slows else self._eased_ratio(schedule, number, state, target)
         stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
-        may_roll = (
-            v_mps > target + settings.brake.rolls_above_mps
-            if slows
-            else v_mps >= settings.brake.last_mps or stands_short
-        )
+        if slows:
+            may_roll = v_mps > target + settings.brake.rolls_above_mps
+        else:
+            may_roll = v_mps >= settings.brake.last_mps or stands_short
         has_begun = state.s_m >= schedule.begin_m(number)
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
             self._back = ROLLS

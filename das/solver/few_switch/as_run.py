@@ -27,9 +27,9 @@ SAME_SHARE = 0.15
 """Two efforts, one after the other, that differ by less than this share of the largest are one."""
 
 WAITS_S = 15.0
-"""Another effort waits for a limit to rise, if it does within this time (s)."""
+"""A change of the traction effort is put off until the limit rises, if the limit rises within this time (s)."""
 BRIEF_S = 30.0
-"""An acceleration that a brake follows within this time (s)"""
+"""An acceleration that ends in a brake within this time (s)"""
 GAINS_S = 1.0
 """must gain at least so much (s) over holding the speed."""
 
@@ -39,8 +39,9 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
 
     A train that is to hold a much higher speed accelerates to it with `back_share` of its traction, and one that rolls
     down to the speed to hold coasts. Where a limit holds the train below the speed to go to, the limit is held, and
-    left by accelerating. An acceleration that a limit ends at once begins where this limit ends. A speed to hold
-    downhill that the train never comes down to is the speed that it has there.
+    left by accelerating. An acceleration that a limit ends at once begins where this limit ends. A change of effort
+    shortly before a limit rises is put off until then. A short acceleration before a brake that gains no time is left
+    out. A speed to hold downhill that the train never comes down to is the speed that it has there.
     """
     said = _with_coasting(_with_accelerations(phases, run, back_share), run)
     said = _with_limits_held(_without_vain_traction(said, run), run, back_share)
@@ -119,7 +120,7 @@ def _without_vain_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
 
 
 def _with_effort_at_limit(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
-    """The phases, where another effort to a speed that is not allowed yet begins where it is: one change, not two."""
+    """The phases; a change of effort shortly before a limit rises is put off until then: one change instead of two."""
     found = phases[:1]
     for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
         begin = one.begin
@@ -135,7 +136,7 @@ def _with_effort_at_limit(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
 
 
 def _without_brief_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
-    """The phases without an acceleration, from a speed to hold, that a brake soon follows and that gains no time."""
+    """The phases without accelerations that soon end in a brake and gain hardly any time over holding the speed."""
     found = phases[:1]
     for k, (one, end) in list(enumerate(zip(phases, ends_of(phases, run), strict=True)))[1:]:
         braked = k + 1 < len(phases) and phases[k + 1].kind in BRAKES

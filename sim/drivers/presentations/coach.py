@@ -72,7 +72,7 @@ class CoachPresenter(Presenter):
 
 
 def _effort_steps(view: AdviceView) -> int:
-    """The effort as it is read, in steps: who is told to accelerate or to brake does so with one step at least."""
+    """The effort in the steps of the display (< 0: brake): an instruction to accelerate or brake shows at least one."""
     steps = round(view.lever_ratio / EFFORT_STEP_RATIO)
     return steps or int(view.mode in TRACTION) - int(view.mode in BRAKES)
 

@@ -1,4 +1,4 @@
-"""Who publishes: two of the efforts or two nodes of one train, and messages without their sender's time stamp."""
+"""Publishers of one train: two of its efforts, two nodes, and a sender whose messages bear no time stamp of its own."""
 
 from __future__ import annotations
 

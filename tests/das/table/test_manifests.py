@@ -13,27 +13,14 @@ from typing import Any
 
 import pytest
 
-from das.solver.section import Section, build_section
+from das.solver.section import Section
 from das.table.format import ARRAYS, MANIFEST, TableError
 from das.table.manifest import MOST_MANIFEST_BYTES
 from das.table.reading import Table, read_front
-from precompute.tables.writing import make_table, write_table
 from tests.support.making import REPOSITORY, das_precompute
-from tests.support.small_tables import SETTINGS, line, seal_anew, train
+from tests.support.small_tables import seal_anew
 
 Facts = dict[str, Any]
-
-
-@pytest.fixture(scope="module")
-def section() -> Section:
-    return build_section(line(), train())
-
-
-@pytest.fixture(scope="module")
-def folder(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("tables") / "table"
-    write_table(path, make_table(section, SETTINGS))
-    return path
 
 
 @pytest.fixture

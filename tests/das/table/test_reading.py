@@ -25,26 +25,8 @@ from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from das.table.format import INFEASIBLE_STEP, TableError
 from das.table.reading import Table, read_front
-from precompute.tables.writing import make_table, write_table
 from tests.support.making import make_route
-from tests.support.small_tables import BUFFERS, GRADES, LENGTH_M, LIMITS, SETTINGS, line, seal_anew, states, train
-
-
-@pytest.fixture(scope="module")
-def section() -> Section:
-    return build_section(line(), train())
-
-
-@pytest.fixture(scope="module")
-def front(section: Section) -> Front:
-    return solve_front(section)
-
-
-@pytest.fixture(scope="module")
-def folder(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("tables") / "table"
-    write_table(path, make_table(section, SETTINGS))
-    return path
+from tests.support.small_tables import BUFFERS, GRADES, LENGTH_M, LIMITS, line, seal_anew, states, train
 
 
 @pytest.fixture(scope="module")

@@ -1,31 +1,5 @@
-"""The small section with its front and its table, made once."""
+"""The fixtures of the small table."""
 
-from __future__ import annotations
+from tests.support.small_table_fixtures import folder, front, section
 
-from pathlib import Path
-
-import pytest
-
-from das.solver.front import Front
-from das.solver.section import Section, build_section
-from das.solver.solve import solve_front
-from precompute.tables.writing import make_table, write_table
-from tests.support.small_tables import SETTINGS, line, train
-
-
-@pytest.fixture(scope="session")
-def section() -> Section:
-    return build_section(line(), train())
-
-
-@pytest.fixture(scope="session")
-def front(section: Section) -> Front:
-    return solve_front(section)
-
-
-@pytest.fixture(scope="session")
-def folder(section: Section, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The table; tests leave it as it is."""
-    path = tmp_path_factory.mktemp("tables") / "table"
-    write_table(path, make_table(section, SETTINGS))
-    return path
+__all__ = ["folder", "front", "section"]
