@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from das.advice.braking import ABOVE_MPS, braking_mode
+from das.advice.goal import TrainState
 from das.advice.plan import Floats
-from das.advice.planner import Planner, TrainState
+from das.advice.planner import Planner
 from das.advice.regimes import Regime
 
 LATE_S = 2.0

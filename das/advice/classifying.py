@@ -64,8 +64,20 @@ def without_short(modes: Modes, t_s: Floats, settings: ModeSettings = DEFAULT.mo
 def four_modes(modes: Modes, solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
     """The modes of a run's intervals as the four that the simplest display knows."""
     run = solution.trajectory
-    electric_n = section.vehicle.electric_brake_effort_n(np.maximum(run.mean_speed_mps(), 1e-3))
-    weak = (modes == Regime.REDUCED_BRAKE) & (-run.force_el_n < settings.weak_brake_ratio * electric_n)
+    return _as_four(modes, run.force_el_n, run.mean_speed_mps(), section, settings)
+
+
+def four_mode(
+    mode: Regime, force_n: float, v_mps: float, section: Section, settings: ModeSettings = DEFAULT.modes
+) -> Regime:
+    """A mode with a wheel force (N) as one of the four that the simplest display knows."""
+    return Regime(int(_as_four(np.array(mode), np.array(force_n), np.array(v_mps), section, settings)))
+
+
+def _as_four(modes: Modes, force_n: Floats, v_mps: Floats, section: Section, settings: ModeSettings) -> Modes:
+    """The modes as four: an electric brake far below the full one counts as coasting."""
+    electric_n = section.vehicle.electric_brake_effort_n(np.maximum(v_mps, 1e-3))
+    weak = (modes == Regime.REDUCED_BRAKE) & (-force_n < settings.weak_brake_ratio * electric_n)
     return np.where(weak, int(Regime.COAST), FOUR_MODES[modes])
 
 

@@ -12,12 +12,14 @@ from das.advice import wording
 from das.advice.above_plan import braked_enough, kept_behind
 from das.advice.advice import Advice, Source
 from das.advice.cause import Withdrawal
-from das.advice.coach.coaching import Coaching
+from das.advice.classifying import four_mode
+from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.four_modes import FourModes
-from das.advice.passing import PassingTarget, time_at
+from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
+from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan
-from das.advice.planner import Goal, Planner, TrainState
-from das.advice.regimes import EFFORT_ORDER, Regime
+from das.advice.planner import Planner
+from das.advice.regimes import EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
@@ -43,6 +45,11 @@ class _Change(NamedTuple):
     way_m: float
     time_s: float
 
+    @classmethod
+    def to(cls, one: Instruction) -> _Change:
+        """The change to an instruction of the coach."""
+        return cls(one.mode, one.way_m, one.in_s)
+
 
 class Display:
     """Builds the advice and remembers what it showed, so that modes and speeds stand still long enough to be read."""
@@ -51,6 +58,7 @@ class Display:
         self._settings = settings
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
         self._four_mode = Regime.NONE
+        self._coached = False
         self._shown_mps = math.nan
 
     def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
@@ -110,17 +118,24 @@ class Display:
         moving = self.following(scene, plan)
         self._show(Regime.DEPART, scene.state.now_ns)
         run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
+        departs = Instruction(
+            mode=moving.mode,
+            speed_mps=float(run.v_mps[int(plan.next_change[place.interval])]),
+            effort_ratio=moving.advised_force_ratio,
+        )
+        if scene.coach is not None and math.isfinite(scene.coach.now.effort_ratio):
+            departs = replace(scene.coach.now, mode=departure_regime(scene.coach.now.effort_ratio))
         return replace(
             moving,
             mode=Regime.DEPART,
             four_mode=Regime.DEPART,
-            next_mode=moving.mode,
+            next_mode=departs.mode,
             next_four_mode=moving.four_mode,
             next_change_m=math.nan,
             next_change_s=math.nan,
             next_four_change_s=math.nan,
-            departure_speed_mps=float(run.v_mps[int(plan.next_change[place.interval])]),
-            departure_force_ratio=moving.advised_force_ratio,
+            departure_speed_mps=departs.speed_mps,
+            departure_force_ratio=departs.effort_ratio,
             display_speed_mps=0.0,
             advised_speed_mps=0.0,
             advised_force_n=0.0,
@@ -173,16 +188,23 @@ class Display:
         state, here, planner, goal, coach = scene
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
-        too_fast = excess_mps > self._settings.display.overspeed_named_mps
-        mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
-        following = self._next_change(plan, mode, state, place)
+        too_fast = excess_mps > OVERSPEED_MPS
+        due = coach is not None and coach.now.mode is not Regime.DEPART and coach.now.in_s <= 0.0
+        self._coached = due
+        if coach is not None and due:
+            mode, following = self._as_coached(coach, plan, state, place)
+        else:
+            mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
+            following = self._next_change(plan, mode, state, place)
+            if coach is not None and coach.now.in_s > 0.0:
+                following = _Change.to(coach.now)
         advised = min(place.speed_mps, allowed)
         shown_mps = self.displayed(advised, allowed)
         found = FourModes(self._settings.display, planner, state, max(advised, shown_mps), excess_mps)
         four, next_four = self._four_modes(plan, mode, found, following)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
-        arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
-        deviation_s = (arrival_ns - goal.arrival_ns) * NS
+        arrival_ns = plan.arrival_ns(state.now_ns, place)
+        deviation_s = goal.late_s(arrival_ns)
         return Advice(
             time_ns=state.now_ns,
             position_time_ns=here.fix_time_ns,
@@ -254,6 +276,16 @@ class Display:
             self._force_n = shown_n
         return mode
 
+    def _as_coached(self, coach: Coaching, plan: Plan, state: TrainState, place: Place) -> tuple[Regime, _Change]:
+        """The mode and the next change of the coach's instruction, with the force that keeps to its reference."""
+        if coach.now.mode is not self._mode:
+            self._show(coach.now.mode, state.now_ns)
+        self._force_n = coach.reference_force_n
+        if coach.following:
+            return self._mode, _Change.to(coach.following[0])
+        end_m = float(plan.solution.trajectory.s_m[-1])
+        return self._mode, _Change(Regime.STOP, end_m - state.s_m, plan.solution.time_s - place.time_s)
+
     def held_mode(self, wanted: Regime, now_ns: int) -> Regime:
         """The mode to show.
 
@@ -281,17 +313,7 @@ class Display:
 
     def _four_modes(self, plan: Plan, shown: Regime, found: FourModes, following: _Change) -> tuple[Regime, _Change]:
         """What a display of four modes shows: the mode now, and the next one, as far as both are safe."""
-        place = plan.at(found.state.s_m)
-        planned = Regime(int(plan.four_modes[place.interval]))
-        if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:
-            self._four_mode = planned
-        elif self._four_mode is Regime.FULL_BRAKE and shown in (Regime.CRUISE, Regime.COAST):
-            self._four_mode = shown  # Full brakes are not kept up once the other displays no longer brake.
-        change = int(plan.next_four_change[place.interval])
-        after = Regime(int(plan.four_modes[change])) if change < len(plan.modes) else Regime.STOP
-        after_s = float(plan.solution.trajectory.t_s[change]) - place.time_s
-        if self._four_mode is not planned:
-            after, after_s = planned, following.time_s
+        after, _, after_s = self._next_of_four(plan, shown, found.state, following)
         safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
         if safe is not self._four_mode or safe is Regime.FULL_BRAKE or then is not after:
             after, after_s = then, max(after_s, self._settings.display.valid_for_s)
@@ -300,6 +322,25 @@ class Display:
             after, after_s = Regime.FULL_BRAKE, due_s
         self._four_mode = safe
         return safe, _Change(after, math.nan, after_s)
+
+    def _next_of_four(self, plan: Plan, shown: Regime, state: TrainState, following: _Change) -> _Change:
+        """Chooses which of four modes is wanted now, by the plan or by the mode `shown`; returns the next one."""
+        place = plan.at(state.s_m)
+        planned = Regime(int(plan.four_modes[place.interval]))
+        if self._coached:
+            self._four_mode = four_mode(
+                shown, self._force_n, place.speed_mps, plan.solution.section, self._settings.modes
+            )
+            return following._replace(mode=Regime(int(FOUR_MODES[following.mode])))
+        if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:
+            self._four_mode = planned
+        elif self._four_mode is Regime.FULL_BRAKE and shown in (Regime.CRUISE, Regime.COAST):
+            self._four_mode = shown  # Full brakes are not kept up once the other displays no longer brake.
+        if self._four_mode is not planned:
+            return following._replace(mode=planned)
+        change = int(plan.next_four_change[place.interval])
+        after = Regime(int(plan.four_modes[change])) if change < len(plan.modes) else Regime.STOP
+        return _Change(after, math.nan, float(plan.solution.trajectory.t_s[change]) - place.time_s)
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The advised speed in whole steps, held within a band, never above what is allowed."""
@@ -313,8 +354,8 @@ class Display:
     def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> str:
         """Why this advice, in words."""
         planner, goal = scene.planner, scene.goal
-        settings, basis, fit = self._settings.display, planner.basis, plan.solution.fit
-        if excess_mps > settings.overspeed_named_mps:
+        basis, fit = planner.basis, plan.solution.fit
+        if excess_mps > OVERSPEED_MPS:
             return wording.too_fast(excess_mps)
         if basis.front is None:
             return wording.meanwhile(basis.meanwhile, follows_plan=basis.before is not None)
@@ -323,9 +364,9 @@ class Display:
             return f"{window}, {wording.deviation(deviation_s)}"
         if fit is Fit.LATE:
             return wording.fastest(deviation_s)
-        if deviation_s <= -settings.early_named_s:
-            return wording.wait_at(deviation_s, stop_name(planner.section, self._settings.stop.standstill_m))
-        if fit is Fit.EARLY or deviation_s >= settings.early_named_s:
+        if deviation_s <= -DEVIATION_NAMED_S:
+            return wording.wait_at(deviation_s, planner.section.end_stop_name)
+        if fit is Fit.EARLY or deviation_s >= DEVIATION_NAMED_S:
             return wording.least_energy(deviation_s)
         return wording.on_time(goal.operator_delay_s)
 
@@ -345,12 +386,6 @@ def _top_speed_mps(scene: Scene) -> float:
     """The top speed to show (m/s), for displays that show nothing else."""
     state, reduced = scene.state, scene.planner.reduced
     return reduced.shown_mps(state.s_m, state.v_mps, state.now_ns, scene.goal.arrival_ns)
-
-
-def stop_name(section: Section, near_m: float) -> str:
-    """The name of the stop where a section ends."""
-    near = (stop.name for stop in section.route.stops if abs(stop.position_m - section.end_m) <= near_m)
-    return next(near, "the stop")
 
 
 def _missed_s(point: PassingTarget, plan: Plan) -> float:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from das.advice.planner import Planner, TrainState
+from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
+from das.advice.planner import Planner
 from das.advice.regimes import Regime
 from das.advice.settings import DisplaySettings
 
@@ -28,7 +29,7 @@ class FourModes(NamedTuple):
         `mode` is what other displays show.
         """
         settings, planner, state, v_mps = self.settings, self.planner, self.state, self.state.v_mps
-        too_fast, pulls = self.excess_mps > settings.overspeed_named_mps, four is Regime.FULL_TRACTION
+        too_fast, pulls = self.excess_mps > OVERSPEED_MPS, four is Regime.FULL_TRACTION
         rolls = four is Regime.COAST or too_fast
         gained_mps2 = self._gained_mps2(four)
         gained_mps = max(gained_mps2, 0.0) * settings.valid_for_s
@@ -41,10 +42,10 @@ class FourModes(NamedTuple):
             return Regime.FULL_BRAKE
         if pulls and (planner.brakes_late(state, v_mps + gained_mps, before_s) or too_fast):
             return Regime.COAST
-        if pulls and self.excess_mps + gained_mps > settings.overspeed_named_mps:
+        if pulls and self.excess_mps + gained_mps > OVERSPEED_MPS:
             return Regime.CRUISE  # All traction would soon carry the train above the limit.
         above = self.excess_mps + gained_mps > 0.0
-        if rolls and above and gained_mps2 * settings.coasts_in_s > -self.excess_mps:
+        if rolls and above and gained_mps2 * COASTS_IN_S > -self.excess_mps:
             return Regime.CRUISE  # Coasting would not come down to the limit.
         return four
 

@@ -30,20 +30,6 @@ SAME_W = 1e-6
 """Squares of speeds (m²/s²) nearer to each other than this are the same."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PassingTarget:
-    """A point of the line to be passed not before and not after (ns since 1970; None: open), and why."""
-
-    s_m: float
-    earliest_ns: int | None = None
-    latest_ns: int | None = None
-    reason: str = ""
-
-    def __post_init__(self) -> None:
-        if self.earliest_ns is not None and self.latest_ns is not None and self.latest_ns < self.earliest_ns:
-            raise DasError(f"target at {self.s_m:.0f} m: the latest time is before the earliest")
-
-
 class PassingRun(NamedTuple):
     """The run that fronts are solved for: its state (m, m/s), the time to the point (s) and to the end (s)."""
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from das.advice import plan_kernels as kernels
 from das.advice.classifying import classify_modes, four_modes, next_changes, without_short
 from das.advice.settings import DEFAULT, ModeSettings
+from das.domain.units import NS
 from das.solver.section import Section
 from das.solver.solution import Solution
 
@@ -69,6 +70,10 @@ class Plan:
             energy_after_j=np.append(energy_j[:0:-1].cumsum()[::-1], 0.0),
             speed_w=run.v_mps**2,
         )
+
+    def arrival_ns(self, now_ns: int, place: Place) -> int:
+        """When a train that is at a place of the plan now arrives (ns since 1970)."""
+        return now_ns + round((self.solution.time_s - place.time_s) / NS)
 
     def speeds_mps(self, s_m: Floats) -> Floats:
         """The planned speeds at positions (before and beyond the run: as at its ends)."""

@@ -1,21 +1,22 @@
 """The planner of a section: it makes the plan for a state and a goal, without a bus, a clock or randomness.
 
-A plan (the optimal continuation from a state) is kept while the train stays near it, so that the advice does not chase
-the driver; outside the band it is made anew from where the train is. The same inputs give the same plans, bit for bit.
+A plan is the optimal continuation from a state, or what keeping the coach's reference comes to. It is kept while the
+train stays near it, so that the advice does not chase the driver; outside the band it is made anew from where the train
+is. The same inputs give the same plans, bit for bit.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from das.advice import braking_kernels, plan_kernels
 from das.advice.advice import Source
 from das.advice.braking import BEGINS_MPS, BrakingAhead
-from das.advice.passing import PassingFronts, PassingTarget, time_at
+from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.passing import PassingFronts, time_at
 from das.advice.plan import Plan
 from das.advice.reduced import ReducedSpeed
 from das.advice.settings import DEFAULT, AdviceSettings
@@ -23,51 +24,10 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.standstill import STANDSTILL_MPS
 from das.solver.fastest import capped, fastest, least_time_s
+from das.solver.few_switch.schedule import Schedule, Scheduled
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solution import Solution
-
-
-class TrainState(NamedTuple):
-    """A train at a moment: time (ns since 1970), position (m) and speed (m/s).
-
-    `ahead_m`: how much further ahead (m) the train may be than the braking is planned for.
-    """
-
-    now_ns: int
-    s_m: float
-    v_mps: float
-    ahead_m: float = 0.0
-
-    @property
-    def braked_m(self) -> float:
-        """The position (m) from which limits and the stop ahead are braked for."""
-        return self.s_m + self.ahead_m
-
-
-@dataclass(frozen=True, kw_only=True)
-class Goal:
-    """What the train has to keep to on a section.
-
-    `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none), `target_ns` is the
-    arrival that traffic management wants (None: that of the timetable). `passing` is the next point to be passed in a
-    window of time, `operator_delay_s` the delay that the operator stated.
-    """
-
-    departure_ns: int = 0
-    due_ns: int = 0
-    target_ns: int | None = None
-    passing: PassingTarget | None = None
-    operator_delay_s: float | None = None
-
-    @property
-    def arrival_ns(self) -> int:
-        """When to arrive: as traffic management wants, else by the timetable."""
-        return self.target_ns if self.target_ns is not None else self.due_ns
-
-    def left_s(self, now_ns: int) -> float:
-        """The time that is left to the arrival."""
-        return (self.arrival_ns - now_ns) * NS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +62,7 @@ class Planner:
         """The one top speed that keeps the timetable, for displays that show nothing else."""
         self._settings = settings
         self._braked_early = False
+        self._schedule: Schedule | None = None
 
     @property
     def last_plan(self) -> Plan | None:
@@ -112,17 +73,23 @@ class Planner:
         """Drop the plan: it no longer holds."""
         self.plan = None
 
-    def plan_for(self, state: TrainState, goal: Goal) -> Plan:
+    def plan_for(self, state: TrainState, goal: Goal, reference: Scheduled | None = None) -> Plan:
         """The plan for a state: the present one if the train follows it, else a new one.
 
-        Raises DasError for a state outside the section, InfeasibleError if the section cannot be finished from it.
+        With a `reference` of the coach the plan is what keeping to it comes to, so that all parts of an advice say one
+        thing. Raises DasError for a state outside the section, InfeasibleError if the section cannot be finished.
         """
-        if self.plan is None or not self._follows(self.plan, state):
+        schedule = None if reference is None else reference.schedule
+        if self.plan is None or schedule is not self._schedule or not self._follows(self.plan, state):
+            self._schedule = schedule
             planned, v_mps = self._planned_mps(state.s_m), state.v_mps
             eased = planned < v_mps <= planned + self._settings.plan.overspeed_eased_mps
             at_least_s = self._settings.plan.braked_early_s if self._brakes_early(state) else 0.0
             start = state._replace(v_mps=planned) if eased else state
-            solution = self._solution(start, goal, at_least_s)
+            if reference is None:
+                solution = self._solution(start, goal, at_least_s)
+            else:
+                solution = reference.solution(start.s_m, start.v_mps, goal.aimed_s(state.now_ns))
             self.plan = Plan.of(solution, self.section, state.now_ns, self._settings.modes)
         return self.plan
 
@@ -205,7 +172,7 @@ class Planner:
             return self._cautious(state)
         least_s = least_time_s(self.section, state.s_m, state.v_mps)
         at_least = least_s + at_least_s if at_least_s else 1e-3
-        left_s = max(goal.left_s(state.now_ns) + settings.unhurried_s, at_least)
+        left_s = max(goal.aimed_s(state.now_ns), at_least)
         asked_s = min(left_s, settings.longest_ratio * least_s)
         free = front.trajectory(asked_s, state.s_m, state.v_mps, tolerance_s=settings.tolerance_s)
         to_point_s, fronts = self._time_to_point(free, state, goal.passing), self.fronts_of(goal.passing)

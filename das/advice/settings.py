@@ -42,9 +42,6 @@ class PlanSettings:
     """A plan older than this is made anew."""
     tolerance_s: float = 0.2
     """A plan arrives within this time of the wanted one."""
-    unhurried_s: float = 0.5
-    """A plan arrives later than the timetable by this: so much the build-up of effort takes, and to make up for it
-    would cost 0.4 % of the energy on 6 km."""
     braking_ahead_mps2: float = 0.25
     """A train that has to slow down at this rate from here on, for a limit or a stop, is braking for it."""
     slower_than_planned_mps: float = 1.0
@@ -85,15 +82,9 @@ class DisplaySettings:
     """An advice looks this many seconds ahead, in steps of 1 s."""
     valid_for_s: float = 3.0
     """An advice is valid for this long."""
-    overspeed_named_mps: float = 0.5
-    """A train faster than allowed by more than this is told so."""
-    early_named_s: float = 5.0
-    """A train that arrives earlier than this is told where to wait; one later than this, how late it is."""
     missed_named_s: float = 1.0
     """A train that passes a point later after the end of its window than this is told so."""
     four: FourModeSettings = field(default_factory=FourModeSettings)
-    coasts_in_s: float = 5.0
-    """A train above a limit coasts down to it in this time, or else is told to hold it, or to brake."""
     speed_step_mps: float = 1.0 * KMH
     """The displayed speed is a whole number of these steps."""
     speed_band_ratio: float = 0.75

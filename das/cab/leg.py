@@ -12,10 +12,12 @@ from das.advice.braking import AT_MARK_M
 from das.advice.cause import Withdrawal
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching
+from das.advice.coach.keeping import Kept
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene
-from das.advice.passing import PassingTarget
-from das.advice.planner import Goal, PlanBasis, Planner, TrainState
+from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.plan import Plan
+from das.advice.planner import PlanBasis, Planner
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.cab import event_wording
@@ -154,8 +156,9 @@ class Leg:
             needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
             return self._braking(scene, wording.STOP_HERE, needed)
         try:
-            plan = planner.plan_for(state, self.goal)
-            scene = scene._replace(coach=self._coaching(state, stands=stands))
+            kept = None if self._coach is None else self._coach.plan(state, self.goal)
+            plan = planner.plan_for(state, self.goal, None if kept is None else kept.scheduled)
+            scene = scene._replace(coach=self._coaching(kept, state, plan, stands=stands))
             return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
@@ -197,15 +200,16 @@ class Leg:
         if self._coach is not None:
             self._coach.forget()
 
-    def _coaching(self, state: TrainState, *, stands: bool) -> Coaching | None:
-        """What the coach says to a train under way, or to one that stands and has to go on."""
+    def _coaching(self, kept: Kept | None, state: TrainState, plan: Plan, *, stands: bool) -> Coaching | None:
+        """What the coach says of its reference to a train under way, or to one that stands and has to go on."""
         if self._coach is None:
             return None
         planner = self.planner
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
         place = SpeedsAllowed(planner.allowed_for(state), limit_mps)
-        say = self._coach.departs if stands else self._coach.advise
-        return say(state, self.goal, place)
+        late_s = self.goal.late_s(plan.arrival_ns(state.now_ns, plan.at(state.s_m)))
+        show = self._coach.departs if stands else self._coach.show
+        return show(kept, state, self.goal, place, late_s)
 
     def _standing(self, state: TrainState) -> Coaching | None:
         """What the coach says to a train that stands and is right to."""

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from das.advice.coach.settings import CoachSettings
-from das.advice.passing import PassingFronts, PassingRun, PassingTarget
+from das.advice.goal import PassingTarget
+from das.advice.passing import PassingFronts, PassingRun
 from das.advice.planner import PlanBasis
 from das.advice.settings import DEFAULT
 from das.advice.worker import Worker

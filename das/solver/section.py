@@ -31,6 +31,8 @@ from das.solver.line_profile import LineProfile
 from das.solver.params import LossParams, TrainParams, loss_params, train_params
 
 Floats = NDArray[np.float64]
+AT_STOP_M = 1.0
+"""A stop this near to the end of a section is the one where it ends."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,6 +129,12 @@ class Section(LineProfile):
                 f"{self.route.source}: the train stalls after {s_m:.1f} m from {v_mps / KMH:.1f} km/h"
             )
         return float(time_s)
+
+    @property
+    def end_stop_name(self) -> str:
+        """The name of the stop where the section ends, or "the stop"."""
+        near = (stop.name for stop in self.route.stops if abs(stop.position_m - self.end_m) <= AT_STOP_M)
+        return next(near, "the stop")
 
     @property
     def name(self) -> str:

@@ -16,9 +16,9 @@ from das.advice.coach.coaching import Coaching, ReplanCause
 from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
 from das.advice.coach.shown_brakes import BRAKES, TRACTION
-from das.advice.passing import PassingTarget
+from das.advice.goal import OVERSPEED_MPS, PassingTarget
 from das.advice.planner import PlanBasis
-from das.advice.regimes import Regime
+from das.advice.regimes import Regime, departure_regime
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import onboard_ladder
 from das.cab.leg import Leg
@@ -38,7 +38,6 @@ SETTINGS = AdviceSettings(coach=CoachSettings(enabled=True))
 SECTIONS = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
 SHOWN_MPS = 0.3
 """What was shown before may stand above the limit by so much: the display shows the same."""
-OVER_MPS = SETTINGS.coach.showing.limit.overspeed_mps
 SLOWING = {Regime.COAST, Regime.STOP, *BRAKES}
 
 
@@ -114,7 +113,7 @@ def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None
     assert now.speed_mps <= world.limit_mps(s_m) + SHOWN_MPS + 1e-9
     if now.mode in TRACTION or now.mode is Regime.CRUISE:
         assert now.speed_mps <= world.highest_mps(s_m, s_m + coach.target_m) + SHOWN_MPS, "cannot be reached safely"
-    if v_mps > allowed + OVER_MPS + 0.05:
+    if v_mps > allowed + OVERSPEED_MPS + 0.05:
         # Where coasting would not slow the train down, it is told to hold what is allowed.
         held = now.mode is Regime.CRUISE and now.speed_mps <= allowed + SHOWN_MPS
         assert held or now.mode in SLOWING, (v_mps, allowed)
@@ -132,6 +131,21 @@ def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None
     creeps = now.mode is Regime.CRUISE and now.speed_mps <= SETTINGS.coach.showing.brake.creep_mps
     assert coach.replan.cause is not ReplanCause.NONE or now.mode in (Regime.STOP, *BRAKES) or creeps
     assert advice.mode is not Regime.NONE
+    check_one_message(advice, coach)
+
+
+def check_one_message(advice: Advice, coach: Coaching) -> None:
+    """The coach and the rest of its message say one thing: what is to be done now, or what comes next."""
+    now = coach.now
+    if now.mode is Regime.DEPART:
+        said = advice.next_mode, advice.departure_speed_mps
+        wanted = departure_regime(now.effort_ratio), now.speed_mps
+        assert said == wanted or math.isnan(now.effort_ratio)
+    elif now.in_s > 0.0:
+        assert advice.next_mode is now.mode
+    elif coach.replan.cause is not ReplanCause.NONE:  # Else the train brakes without a plan.
+        assert (advice.mode, advice.advised_force_n) == (now.mode, coach.reference_force_n)
+        assert (advice.four_mode is Regime.FULL_TRACTION) <= (now.mode in TRACTION)
 
 
 @pytest.mark.parametrize("numbers", numbered("DAS_PROPERTY_STATES", 1000))

@@ -9,7 +9,7 @@ import numpy as np
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.planning import elapsed_s, solve_coach
 from das.advice.coach.settings import DEFAULT, CoachSettings
-from das.advice.planner import Goal, TrainState
+from das.advice.goal import Goal, TrainState
 from das.domain.units import NS
 from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.few_switch.schedule import Prospect, Schedule

@@ -6,15 +6,14 @@ import math
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from das.advice.coach import wording
+from das.advice import wording
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import BRAKES, TRACTION, SpeedsAllowed
-from das.advice.planner import Goal, TrainState
+from das.advice.goal import OVERSPEED_MPS, Goal, TrainState
 from das.advice.regimes import Regime
-from das.advice.wording import departs_when_cleared
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -42,6 +41,7 @@ class Coach:
     ) -> None:
         self._section, self._settings, self._worker = section, settings, worker
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
+        self._lost = False
 
     def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
         """The coach that goes on where this one ends, on another front or under other limits."""
@@ -55,14 +55,21 @@ class Coach:
         self._keeper.forget()
         self._showing.forget()
 
-    def advise(self, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
-        """What the driver should do; None where no reference can be made (yet)."""
+    def plan(self, state: TrainState, goal: Goal) -> Kept | None:
+        """The reference for a state, kept or new; None where none can be made (yet), or none leads from here."""
+        self._lost = False
         try:
-            kept = self._keeper.keep(state, goal)
+            return self._keeper.keep(state, goal)
         except DasError:
-            return self._creeping(state, place)
-        if kept is None:
+            self._lost = True
             return None
+
+    def show(
+        self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
+    ) -> Coaching | None:
+        """What the driver of a train that arrives `late_s` late should do; None where there is no reference."""
+        if kept is None:
+            return self._creeping(state, place) if self._lost else None
         shown = self._showing.show(kept, state, place)
         return Coaching(
             now=shown.now,
@@ -71,8 +78,8 @@ class Coach:
             target_s=shown.target_s,
             force_n=shown.force_n,
             reference_force_n=shown.reference_force_n,
-            reason=self._reason(kept, shown, state, goal, place),
-            worth_j=self._worth_j(kept, state, waits=_waits(goal, state)),
+            reason=self._reason(kept, shown, state, goal, place, late_s),
+            worth_j=self._worth_j(kept, state, waits=goal.waits(state)),
             replan=kept.reference.replan,
         )
 
@@ -84,7 +91,7 @@ class Coach:
         now, following, force_n = self._showing.creeping(self._section, state, place)
         return Coaching(
             now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
-            reference_force_n=force_n, reason=wording.reason(now.mode, now.speed_mps, None, 0.0),
+            reference_force_n=force_n, reason=wording.instructed(now.mode, now.speed_mps, None, 0.0),
         )  # fmt: skip
 
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
@@ -108,30 +115,34 @@ class Coach:
         now = self._showing.braking(effort)
         return Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
 
-    def departs(self, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
+    def departs(
+        self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
+    ) -> Coaching | None:
         """What the driver of a standing train that has to go on should do: stand until cleared, then depart like this.
 
-        None where no reference can be made (yet), or the reference brakes here.
+        None where there is no reference, or it brakes here.
         """
         self._showing.forget()
-        found = self.advise(state, goal, place)
+        found = self.show(kept, state, goal, place, late_s)
         if found is None or found.now.mode in BRAKES:
             return None
         ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan
         now = Instruction(mode=Regime.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
-        reason = departs_when_cleared(found.reason)
+        reason = wording.departs_when_cleared(found.reason)
         return replace(found, now=now, force_n=0.0, reference_force_n=0.0, worth_j=0.0, reason=reason)
 
-    def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> str:
+    def _reason(
+        self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
+    ) -> str:
         excess_mps = state.v_mps - place.allowed_mps
-        if excess_mps > self._settings.showing.limit.overspeed_mps:
+        if excess_mps > OVERSPEED_MPS:
             return wording.too_fast(excess_mps)
         point = goal.passing
-        ahead = self._ahead(kept.reference.schedule, shown.number, state)
-        if point is not None and _waits(goal, state) and shown.now.mode not in BRAKES:
+        if point is not None and goal.waits(state) and shown.now.mode not in BRAKES:
             clock = datetime.fromtimestamp((point.earliest_ns or 0) * NS, UTC).strftime("%H:%M:%S")
             return wording.slow_for_point(point, state.now_ns, clock)
-        return wording.reason(shown.now.mode, shown.now.speed_mps, ahead, kept.late_s)
+        ahead = self._ahead(kept.reference.schedule, shown.number, state)
+        return wording.instructed(shown.now.mode, shown.now.speed_mps, ahead, late_s)
 
     def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Aim | None:
         """The limit or stop that the next brake leads to, if it is near."""
@@ -143,12 +154,8 @@ class Coach:
             if at_m - state.s_m > NEAR_M:
                 return None
             last = at_m >= self._section.end_m - 1.0
-            return wording.Aim(phases[k].target_mps, at_m, self._stop_name() if last else "")
+            return wording.Aim(phases[k].target_mps, at_m, self._section.end_stop_name if last else "")
         return None
-
-    def _stop_name(self) -> str:
-        end_m = self._section.end_m
-        return next((x.name for x in self._section.route.stops if abs(x.position_m - end_m) <= 1.0), "the stop")
 
     def _worth_j(self, kept: Kept, state: TrainState, *, waits: bool) -> float:
         """What keeping the reference saves (J) against going on at the present speed for a while first.
@@ -165,11 +172,3 @@ class Coach:
             return 0.0
         later_s = other.time_s - kept.forecast.time_s
         return other.energy_j - kept.forecast.energy_j + reference.lambda_w * later_s
-
-
-def _waits(goal: Goal, state: TrainState) -> bool:
-    """Whether a point ahead may not be passed yet."""
-    point = goal.passing
-    if point is None or point.earliest_ns is None:
-        return False
-    return point.s_m > state.s_m and point.earliest_ns > state.now_ns

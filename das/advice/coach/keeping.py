@@ -10,8 +10,7 @@ from typing import NamedTuple
 from das.advice.coach.coaching import Replan, ReplanCause
 from das.advice.coach.planning import Wanted, passes_s, planned
 from das.advice.coach.settings import CoachSettings, MarginSettings
-from das.advice.passing import PassingTarget
-from das.advice.planner import Goal, TrainState
+from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -39,6 +38,11 @@ class Kept(NamedTuple):
     reference: StandingReference
     forecast: Prospect
     late_s: float
+
+    @property
+    def scheduled(self) -> Scheduled:
+        """The reference as a schedule with its forecast."""
+        return Scheduled(self.reference.schedule, self.forecast, self.reference.lambda_w)
 
 
 class Drift:
@@ -162,7 +166,7 @@ class Keeper:
         """The reference that stands, where it can be kept."""
         if self.reference is None or forecast is None:
             return None
-        return Kept(self.reference, forecast, forecast.time_s - self._left_s(state, goal))
+        return Kept(self.reference, forecast, forecast.time_s - goal.aimed_s(state.now_ns))
 
     def _ask(self, cause: ReplanCause, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
         """Have a new reference made."""
@@ -259,7 +263,7 @@ class Keeper:
         """What a new reference gains over the one that stands."""
         if kept is None:
             return _Gain(0.0, 0.0, 0.0)
-        left_s = self._left_s(state, goal)
+        left_s = goal.aimed_s(state.now_ns)
         # What the driver is likely to lose is lost with either reference; the new one is made quicker by that.
         loss_s = self._drift.loss_s(left_s)
         lateness_s = abs(kept.late_s + loss_s) - abs(found.forecast.time_s - left_s + loss_s)
@@ -285,7 +289,7 @@ class Keeper:
             schedule=found.schedule, lambda_w=found.lambda_w, arrival_ns=goal.arrival_ns, point=goal.passing,
             replan=replan,
         )  # fmt: skip
-        late_s = found.forecast.time_s - self._left_s(state, goal)
+        late_s = found.forecast.time_s - goal.aimed_s(state.now_ns)
         self._drift.see(state.now_ns, late_s, anew=True)
         return Kept(self.reference, found.forecast, late_s)
 
@@ -300,7 +304,7 @@ class Keeper:
             latest_s = ahead_s - self._drift.margin_s(ahead_s)
             if earliest_s is not None:
                 latest_s = max(latest_s, earliest_s)
-        left_s = self._left_s(state, goal)
+        left_s = goal.aimed_s(state.now_ns)
         return Wanted(
             s_m=state.s_m,
             v_mps=state.v_mps,
@@ -310,7 +314,3 @@ class Keeper:
             latest_s=latest_s,
             thorough=thorough,
         )
-
-    def _left_s(self, state: TrainState, goal: Goal) -> float:
-        """The time (s) that a reference may take."""
-        return goal.left_s(state.now_ns) + self._settings.keeping.unhurried_s

@@ -16,8 +16,6 @@ class KeepingSettings:
     """The reference is kept while the train arrives no later than this."""
     early_s: float = 5.0
     """The reference is kept while the train arrives no earlier than this."""
-    unhurried_s: float = 0.5
-    """A reference arrives later than the timetable by this: so much the build-up of effort takes."""
     least_gain_s: float = 1.0
     """A new reference because of earliness must gain at least this, one to save energy may lose no more,"""
     late_gain_s: float = 2.0
@@ -100,10 +98,8 @@ class EffortShowingSettings:
 class LimitShowingSettings:
     """What is shown to a train at its limit, or above it."""
 
-    overspeed_mps: float = 0.5
-    """A train above the limit by more than this is told to coast, or to hold the limit where it would not slow down,"""
     braked_mps: float = 0.9
-    """and by more than this to brake."""
+    """A train above the limit by more than this is told to brake; by less, to coast or to hold the limit."""
     closes_in_s: float = 4.0
     """The force of an instruction that leads to a speed brings the train there in this time: longer than an advice
     is valid, so that a driver who sets the force exactly does not pass the speed."""
@@ -111,8 +107,6 @@ class LimitShowingSettings:
     """A train above the speed to hold is told to coast back to that speed if this takes no longer,"""
     brakes_back_in_s: float = 10.0
     """and otherwise to brake with the motors, so strongly that it reaches the speed after this time if they can."""
-    coasts_in_s: float = 5.0
-    """A train above the limit is told to coast where it comes down to it in this time."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ from das.advice.coach.shown_brakes import (
     SpeedsAllowed,
     brake_of,
 )
-from das.advice.planner import TrainState
+from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import EFFORT_ORDER, Regime
 from das.domain.units import KMH, NS
 from das.solver.few_switch.notches import NotchRegime
@@ -124,7 +124,7 @@ class Showing:
         due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
         kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it still stands.
         end_m = min(phase_ends_m, self._brakes.ends_m(now, state, phase))
-        too_fast = state.v_mps > place.allowed_mps + self._settings.limit.overspeed_mps
+        too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
         if due_m > 0 and not (too_fast or urgent or kept_on):
             now = replace(now, way_m=due_m, in_s=foreseen.time_s(schedule.begin_m(number)))
         foreseen = foreseen._replace(as_shown=_alike(now, planned))
@@ -291,7 +291,7 @@ class Showing:
             return shown
         held_s = (state.now_ns - self._since_ns) * NS
         settled = shown.mode in (Regime.NONE, Regime.STOP) or not 0 <= held_s < self._settings.least_shown_s
-        too_fast = state.v_mps > place.allowed_mps + self._settings.limit.overspeed_mps
+        too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
         harder = shown.mode in BRAKES and (
             wanted.speed_mps < shown.speed_mps - SAME_MPS or wanted.effort_ratio < shown.effort_ratio

@@ -13,7 +13,7 @@ from das.advice.above_plan import BRAKED_MORE
 from das.advice.braking import AT_MARK_M, LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
-from das.advice.planner import TrainState
+from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import Regime
 from das.solver.few_switch.notches import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -132,9 +132,9 @@ class ShownBrakes:
             self._exact_effort = max(self._exact_effort, effort)
         if wanted.mode in BRAKES:
             return wanted
-        if wanted.mode is not Regime.COAST and excess <= settings.overspeed_mps:
+        if wanted.mode is not Regime.COAST and excess <= OVERSPEED_MPS:
             return wanted
-        if -rolls_mps2 * settings.coasts_in_s < excess:
+        if -rolls_mps2 * COASTS_IN_S < excess:
             return Instruction(mode=Regime.CRUISE, speed_mps=limit_mps)
         return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
 
@@ -251,7 +251,7 @@ class ShownBrakes:
     def _ends(self, needed: NeededBrake, v_mps: float) -> bool:
         """Whether a train has nearly slowed down to the speed that it brakes for; never so for a stop."""
         above_mps = v_mps - needed.target_mps
-        return needed.target_mps > SAME_MPS and 0.0 < above_mps <= self._settings.limit.overspeed_mps
+        return needed.target_mps > SAME_MPS and 0.0 < above_mps <= OVERSPEED_MPS
 
 
 def announced_brake(schedule: Schedule, number: int, target: float) -> Instruction:

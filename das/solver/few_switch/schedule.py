@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
+from das.solver.fastest import least_time_s
 from das.solver.few_switch.as_run import phases_as_run, with_all_brakes, with_one_brake
 from das.solver.few_switch.notches import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -25,7 +26,8 @@ from das.solver.kernels.few_switch_polish import cost_of_time
 from das.solver.kernels.forces import electric_limit
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
-from das.solver.state import following_node
+from das.solver.solution import Fit, Solution
+from das.solver.state import RollOut, State, following_node
 
 Floats = NDArray[np.float64]
 MET_MPS = 1e-3
@@ -238,6 +240,22 @@ class Scheduled(NamedTuple):
     def says_its_brakes(self) -> bool:
         """Whether there is a phase to brake wherever limits ahead ask the run to."""
         return self.forecast.unsaid_s <= MOST_UNSAID_S
+
+    def solution(self, s_m: float, v_mps: float, requested_s: float) -> Solution:
+        """What keeping to the schedule comes to for a train in a state that was asked to take a time (s).
+
+        Raises InfeasibleError where the train stalls.
+        """
+        section = self.schedule.section
+        state, forecast = State.at(section, s_m, v_mps), self.schedule.forecast(s_m, v_mps)
+        least_s = least_time_s(section, s_m, v_mps)
+        return state.solution(
+            RollOut(forecast.speeds_mps[-len(state.node_m) :], forecast.time_s),
+            least_time_s=least_s,
+            requested_s=requested_s,
+            fit=Fit.LATE if requested_s < least_s else Fit.ON_TIME,
+            lambda_w=self.lambda_w,
+        )
 
     def _with(
         self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from das.advice.advice import Advice, Source, Timetable
 from das.advice.classifying import classify_modes, without_short
 from das.advice.display import Display
+from das.advice.goal import UNHURRIED_S
 from das.advice.plan import Plan
 from das.advice.plan_kernels import interval, without_ripples
 from das.advice.reduced import ReducedSpeed
@@ -78,10 +79,8 @@ def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Fro
     assert s == pytest.approx(29_000.0, abs=30.0)
     assert second == pytest.approx(arrival_s, abs=5)
     assert first is not None
-    assert first.energy_to_go_j == pytest.approx(
-        front.trajectory(arrival_s + DEFAULT.plan.unhurried_s).balance.input, rel=1e-3
-    )
-    assert first.predicted_deviation_s == pytest.approx(DEFAULT.plan.unhurried_s, abs=0.25)
+    assert first.energy_to_go_j == pytest.approx(front.trajectory(arrival_s + UNHURRIED_S).balance.input, rel=1e-3)
+    assert first.predicted_deviation_s == pytest.approx(UNHURRIED_S, abs=0.25)
     assert first.buffer_ratio == pytest.approx(arrival_s / least - 1, abs=1e-3)
 
 

@@ -7,7 +7,8 @@ import pytest
 
 from das.advice.above_plan import AT_FOOT_MPS, braked_enough, kept_behind
 from das.advice.four_modes import FourModes
-from das.advice.planner import PlanBasis, Planner, TrainState
+from das.advice.goal import TrainState
+from das.advice.planner import PlanBasis, Planner
 from das.advice.regimes import Regime
 from das.advice.settings import DisplaySettings
 from das.domain.braking import USUAL

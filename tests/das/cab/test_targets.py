@@ -7,7 +7,8 @@ import re
 
 import pytest
 
-from das.advice.passing import PassingFronts, PassingRun, PassingTarget, time_at
+from das.advice.goal import PassingTarget
+from das.advice.passing import PassingFronts, PassingRun, time_at
 from das.cab.fronts import onboard_ladder
 from das.cab.guard import Guard
 from das.cab.heard import Target, TargetsHeard

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from das.advice.settings import DEFAULT
+from das.advice.goal import UNHURRIED_S
 from das.bus import das_pb2
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import (
@@ -195,7 +195,7 @@ def test_node_publishes_its_plan_and_events_and_is_finished_when_told() -> None:
     driven.tell_time(0)
     (plan,) = driven.sink.of(PLAN)
     assert len(plan.s_m) == len(plan.t_s) == len(plan.speed_mps) == len(plan.force_n) > 50
-    assert plan.t_s[-1] == pytest.approx(300.0 + DEFAULT.plan.unhurried_s, abs=0.3)
+    assert plan.t_s[-1] == pytest.approx(300.0 + UNHURRIED_S, abs=0.3)
     assert not driven.node.finished
     driven.tell(CONTROL, das_pb2.Control(time_ns=START_NS, tick=2, command=das_pb2.Control.COMMAND_FINISH))
     assert driven.node.finished

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from das.advice import wording
 from das.advice.advice import Advice, Timetable
-from das.advice.coach import wording
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching, ReplanCause
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.shown_brakes import BRAKES, SpeedsAllowed
-from das.advice.passing import PassingTarget
-from das.advice.planner import TrainState
+from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
@@ -44,8 +43,13 @@ def train_of() -> Keeping:
     return train
 
 
+def shown(coach: Coach, state: TrainState, goal: Goal, place: SpeedsAllowed = FREE) -> Coaching | None:
+    """What a coach shows to a train that is on time."""
+    return coach.show(coach.plan(state, goal), state, goal, place, 0.0)
+
+
 def said(coach: Coach, state: TrainState, place: SpeedsAllowed = FREE) -> Coaching:
-    coaching = coach.advise(state, goal_of(LINE, 0.15), place)
+    coaching = shown(coach, state, goal_of(LINE, 0.15), place)
     assert coaching is not None
     return coaching
 
@@ -91,7 +95,8 @@ def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cle
     """The effort and speed of the train that departs, and no force until then."""
     section = section_of(LINE)
     coach, state = coach_of(), TrainState(ns(0), section.start_m, 0.0)
-    told = coach.departs(state, goal_of(LINE, 0.15), FREE)
+    goal = goal_of(LINE, 0.15)
+    told = coach.departs(coach.plan(state, goal), state, goal, FREE, 0.0)
     assert told is not None
     gone = said(coach_of(), state)
     assert gone.now.mode is Regime.FULL_TRACTION
@@ -104,14 +109,14 @@ def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cle
 def test_a_state_that_cannot_go_on_has_no_coaching() -> None:
     """Outside the section there is no reference."""
     state = TrainState(ns(10), section_of(LINE).end_m + 100.0, 10.0)
-    assert coach_of().advise(state, goal_of(LINE, 0.15), FREE) is None
+    assert shown(coach_of(), state, goal_of(LINE, 0.15)) is None
 
 
 def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
     coach, train = coach_of(), train_of()
     state = train.at(60)
     point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(420.0), reason="train ahead")
-    coaching = coach.advise(state, replace(goal_of(LINE, 0.15), passing=point), FREE)
+    coaching = shown(coach, state, replace(goal_of(LINE, 0.15), passing=point))
     assert coaching is not None
     assert coaching.reason.startswith("slow: train ahead: km 21.0 not before ")
     assert coaching.reason.endswith(", in 360 s")
@@ -129,7 +134,7 @@ def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
     ],
 )
 def test_reasons_are_what_a_driver_would_say(mode: Regime, late_s: float, expected: str) -> None:
-    assert wording.reason(mode, 90 * KMH, wording.Aim(100 * KMH, 12_300.0), late_s) == expected
+    assert wording.instructed(mode, 90 * KMH, wording.Aim(100 * KMH, 12_300.0), late_s) == expected
 
 
 class Cab:

@@ -13,8 +13,7 @@ from das.advice.coach.coaching import Replan, ReplanCause
 from das.advice.coach.keeping import Drift, Keeper, Kept
 from das.advice.coach.planning import passes_s, planned, solve_coach
 from das.advice.coach.settings import DEFAULT, CoachSettings, KeepingSettings, MarginSettings
-from das.advice.passing import PassingTarget
-from das.advice.planner import Goal, TrainState
+from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.worker import Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
