@@ -9,18 +9,16 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice import wording
-from das.advice.above_plan import braked_enough, kept_behind
 from das.advice.advice import Advice, Source
 from das.advice.cause import Withdrawal
-from das.advice.classifying import four_mode
 from das.advice.coach.coaching import Coaching, Instruction
-from das.advice.four_modes import FourModes
 from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
 from das.advice.passing import time_at
-from das.advice.plan import Floats, Place, Plan
+from das.advice.plan import Floats, Place, Plan, four_mode
 from das.advice.planner import Planner
 from das.advice.regimes import EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
 from das.advice.settings import DEFAULT, AdviceSettings
+from das.advice.shown_safely import FourModes, braked_enough, kept_behind
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.kernels.forces import brake_limit, traction_limit

@@ -1,18 +1,130 @@
-"""The reduced maximum speed: the one highest speed with which a train that brakes easily keeps the timetable."""
+"""The reduced maximum speed: the one highest speed with which a train that brakes easily keeps the timetable.
+
+It is shown as a staircase of whole steps, which goes down where braking for a lower speed begins.
+"""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
+from das.advice import plan_kernels
 from das.advice.settings import DEFAULT, AdviceSettings
-from das.advice.staircase import Staircase
 from das.domain.units import NS
 from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope
 from das.solver.kernels.fastest import fastest_roll_out
+from das.solver.kernels.forces import largest_gain, mean_resistance, on_supply
 from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section
+
+Floats = NDArray[np.float64]
+LEVEL_MPS = 1e-6
+"""A curve that falls by less than this over an interval is level."""
+
+
+class Staircase:
+    """The top speed to show on a section under a curve of easy braking.
+
+    The speed shown is never above the limit over the train, nor above the curve. Where it would be above the curve,
+    the speed at the foot of the curve is shown instead: the next lower limit, or before a stop the slowest speed of
+    the settings. The speed 0 of a stop itself is not shown: the driver finds the mark without the display, and a train
+    that stands short of the mark must still be able to move up. In the last metres, where full braking from the slowest
+    speed would no longer stop the train at the mark, that speed is halved as often as it takes.
+
+    A train so much slower than the curve that speeding up saves time is shown a speed that it can reach before it
+    must brake. That speed stands until the curve comes down to it.
+    """
+
+    def __init__(self, section: Section, curve_mps: Floats, braking_mps2: float, settings: AdviceSettings) -> None:
+        self._section, self._settings, self._braking_mps2 = section, settings, braking_mps2
+        self._falls = np.diff(curve_mps) < -LEVEL_MPS
+        # Where the curve rises, because the limit does, the interval has the speed with which the next one begins.
+        starts = np.where(self._falls, curve_mps[:-1], curve_mps[1:])
+        self._start_w, self._end_w = starts**2, curve_mps[1:] ** 2
+        self._foot_mps, self._full_w = _feet(self._falls, curve_mps[1:]), section.envelope_mps**2
+        self._judged_mps = self._shown_mps = math.nan
+
+    def at(self, s_m: float, v_mps: float, judged_mps: float) -> float:
+        """The speed to show (m/s) to a train with this position and speed, under the judged top speed."""
+        i = int(plan_kernels.interval(self._section.node_m, s_m))
+        limit_mps = float(self._section.limit_mps[i])
+        free_mps = min(self._held(judged_mps), self._whole(limit_mps))
+        curve_mps = self.curve_mps(s_m)
+        # A train that is slowing down is not shown a higher speed while it is still above that speed.
+        slows = self._falls[i] and v_mps > free_mps > self._shown_mps
+        if curve_mps >= free_mps:
+            self._shown_mps = self._shown_mps if slows else free_mps
+        else:
+            foot_mps = min(self._foot(i, s_m), free_mps)
+            if not foot_mps < self._shown_mps <= min(curve_mps, free_mps):
+                reached_mps = self._worth_reaching(i, v_mps, curve_mps)
+                self._shown_mps = max(foot_mps, min(self._whole(reached_mps), free_mps))
+        return min(self._shown_mps, limit_mps)
+
+    def curve_mps(self, s_m: float) -> float:
+        """The highest speed (m/s) at a place from which easy braking keeps every limit and stop ahead."""
+        section = self._section
+        i = int(plan_kernels.interval(section.node_m, s_m))
+        share = min(max((s_m - section.node_m[i]) / (section.node_m[i + 1] - section.node_m[i]), 0.0), 1.0)
+        return math.sqrt(self._start_w[i] + (self._end_w[i] - self._start_w[i]) * share)
+
+    def _held(self, judged_mps: float) -> float:
+        """The judged speed in whole steps; it changes only when the judged speed has clearly changed."""
+        display = self._settings.display
+        if not abs(judged_mps - self._judged_mps) <= display.speed_band_ratio * display.speed_step_mps:
+            self._judged_mps = round(judged_mps / display.speed_step_mps) * display.speed_step_mps
+        return self._judged_mps
+
+    def _whole(self, speed_mps: float) -> float:
+        """The highest whole step that is not above a speed."""
+        step = self._settings.display.speed_step_mps
+        return math.floor(speed_mps / step + 1e-9) * step
+
+    def _foot(self, i: int, s_m: float) -> float:
+        """The speed to show on a falling curve: the limit at the foot of the curve, or before a stop a slow speed."""
+        foot_mps = float(self._foot_mps[i])
+        return self._whole(foot_mps) if foot_mps > 0 else self._slow_mps(s_m)
+
+    def _slow_mps(self, s_m: float) -> float:
+        """The slowest speed of the settings, halved until full braking from it stops the train at the mark."""
+        full_mps = math.sqrt(plan_kernels.linear(self._section.node_m, self._full_w, s_m))
+        speed_mps = self._settings.reduced.slowest_mps
+        while speed_mps > full_mps and speed_mps > 0:
+            speed_mps = self._whole(0.5 * speed_mps)
+        return speed_mps
+
+    def _worth_reaching(self, i: int, v_mps: float, curve_mps: float) -> float:
+        """The speed (m/s) that a train can reach before it must brake, 0 where speeding up to it saves too little.
+
+        With the train's speed v, the curve's speed c here, acceleration a and braking b, the train reaches
+        u² = (b·v² + a·c²)/(a + b), over a distance of (c² − v²)/(2b), in the time (u − v)·(1/a + 1/b).
+        """
+        gain, braking = self._acceleration_mps2(i, curve_mps), self._braking_mps2
+        if v_mps >= curve_mps or gain <= 0:
+            return 0.0
+        reached = math.sqrt((braking * v_mps**2 + gain * curve_mps**2) / (gain + braking))
+        way_m = (curve_mps**2 - v_mps**2) / (2.0 * braking)
+        takes_s = (reached - v_mps) * (1.0 / gain + 1.0 / braking)
+        saves_s = way_m / v_mps - takes_s if v_mps > 0 else math.inf
+        return reached if saves_s >= self._settings.plan.braked_early_s else 0.0
+
+    def _acceleration_mps2(self, i: int, v_mps: float) -> float:
+        """The acceleration (m/s²) that full traction gives in an interval at a speed."""
+        line = self._section.for_kernels
+        here = on_supply(self._section.train, float(line.supply[i]))
+        resisting_n = mean_resistance(v_mps, v_mps, float(line.tunnel_n_per_mps2[i]), here) + float(line.constant_n[i])
+        return float(largest_gain(v_mps, resisting_n, here))
+
+
+def _feet(falls: NDArray[np.bool_], ends_mps: Floats) -> Floats:
+    """For each interval of a curve, the speed at the end of the fall that it is in or that follows it."""
+    feet = ends_mps.copy()
+    for i in range(len(falls) - 2, -1, -1):
+        if falls[i + 1]:
+            feet[i] = feet[i + 1]
+    return feet
 
 
 class ReducedSpeed:

@@ -1,4 +1,4 @@
-"""Driving regimes: what a driver does with the controller. `das.advice.classifying` finds those of a run."""
+"""Driving regimes: what a driver does with the controller. `das.advice.plan` finds those of a run."""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_
 
 def _row_of_modes(name: str, run: Trajectory, front: Front) -> FewSwitchRow:
     """A run by the modes of its intervals."""
-    from das.advice.classifying import classify_modes
+    from das.advice.plan import classify_modes
     from das.advice.regimes import Regime
 
     modes = classify_modes(replace(front.trajectory(run.time_s), trajectory=run), front.section)

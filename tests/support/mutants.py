@@ -112,7 +112,7 @@ MUTANTS = [
         ("v² grows", "w1 = w0 - 2.0 * h * rate", "w1 = w0 - h * rate"),
     ),
     *_of(
-        "das/advice/above_plan.py",
+        "das/advice/shown_safely.py",
         f"{BRAKES} tests/property/test_advice_property.py",
         ("needed force is less", "BRAKED_MORE = 1.1", "BRAKED_MORE = 0.6"),
         ("traction before a brake", "pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2", "pulls = False"),
@@ -120,7 +120,7 @@ MUTANTS = [
         ("the horizon stays above", "kept[i] = min(kept[i], planner.lowest_allowed_mps(at_m, max(at_m, to_m)))", "kept[i] = kept[i]"),
     ),
     *_of(
-        "das/advice/four_modes.py",
+        "das/advice/shown_safely.py",
         f"{BRAKES} tests/property/test_advice_property.py",
         ("four modes brake late", "else four_settings.before_s", "else 0.2"),
     ),

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.above_plan import BRAKED_MORE
 from das.advice.braking import AT_MARK_M, LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import Regime
+from das.advice.shown_safely import BRAKED_MORE
 from das.solver.few_switch.notches import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from das.advice.above_plan import AT_FOOT_MPS, braked_enough, kept_behind
-from das.advice.four_modes import FourModes
 from das.advice.goal import TrainState
 from das.advice.planner import PlanBasis, Planner
 from das.advice.regimes import Regime
 from das.advice.settings import DisplaySettings
+from das.advice.shown_safely import AT_FOOT_MPS, FourModes, braked_enough, kept_behind
 from das.domain.braking import USUAL
 from das.solver.section import SectionOptions, build_section
 from tests.support.making import make_route

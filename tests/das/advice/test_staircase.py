@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from das.advice.reduced import ReducedSpeed
+from das.advice.reduced import ReducedSpeed, Staircase
 from das.advice.settings import DEFAULT
-from das.advice.staircase import Staircase
 from das.domain.units import KMH
 from das.solver.section import Section, build_section
 from tests.support.making import make_route, make_train
