@@ -16,7 +16,7 @@ from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarge
 from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan, four_mode
 from das.advice.planner import Planner
-from das.advice.regimes import EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
+from das.advice.regimes import BRAKES, EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.shown_safely import FourModes, braked_enough, kept_behind
 from das.domain.units import NS
@@ -190,7 +190,7 @@ class Display:
         due = coach is not None and coach.now.mode is not Regime.DEPART and coach.now.in_s <= 0.0
         self._coached = due
         if coach is not None and due:
-            mode, following = self._as_coached(coach, plan, state, place)
+            mode, following = self._as_coached(coach, plan, scene, place, too_fast=too_fast)
         else:
             mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
             following = self._next_change(plan, mode, state, place)
@@ -274,11 +274,21 @@ class Display:
             self._force_n = shown_n
         return mode
 
-    def _as_coached(self, coach: Coaching, plan: Plan, state: TrainState, place: Place) -> tuple[Regime, _Change]:
-        """The mode and the next change of the coach's instruction, with the force that keeps to its reference."""
-        if coach.now.mode is not self._mode:
-            self._show(coach.now.mode, state.now_ns)
-        self._force_n = coach.reference_force_n
+    def _as_coached(
+        self, coach: Coaching, plan: Plan, scene: Scene, place: Place, *, too_fast: bool
+    ) -> tuple[Regime, _Change]:
+        """The mode and the next change of the coach's instruction, with the force that keeps to its reference.
+
+        The effort of a brake grows with that of the motors as the train slows down. A force that is held until the
+        advice expires does not, so that more of it may be needed.
+        """
+        state, mode, self._force_n = scene.state, coach.now.mode, coach.reference_force_n
+        if mode in BRAKES:
+            mode, self._force_n = braked_enough(
+                mode, self._force_n, state, scene.planner, place.speed_mps, too_fast=too_fast
+            )
+        if mode is not self._mode:
+            self._show(mode, state.now_ns)
         if coach.following:
             return self._mode, _Change.to(coach.following[0])
         end_m = float(plan.solution.trajectory.s_m[-1])

@@ -23,7 +23,7 @@ from das.advice.braking_model import BrakingBasis, BrakingModel
 from das.advice.cause import Cause, Withdrawal
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.consequences import LONGEST_S, STOPPED_MPS, Consequences, Doing, Excess
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, Regime
 from das.domain.units import KMH, NS
 from das.estimate.estimate import Estimate
 
@@ -41,7 +41,6 @@ MAY_BE_UNKNOWN = (
 """Figures of an advice that are not always known (NaN); infinite they are never."""
 
 _STANDS = (Regime.STOP, Regime.DEPART)
-_BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
 
 class Part(StrEnum):
@@ -169,7 +168,7 @@ class _Judgement:
         self._replace(
             Act(Part.EFFORT, excess.value_mps, excess.bound_mps, instead_n=force_n),
             mode=mode,
-            four_mode=Regime.FULL_BRAKE if mode in _BRAKES else Regime.COAST,
+            four_mode=Regime.FULL_BRAKE if mode in BRAKES else Regime.COAST,
             next_mode=Regime.STOP,
             next_four_mode=Regime.STOP,
             next_change_m=math.nan,
@@ -286,8 +285,8 @@ class _Judgement:
         doings = [*waiting, doing._replace(of_n=of_n)]
         if after is None:
             return doings
-        most_n = self._train.brake_n(-1.0) if after.mode in _BRAKES else self._model.traction_n(self._train.v_mps)
-        brakes = after.mode in _BRAKES and _finite(after.effort_ratio)
+        most_n = self._train.brake_n(-1.0) if after.mode in BRAKES else self._model.traction_n(self._train.v_mps)
+        brakes = after.mode in BRAKES and _finite(after.effort_ratio)
         return [*doings, _instructed(after, self._train.brake_n(after.effort_ratio) if brakes else most_n, math.inf)]
 
     def _braked_coach(self, coach: Coaching) -> Coaching:
@@ -314,7 +313,7 @@ class _Judgement:
         """The speed to reach or to hold is allowed here, or where the instruction is due; of a brake, where it ends."""
         coach, model = self._advice.coach, self._model
         assert coach is not None
-        leads = now.mode in (*_BRAKES, Regime.COAST)
+        leads = now.mode in (*BRAKES, Regime.COAST)
         ahead_m = self._train.ahead_m, self._told_from_m + now.way_m
         places_m = (self._told_from_m + coach.target_m,) if leads else ahead_m
         bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SHOWN_MPS
@@ -330,13 +329,13 @@ class _Judgement:
         kept: list[Instruction] = []
         first: Act | None = None
         for k, one in enumerate(coach.following):
-            excess = self._late(coach) if k == 0 and one.mode in _BRAKES else None
+            excess = self._late(coach) if k == 0 and one.mode in BRAKES else None
             if excess is not None or not _finite(one.speed_mps, one.way_m, one.in_s):
                 first = first or Act(Part.COACH_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
                 break  # What comes after it has no place any more.
             at_m = self._told_from_m + one.way_m
             # A speed to reach or to hold counts where it begins, one to coast or to brake to where that ends.
-            ends = k + 1 < len(coach.following) and one.mode in (*_BRAKES, Regime.COAST)
+            ends = k + 1 < len(coach.following) and one.mode in (*BRAKES, Regime.COAST)
             to_m = self._told_from_m + coach.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
             if one.speed_mps > limit_mps + SHOWN_MPS:

@@ -25,6 +25,8 @@ class Regime(IntEnum):
     """The train stands; it may depart when it is cleared, and not before."""
 
 
+TRACTION: Final = frozenset({Regime.FULL_TRACTION, Regime.REDUCED_TRACTION})
+BRAKES: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
 FULL_RATIO: Final = 0.97
 """An effort that the coach shows counts as full if it is at least this share of the largest."""
 

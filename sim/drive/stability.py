@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.bus import topics
 from das.bus.recording import Recording
 from sim.drivers.messages import recorded_view
@@ -21,8 +21,6 @@ REVERSAL_S: Final = 10.0
 A_SECOND_NS: Final = 1_000_000_000
 GAP_S: Final = 3.0
 """Two looks at the display further apart than this have nothing to do with each other."""
-TRACTION: Final = frozenset({Regime.FULL_TRACTION, Regime.REDUCED_TRACTION})
-BRAKE: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,13 +119,13 @@ class ShownWatch:
 
     def _mode_ended(self, time_s: float, ended: Regime | None, now: Regime | None) -> None:
         """A mode was followed by another one; that the train stops or goes on, or brakes, says nothing of either."""
-        if Regime.STOP not in (ended, now) and not {ended, now} & BRAKE:
+        if Regime.STOP not in (ended, now) and not {ended, now} & BRAKES:
             self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
         self._mode_since_s = time_s
 
     def _note_effort(self, time_s: float, mode: Regime | None) -> None:
         """Count a reversal, and remember which of traction and brake was shown last, and until when."""
-        side = (mode in TRACTION) - (mode in BRAKE)
+        side = (mode in TRACTION) - (mode in BRAKES)
         if side == 0:
             self._neither_since_s = min(self._neither_since_s, time_s)
             return

@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, Regime
 from das.domain.errors import DasError, InputError
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import Shown
 
-BRAKES: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
 """Advice to brake, which is never held back."""
 ROUNDING_S: Final = 1e-6
 """Times of ticks are compared with this margin."""

@@ -11,9 +11,9 @@ from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
-from das.advice.coach.shown_brakes import BRAKES, TRACTION, SpeedsAllowed
+from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import OVERSPEED_MPS, Goal, TrainState
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS

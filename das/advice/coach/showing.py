@@ -14,17 +14,9 @@ from das.advice.coach.coaching import Instruction
 from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
-from das.advice.coach.shown_brakes import (
-    BRAKES,
-    SAME_EFFORT,
-    SAME_MPS,
-    TRACTION,
-    ShownBrakes,
-    SpeedsAllowed,
-    brake_of,
-)
+from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import OVERSPEED_MPS, TrainState
-from das.advice.regimes import EFFORT_ORDER, Regime
+from das.advice.regimes import BRAKES, EFFORT_ORDER, TRACTION, Regime
 from das.domain.units import KMH, NS
 from das.solver.few_switch.notches import NotchRegime
 from das.solver.few_switch.phases import Phase

@@ -13,7 +13,7 @@ from das.advice.braking import AT_MARK_M, LEAST_MPS2, BrakingAhead, NeededBrake,
 from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown_safely import BRAKED_MORE
 from das.solver.few_switch.notches import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -29,8 +29,6 @@ HELD_MPS2 = 0.5
 """A driver below the speed to hold accelerates to it at no more than this."""
 CREEPS_M = 9.0
 """A creeping train is shown the brake for its stop once that is due within this distance."""
-TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
-BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
 
 class SpeedsAllowed(NamedTuple):

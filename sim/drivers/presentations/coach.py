@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from das.advice.coach.coaching import Instruction
-from das.advice.regimes import Regime, departure_regime
+from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh_mps
 from sim.drivers.knowledge import Outlook
@@ -15,9 +15,6 @@ from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Sh
 from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
 from sim.plant.kernels import TrainNumbers, electric_effort
 from sim.plant.plant import COAST, Command, force
-
-TRACTION: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
-BRAKES: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 
 
 class CoachPresenter(Presenter):

@@ -12,9 +12,9 @@ from das.advice.advice import Advice, Timetable
 from das.advice.coach.coach import Coach
 from das.advice.coach.coaching import Coaching, ReplanCause
 from das.advice.coach.settings import DEFAULT, CoachSettings
-from das.advice.coach.shown_brakes import BRAKES, SpeedsAllowed
+from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import Goal, PassingTarget, TrainState
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, Regime
 from das.advice.settings import AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg

@@ -16,9 +16,9 @@ from das.advice.coach.coaching import Instruction, Replan
 from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
 from das.advice.coach.showing import Showing, ShownNow
-from das.advice.coach.shown_brakes import BRAKES, TRACTION, ShownBrakes, SpeedsAllowed, brake_of
+from das.advice.coach.shown_brakes import ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import TrainState
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import KMH
 from das.solver.few_switch.notches import NotchRegime
 from das.solver.few_switch.phases import Phase
