@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from das.command_line.loading import load_vehicle
-from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.files import load_vehicle, offscreen_pyplot, save_figure
 from das.domain.errors import DasError
 from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.losses import (

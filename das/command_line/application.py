@@ -10,8 +10,13 @@ parameter has all of its options. Groups may hold groups.
 
 from __future__ import annotations
 
+import errno
 import importlib
 import inspect
+import io
+import os
+import signal
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from inspect import Parameter, Signature
@@ -20,12 +25,15 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.exceptions import TyperException
 from typer.main import get_command
 
 from das import __version__
-from das.command_line.entry import ended_by_signals
+from das.command_line.printing import one_line
+from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_signals
 from das.domain.errors import DasError
 
+EXIT_BAD_INPUT = 2
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -254,3 +262,50 @@ def _gathered(group: Any, given: Mapping[str, Any]) -> Any:
             for field in fields(group)
         }
     )
+
+
+def run_app(app: TyperGroup | TyperCommand | typer.Typer, name: str | None = None) -> None:
+    """Run a program; see `run_command`. A mistyped option ends in one line as well.
+
+    `name` is the word with which the user starts the program; its own help uses it.
+    """
+    run_command(lambda: app(standalone_mode=False, prog_name=name))
+
+
+def run_command(main: Callable[[], object]) -> None:
+    """Run a command's main function; user errors become one line and exit code 2, Ctrl-C ends with 130."""
+    _say_what_can_be_said()
+    try:
+        code = main()
+        if code == EXIT_INTERRUPTED:  # typer turns Ctrl-C into this code
+            raise KeyboardInterrupt
+        sys.stdout.flush()
+        sys.exit(code if isinstance(code, int) else 0)
+    except TyperException as error:
+        message = error.format_message()
+        print(message if message.startswith("Usage:") else f"error: {one_line(message)}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+    except DasError as error:
+        print(f"error: {one_line(str(error))}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+    except (KeyboardInterrupt, typer.Abort):
+        for number in STOP_SIGNALS:  # who asks twice means the same
+            signal.signal(number, signal.SIG_IGN)
+        print("stopped", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of our output has gone (`… | head`): nothing to say, nowhere to say it.
+        sys.stderr.close()
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EIO) or error.filename is not None:
+            raise
+        print(f"error: the output cannot be written ({error.strerror})", file=sys.stderr)
+        os._exit(EXIT_BAD_INPUT)  # Python would try to write the rest once more, and say so
+
+
+def _say_what_can_be_said() -> None:
+    """Where the terminal's encoding lacks a letter (–, λ, ü), print a question mark rather than fail."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")

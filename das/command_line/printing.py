@@ -16,7 +16,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from das.command_line.entry import STDERR
+from das.command_line.process import STDERR, ended_by_signals
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,6 +29,10 @@ WIDEST_PARAGRAPH = 110
 """Widest lines of running text, on a terminal that is wider."""
 LONGEST_LINE = 600
 """Longest message in characters that is printed in one line; the middle of a longer one is left out."""
+
+LOADING = "loading the solver …"
+COMPILING = "compiling the solver (once on a machine, about half a minute) …"
+SCIPYS_BLAS = "scipy.linalg.cython_blas"
 
 _DELETE, _C1_END = 0x7F, 0x9F
 _DIRECTION_MARKS = frozenset("\u2028\u2029\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
@@ -171,3 +175,51 @@ def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[
         for done, item in enumerate(items):
             show(name(item), done, len(items))
             yield item
+
+
+@contextlib.contextmanager
+def loading_solver() -> Iterator[None]:
+    """Show on a terminal that kernels are being loaded, and that they are being compiled once that begins.
+
+    Without a terminal nothing is shown. A signal to end the process does so at once, with one line and exit code 130.
+    So nothing that must be cleaned up may be open meanwhile.
+    """
+    with ended_by_signals(), _without_scipy():
+        if not sys.stderr.isatty():
+            yield
+            return
+        with error_console().status(LOADING) as status, _told_of_compiling(lambda: status.update(COMPILING)):
+            yield
+
+
+@contextlib.contextmanager
+def _told_of_compiling(tell: Callable[[], None]) -> Iterator[None]:
+    """Call `tell` whenever numba begins to compile a function; code that is taken from its cache is not compiled."""
+    from numba.core import event
+
+    class Teller(event.Listener):
+        def on_start(self, event: Any) -> None:
+            tell()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Teller()):
+        yield
+
+
+@contextlib.contextmanager
+def _without_scipy() -> Iterator[None]:
+    """Let numba start without scipy, which takes a quarter of a second to load: no kernel here uses linear algebra.
+
+    At its first call numba imports `SCIPYS_BLAS` to see whether `numpy.cov` in a kernel can use BLAS. Without that
+    module, numba's `numpy.cov` sums up without BLAS. If scipy has been imported already, it stays.
+    """
+    hidden = SCIPYS_BLAS not in sys.modules
+    if hidden:
+        sys.modules[SCIPYS_BLAS] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if hidden:
+            del sys.modules[SCIPYS_BLAS]

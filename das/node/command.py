@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.application import single_command
-from das.command_line.running import run_app
+from das.command_line.application import run_app, single_command
 from das.node.options import FASTEST_HZ, SLOWEST_HZ, AdviceGiven, LineServed, NodeOptions, NodePlace, TrainServed
 
 EXAMPLES = (

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from das.command_line.application import single_command
-from das.command_line.running import run_command
+from das.command_line.application import run_command, single_command
 from das.recorder.options import RecorderOptions
 
 EXAMPLES = (

@@ -15,7 +15,7 @@ from das.bus.session import Bus, check_endpoint
 from das.bus.topics import RECORDED, RECORDER
 from das.command_line.options import NODE_ENDPOINT, RECORDER_ENDPOINT
 from das.command_line.printing import say
-from das.command_line.running import StopFlag
+from das.command_line.process import StopFlag
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from das.recorder.options import FileMade, RecorderOptions

@@ -15,8 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import cache_root
-from das.compiling.sources import code_sha256, sources_of, text_sha256
+from das.compiling import cache_root, code_sha256, sources_of, text_sha256
 from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
@@ -36,9 +35,7 @@ REFINEMENT: Final = "refinement"
 """The name of the hash of the code that refined the trajectories of a table, where they were refined."""
 _REFINING: Final = "das.solver.refinement"
 _WORDS: Final = {CODE: "solver code", "solver": "solver settings"}
-_WITHOUT_PART: Final = frozenset(
-    {"das", "das.domain.errors", "das.compiling", "das.compiling.kernels", "das.compiling.sources"}
-)
+_WITHOUT_PART: Final = frozenset({"das", "das.domain.errors", "das.compiling"})
 """Modules that the solver imports and that have no part in what it computes."""
 _KEPT_CODES: Final = 20
 _KEPT_BITS = 30

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.loading import loading_solver
-from das.command_line.printing import busy
+from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
 from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.loading import load_route, load_vehicle
+from das.command_line.files import check_outputs, check_picture, load_route, load_vehicle
 from das.command_line.options import (
     FromOption,
     JsonOption,
@@ -25,7 +25,6 @@ from das.command_line.options import (
     ToOption,
     VehicleArgument,
 )
-from das.command_line.outputs import check_outputs, check_picture
 from das.command_line.printing import tell
 from das.domain.errors import DasError
 from das.domain.units import KMH, KN, KW

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from das.command_line.loading import loading_solver
+from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
-from das.command_line.outputs import check_outputs
-from das.command_line.printing import busy, progress_bar
+from das.command_line.printing import busy, loading_solver, progress_bar
 from das.domain.errors import DasError
 from precompute.baselines import Strategy
 from precompute.cli.options import (

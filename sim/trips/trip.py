@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from das.bus.recording import Recording
-from das.command_line.loading import load_route, load_vehicle
+from das.command_line.files import load_route, load_vehicle
 from das.domain.errors import DasError
 from das.domain.files import load
 from das.domain.files.loss_map_csv import read_loss_map

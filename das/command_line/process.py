@@ -1,4 +1,7 @@
-"""Where the commands start: Ctrl-C while the rest is still being imported ends cleanly, and bytecode is kept."""
+"""How the processes of commands start and end: imports that Ctrl-C ends cleanly, kept bytecode, and signals.
+
+Commands import this module first, so it imports nothing but small modules of Python.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 
@@ -78,3 +81,53 @@ def ended_by_signals() -> Iterator[None]:
 def _end_at_once(_number: int, _frame: FrameType | None) -> None:
     os.write(STDERR, (CLEAR_LINE_AND_SHOW_CURSOR if os.isatty(STDERR) else b"") + b"stopped\n")
     os._exit(EXIT_INTERRUPTED)
+
+
+class StopFlag:
+    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; `with_parent`: also when its parent ends.
+
+    The parent's id is told, not asked for: the parent may end before its child can ask.
+    """
+
+    def __init__(self, *, with_parent: int | None = None) -> None:
+        self._signalled = False
+        self._parent = with_parent
+        for number in STOP_SIGNALS:
+            signal.signal(number, self._stop)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether to stop."""
+        return self._signalled or (self._parent is not None and os.getppid() != self._parent)
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        self._signalled = True
+
+
+def interrupt_on_termination() -> None:
+    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, so that its child processes are stopped."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for number in STOP_SIGNALS:
+        signal.signal(number, interrupt)
+
+
+@contextlib.contextmanager
+def signals_held(numbers: Sequence[signal.Signals]) -> Iterator[None]:
+    """Let signals wait until a block of the main thread ends; processes started in it are born with them blocked.
+
+    To block them is not enough: another thread would then hear them, and Python would interrupt the main one.
+    """
+    came: list[int] = []
+    handlers = {number: signal.signal(number, lambda one, _frame: came.append(one)) for number in numbers}
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for heard in came:
+            signal.raise_signal(heard)
