@@ -19,6 +19,8 @@ from das.domain.vehicle import Vehicle
 
 ACCEPTED = "implausible_accepted"
 """The key in a TOML file that names the checks whose refusal is accepted."""
+INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
+"""How a refusal tells the author of a TOML file to insist on a value; `%s` is the table."""
 SPEEDS = 200
 """Efforts are looked at, at so many speeds from standstill to the top speed."""
 

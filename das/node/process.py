@@ -30,7 +30,7 @@ from das.command_line.printing import loading_solver, say
 from das.command_line.process import StopFlag, interrupt_on_termination
 from das.domain.braking import SiteBraking
 from das.domain.clocks import WALL_STOPWATCH
-from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, section_stops
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle

@@ -31,7 +31,7 @@ from das.command_line.options import JsonOption, OutFolderOption, OverwriteOptio
 from das.command_line.printing import busy, error_console, loading_solver, print_table, tell
 from das.domain.errors import DasError
 from das.domain.files.load import locate_vehicle
-from das.domain.files.native import read_loss_chain
+from das.domain.files.vehicles import read_loss_chain
 from das.domain.files.writing import check_writable, write_whole
 from das.domain.loss_chain import LossChain
 from das.domain.losses import Level, LossMap, fit_mean_efficiency

@@ -293,7 +293,7 @@ class TrainOnLine:
 
         A loss map changes its losses and nothing else.
         """
-        from das.domain.files.loss_map_csv import read_loss_map
+        from das.domain.files.vehicles import read_loss_map
         from das.domain.vehicle import BrakePolicy
 
         asked = self.driven

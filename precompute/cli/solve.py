@@ -71,7 +71,7 @@ def solve(
     else:
         section, answer, min_time_s, solve_s = _baseline(pose, trip, strategy)
 
-    from das.domain.files.trajectory_csv import write_trajectory
+    from das.domain.files.writing import write_trajectory
     from precompute.cli import report
 
     if files.out is not None:

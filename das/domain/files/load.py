@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from das.domain.errors import DasError, InputError
-from das.domain.files import journey_toml, native, ttobench
+from das.domain.files import routes, ttobench, vehicles
 from das.domain.journey import Journey
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
@@ -34,7 +34,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
         200.0
     """
     path = locate_vehicle(name_or_path)
-    return ttobench.read_train(path) if path.suffix.lower() == ".json" else native.read_vehicle(path)
+    return ttobench.read_train(path) if path.suffix.lower() == ".json" else vehicles.read_vehicle(path)
 
 
 def load_route(name_or_path: str | Path) -> Route:
@@ -48,7 +48,7 @@ def load_route(name_or_path: str | Path) -> Route:
         ['Zürich HB', 'Thalwil', 'Zug', 'Luzern']
     """
     path = locate_route(name_or_path)
-    return ttobench.read_track(path) if path.suffix.lower() == ".json" else native.read_route(path)
+    return ttobench.read_track(path) if path.suffix.lower() == ".json" else routes.read_route(path)
 
 
 def load_journey(name_or_path: str | Path, route: Route) -> Journey:
@@ -59,7 +59,7 @@ def load_journey(name_or_path: str | Path, route: Route) -> Journey:
     """
     path = _locate(name_or_path, "journeys")
     json = path.suffix.lower() == ".json"
-    journey = ttobench.read_journey(path) if json else journey_toml.read_journey(path, route)
+    journey = ttobench.read_journey(path) if json else routes.read_journey(path, route)
     journey.check_on(route)
     return journey
 

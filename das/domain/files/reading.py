@@ -141,6 +141,13 @@ class Fields:
             raise self.error(key, value, f"one of {', '.join(kind)}")
         return kind(value)
 
+    def names(self, key: str, known: Collection[str]) -> list[str]:
+        """The list of names under a key, empty where there is none; InputError for a name that is not known."""
+        names = self.data.get(key, [])
+        if not isinstance(names, list) or any(name not in known for name in names):
+            raise self.error(key, names, f"a list of names out of {', '.join(known)}")
+        return names
+
     def check_schema_version(self, supported: int) -> None:
         """Raise InputError unless the file says that it is of this version of its format."""
         value = self.data.get("schema_version", MISSING)

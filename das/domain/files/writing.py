@@ -11,9 +11,12 @@ import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 from das.domain.errors import DasError
+
+if TYPE_CHECKING:
+    from das.domain.trajectory import Trajectory
 
 MOST_OF_A_NAME = 1000
 """Most files whose names differ in their number only."""
@@ -97,6 +100,14 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write `content` to a new file beside `path` and rename it to `path`; DasError as `whole_file` raises it."""
     with whole_file(path) as file:
         file.write(content)
+
+
+def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write a trajectory as CSV: one row per node (see `Trajectory.columns`); DasError as `whole_file` raises it."""
+    columns = trajectory.columns()
+    lines = [",".join(columns)]
+    lines += [",".join(f"{x + 0.0:.12g}" for x in row) for row in zip(*columns.values(), strict=True)]
+    write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 @contextmanager
