@@ -35,7 +35,7 @@ from das.domain.errors import DasError
 
 FOLDER = "das-kernels"
 KEPT_VERSIONS = 4
-"""Versions of a module's compiled code that are kept; older ones are removed when a new one is made."""
+"""Number of versions of a module's compiled code that are kept; older ones are removed when a new one is made."""
 HASH_DIGITS = 16
 _numba_settings: Any = numba.config
 _NumbaCache: Any = FunctionCache
@@ -45,18 +45,18 @@ OUR_PACKAGES = frozenset({"das", "precompute", "sim"})
 _FROM = re.compile(rb"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n#]*)", re.MULTILINE)
 _IMPORT = re.compile(rb"^[ \t]*import[ \t]+([^\n#]*)", re.MULTILINE)
 _WITHOUT_MEANING = frozenset({"ctx", "kind", "type_comment", "type_ignores", "type_params"})
-"""Fields of a syntax tree that say nothing more, or that only some versions of Python have."""
+"""Fields of a syntax tree that add no meaning, or that only some versions of Python have."""
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
-    """A decorator that compiles a function once, without the GIL, with IEEE 754 division, and keeps the code on disk.
+    """A decorator that compiles a function without the GIL, with IEEE 754 division, and keeps the code on disk.
 
-    `options` are further options of `numba.njit`. Where no folder can keep the code, every start compiles it anew.
+    `options` are further options of `numba.njit`. If no folder can keep the code, every start compiles it anew.
     """
 
     def decorated(function: Any) -> Any:
         dispatcher = njit(nogil=True, error_model="numpy", **options)(function)
-        with suppress(RuntimeError):  # there is no folder that can keep the code
+        with suppress(RuntimeError):  # no folder can keep the code
             dispatcher._cache = _KeptKernels(function)
         return dispatcher
 
@@ -64,7 +64,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
 
 class _Place(_NumbaPlace):  # type: ignore[misc]
-    """Tells numba where the compiled code of a function is kept: in the folder of its module as it now is."""
+    """Tells numba the folder for the compiled code of a function: that of the present version of its module."""
 
     def __init__(self, function: Any, source_path: str) -> None:
         super().__init__(function, source_path)
@@ -72,7 +72,7 @@ class _Place(_NumbaPlace):  # type: ignore[misc]
 
     @classmethod
     def from_function(cls, function: Any, source_path: str) -> Self | None:
-        """The place for a function; None where nothing can be kept."""
+        """The place for a function; None if nothing can be kept."""
         return None if _folder(function.__module__) is None else cls(function, source_path)
 
 
@@ -81,11 +81,11 @@ class _KeptForm(_NumbaForm):  # type: ignore[misc]
 
 
 class _KeptKernels(_NumbaCache):  # type: ignore[misc]
-    """Numba's cache of one function, in our folder, which loads kept code without waking the compiler.
+    """Numba's cache of one function, in our folder, which loads kept code without loading the compiler.
 
-    Before it loads a kept function, numba imports all that it would need to compile one: its library of functions,
-    random numbers, linear algebra, C declarations. None of this is used to run machine code, and it takes as long as
-    all our kernels take to load. Where nothing is found, numba imports by itself what it needs to compile.
+    Before it loads a kept function, numba imports everything that it would need to compile one: its library of
+    functions, random numbers, linear algebra, C declarations. Machine code needs none of this, and importing it takes
+    as long as loading all our kernels. If no kept code is found, numba itself imports what it needs to compile.
     """
 
     _impl_class = _KeptForm
@@ -97,7 +97,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
             return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a compiled function; where the disk is full or taken away, the next start compiles it anew."""
+        """Keep a compiled function; if the disk is full or gone, the next start compiles it anew."""
         with suppress(OSError):
             super().save_overload(sig, data)
 
@@ -107,10 +107,10 @@ kernel = compiled()
 
 @cache
 def cache_root() -> Path | None:
-    """The folder in which compiled code is kept; None, with a warning, where none can be written to.
+    """The folder in which compiled code is kept; None, with a warning, if no folder can be written to.
 
-    The folder is inside NUMBA_CACHE_DIR where the user has set it, else beside our compiled modules, else in the user's
-    folder of caches.
+    The folder is inside NUMBA_CACHE_DIR if the user has set it, else beside our compiled modules, else in the user's
+    cache folder.
     """
     for place in _places():
         folder = place / FOLDER
@@ -137,7 +137,7 @@ def _places() -> Iterator[Path]:
 
 @cache
 def _folder(module: str) -> Path | None:
-    """The folder for the compiled code of a module as its source now is; None where nothing can be kept."""
+    """The folder for the compiled code of the present version of a module; None if nothing can be kept."""
     root = cache_root()
     key = _key(module)
     if root is None or key is None:
@@ -155,7 +155,7 @@ def _folder(module: str) -> Path | None:
 
 
 def _key(module: str) -> str | None:
-    """The hash of all that a module's compiled code depends on; None where a source file is not installed."""
+    """The hash of everything that a module's compiled code depends on; None if a source file is not installed."""
     try:
         text = text_sha256(sources_of([module], packages=OUR_PACKAGES | {module.partition(".")[0]}))
     except (SourcesMissingError, ImportError, AttributeError, OSError):
@@ -180,8 +180,8 @@ class SourcesMissingError(DasError):
 def sources_of(modules: Collection[str], *, packages: Collection[str] = OUR_PACKAGES) -> dict[str, bytes]:
     """The source text of modules and of all modules of `packages` that they import, directly or not, by name.
 
-    Imports inside functions count as well. A package counts where something is imported from it by name. Raises
-    SourcesMissingError where a source file is not installed.
+    Imports inside functions count as well. A package counts if something is imported from it by name. Raises
+    SourcesMissingError if a source file is not installed.
     """
     found: dict[str, bytes] = {}
     waiting = list(modules)
@@ -204,9 +204,9 @@ def text_sha256(sources: Mapping[str, bytes]) -> str:
 
 
 def code_sha256(sources: Mapping[str, bytes]) -> str:
-    """SHA-256 of what the texts do: comments, docstrings and formatting do not count. It takes some 0.1 s.
+    """SHA-256 of what the code does: comments, docstrings and formatting do not count. It takes some 0.1 s.
 
-    It is the same under every version of Python that reads the texts.
+    It is the same under every version of Python that can parse the code.
     """
     digest = hashlib.sha256()
     for name, text in sources.items():

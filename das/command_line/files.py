@@ -43,10 +43,10 @@ def load_vehicle(name_or_path: str) -> Vehicle:
 
 
 def warn_of_braking(vehicle: Vehicle) -> None:
-    """Print a line about a train whose plans may brake with friction and whose file does not say how hard.
+    """Print a warning about a train with friction brakes whose file does not say how hard drivers brake.
 
     Plans then assume that all brakes act with full force at once. But a friction brake takes some seconds to build up
-    (4 s in position P, UIC 540): a driver who follows such advice runs past his stop.
+    (4 s in position P, UIC 540), so a driver who follows such advice runs past the stop.
     """
     from das.domain.vehicle import BrakePolicy
 
@@ -55,27 +55,29 @@ def warn_of_braking(vehicle: Vehicle) -> None:
         f"{vehicle.source}: max_deceleration is missing: plans brake with all of the friction brake at once, which "
         "takes some seconds to build up; state the deceleration that drivers use"
     )
-    if rubs and math.isinf(vehicle.max_deceleration_mps2) and line not in _warned:
+    if rubs and math.isinf(vehicle.max_deceleration_mps2):
+        _warn_once(line)
+
+
+def warn_unusual(*read: Vehicle | Route) -> None:
+    """Print a line for each unusual value of vehicles and routes; a process prints each line once."""
+    from das.domain.plausibility import warnings_of
+
+    for line in (line for thing in read for line in warnings_of(thing)):
+        _warn_once(line)
+
+
+def _warn_once(line: str) -> None:
+    if line not in _warned:
         _warned.add(line)
         warn(line)
 
 
-def warn_unusual(*read: Vehicle | Route) -> None:
-    """Print a line for every unusual value of vehicles and routes that were read, each line once in a process."""
-    from das.domain.plausibility import warnings_of
-
-    for line in (line for thing in read for line in warnings_of(thing)):
-        if line not in _warned:
-            _warned.add(line)
-            warn(line)
-
-
 def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (), overwrite: bool = False) -> None:
-    """Refuse outputs that cannot be written, that are there already, that are the same file, or that are an input.
+    """Refuse outputs that cannot be written, exist already, are the same file, or are an input.
 
-    None stands for an output or input that is not asked for. `inputs` may hold names of bundled files as well.
-    `overwrite`: a file that is there already may be replaced.
-    Raises DasError; meant to be called before long work starts.
+    None stands for an output or input that was not given. `inputs` may also hold names of bundled files. `overwrite`
+    allows existing files to be replaced. Raises DasError. Commands call it before long work starts.
     """
     read = {Path(path).resolve() for path in inputs if path is not None}
     seen: set[Path] = set()
@@ -109,7 +111,7 @@ def offscreen_pyplot() -> Any:
 
 
 def save_figure(path: Path, figure: Any, *, dpi: int = 120, **settings: Any) -> None:
-    """Write a matplotlib figure whole, as the kind that the suffix of `path` names.
+    """Write a matplotlib figure in the format that the suffix of `path` names.
 
     The same figure gives the same bytes. Raises DasError for another suffix, or where the file cannot be written.
     """

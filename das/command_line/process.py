@@ -20,11 +20,11 @@ EXIT_INTERRUPTED = 130
 STDERR = 2
 """Standard error as a file descriptor."""
 STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
-"""Signals that ask a process to end: a request of the system, Ctrl-C, the terminal that is closed."""
+"""Signals that ask a process to end: from the system, by Ctrl-C, or because the terminal was closed."""
 CLEAR_LINE_AND_SHOW_CURSOR = b"\r\x1b[2K\x1b[?25h"
-"""Ends a spinner on a terminal, which nothing else would do once the process is gone."""
+"""Removes a spinner from the terminal; nothing else would, once the process is gone."""
 BYTECODE = Path(__file__).parents[1] / "__pycache__" / "das-bytecode"
-"""Folder for bytecode that Python may not write beside its sources; compiled kernels are kept next to it."""
+"""Folder for bytecode that Python may not write beside its sources; compiled kernels are kept beside it."""
 
 
 def start(module: str) -> None:
@@ -36,12 +36,12 @@ def start(module: str) -> None:
 
 
 def keep_bytecode(folder: Path = BYTECODE) -> None:
-    """Keep bytecode in a folder of our own where Python was told to write none beside its sources.
+    """Keep bytecode in a folder of our own if Python was told to write none beside its sources.
 
-    PYTHONDONTWRITEBYTECODE keeps folders of sources clean; images of containers often set it. Every start would then
-    compile the sources of numpy and numba anew, which takes longer than all else that a command does at its start.
-    Nothing changes where the user has said with PYTHONPYCACHEPREFIX where bytecode belongs, where numba was installed
-    with its bytecode, or where the folder cannot be written to.
+    PYTHONDONTWRITEBYTECODE, which containers often set, keeps folders of sources clean. But then every start compiles
+    the sources of numpy and numba anew, which takes longer than all else that a command does at its start. Nothing
+    changes if PYTHONPYCACHEPREFIX says where bytecode belongs, if numba was installed with its bytecode, or if the
+    folder cannot be written to.
     """
     if not sys.dont_write_bytecode or sys.pycache_prefix is not None or _has_bytecode():
         return
@@ -61,8 +61,8 @@ def _has_bytecode() -> bool:
 def ended_by_signals() -> Iterator[None]:
     """Let the signals of `STOP_SIGNALS` end the process at once, in one line, as long as the block runs.
 
-    For imports and compilations: an exception in the midst of one may end as anything, so none is raised. Signals that
-    the process ignores stay ignored. Nothing that must be cleaned up may be open in the block.
+    For imports and compilations: an exception in the midst of one may turn into any other, so none is raised. Signals
+    that the process ignores stay ignored. Nothing that must be cleaned up may be open in the block.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -84,9 +84,9 @@ def _end_at_once(_number: int, _frame: FrameType | None) -> None:
 
 
 class StopFlag:
-    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; `with_parent`: also when its parent ends.
+    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also when that process ends.
 
-    The parent's id is told, not asked for: the parent may end before its child can ask.
+    `with_parent` is the id that the parent passes, because the parent may end before its child could ask for it.
     """
 
     def __init__(self, *, with_parent: int | None = None) -> None:
@@ -97,7 +97,7 @@ class StopFlag:
 
     @property
     def stopped(self) -> bool:
-        """Whether to stop."""
+        """Whether a loop should end."""
         return self._signalled or (self._parent is not None and os.getppid() != self._parent)
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
@@ -116,9 +116,9 @@ def interrupt_on_termination() -> None:
 
 @contextlib.contextmanager
 def signals_held(numbers: Sequence[signal.Signals]) -> Iterator[None]:
-    """Let signals wait until a block of the main thread ends; processes started in it are born with them blocked.
+    """Hold signals back until a block of the main thread ends; processes started in it begin with them blocked.
 
-    To block them is not enough: another thread would then hear them, and Python would interrupt the main one.
+    Blocking them is not enough: another thread would then receive them, and Python would interrupt the main one.
     """
     came: list[int] = []
     handlers = {number: signal.signal(number, lambda one, _frame: came.append(one)) for number in numbers}

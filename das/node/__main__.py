@@ -1,4 +1,4 @@
-"""Where das-node starts: `python -m das.node`."""
+"""Start of das-node: `python -m das.node`."""
 
 from das.command_line.process import start
 

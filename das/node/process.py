@@ -1,6 +1,6 @@
-"""The process das-node: it takes its options, builds the cab, and runs the node until it is stopped.
+"""The process das-node: it builds the cab from its options and runs the node until stopped.
 
-The loop decides when to look for messages, and when to advise.
+`run` decides when to look for messages and when to advise.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ from das.node.node import BusClock, Clock, Node, WallClock
 from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, TrainServed
 
 LOOK_S = 0.1
-"""The loop looks at clock and messages at least once in this time."""
+"""Longest time (s) between two looks at the clock and for messages."""
 SEARCH_LOOK_S = 0.005
-"""The loop looks at clock and messages at least once in this time while a front is being solved."""
+"""The same time (s) while a front is being solved."""
 LEAST_GAP_S = 0.05
-"""The least time between an advice and one out of turn, however fast the situation changes."""
+"""Least time (s) between an advice and an early one, however fast the situation changes."""
 WAITING_SAID_EVERY_S = 1.0
-"""A node on the clock of the bus reports once in this time that it waits for a journey."""
+"""Period (s) in which a node that follows the clock of the bus reports that it waits for a journey."""
 SWITCH_S = 0.0005
-"""The thread that solves a front lets the one that advises run once in this time."""
+"""Python's switch interval (s): how long the thread that solves a front may hold up the one that advises."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
-"""For glibc's mallopt: a block of at least this size is mapped, and returned to the system when it is freed."""
+"""For glibc's mallopt: a block of at least this size is mapped, and goes back to the system when it is freed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CabPlan:
-    """What a cab is made of. `stops_m` are the positions (m) of the stops that the node is for."""
+    """What a cab is made from. `stops_m` are the positions (m) of the stops that the node serves."""
 
     post: Post
     situation: Situation
@@ -62,12 +62,12 @@ class CabPlan:
     stops_m: list[float]
 
     def cab(self) -> Cab:
-        """A new cab, which has heard nothing."""
+        """A new cab, which has heard nothing yet."""
         return Cab(self.post, self.situation, self.fronts, self.settings)
 
 
 def plan_cab(options: NodeOptions) -> CabPlan:
-    """Read what the options name. Raises DasError for anything that cannot be used."""
+    """Read the files that the options name. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
     route, stops_m = _line(line)
     base = _vehicle(driven)
@@ -96,7 +96,7 @@ def plan_cab(options: NodeOptions) -> CabPlan:
 
 
 def _line(line: LineServed) -> tuple[Route, list[float]]:
-    """The route in the direction it is driven, and the positions (m) of the stops the node is for."""
+    """The route in the direction of travel, and the positions (m) of the stops that the node serves."""
     route = load_route(line.route)
     route = route.reversed() if line.reverse else route
     start, end = section_stops(route, line.from_stop, line.to_stop)
@@ -122,7 +122,7 @@ def _settings(advice: AdviceGiven) -> CabSettings:
 
 
 def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) -> None:
-    """Answer until told to stop. With the wall clock, advise once a period and whenever the situation changes."""
+    """Run the node until stopped. With the wall clock, advise once per period and whenever the situation changes."""
     due, last, said = time.monotonic() + period_s, 0.0, 0.0
     by_wall = node.clock.is_wall
     while not stop.stopped and not node.finished:
@@ -146,7 +146,7 @@ def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) 
 
 
 def prepare_process() -> None:
-    """Return the memory of freed fronts to the system, and let threads take turns more often than Python's default."""
+    """Return the memory of freed fronts to the system, and let threads take turns more often than by default."""
     sys.setswitchinterval(SWITCH_S)
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):  # Another C library may have no mallopt.
@@ -154,7 +154,7 @@ def prepare_process() -> None:
 
 
 def serve(options: NodeOptions) -> None:
-    """Run a node until it is told to stop. Raises DasError for anything that cannot be used."""
+    """Run a node until asked to stop. Raises DasError for anything unusable."""
     place, advice = options.place, options.advice
     file = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
     listen = None if file else check_endpoint(place.listen or NODE_ENDPOINT)

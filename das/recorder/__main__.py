@@ -1,4 +1,4 @@
-"""Where das-record starts: `python -m das.recorder`."""
+"""Start of das-record: `python -m das.recorder`."""
 
 from das.command_line.process import start
 

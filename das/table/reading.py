@@ -256,7 +256,7 @@ class Table:
             return dict(zip(ARRAYS, read, strict=True))
 
     def verify(self) -> None:
-        """Check that this very code made the table, and every byte of it; raises TableError."""
+        """Check that this very code made the table, and check every byte of it; raises TableError."""
         try:
             code = solver_code_sha256()
         except SourcesMissingError as error:
@@ -269,7 +269,7 @@ class Table:
         self.arrays()
 
     def front(self, section: Section) -> Front:
-        """The front of a section from its table; TableError where it is of another section, or damaged."""
+        """The front of a section from its table; TableError where the table is damaged or of another section."""
         self.check_matches(section)
         arrays = self.arrays()
         rebuilt = grid_of(section)
@@ -280,7 +280,7 @@ class Table:
         return unpacked(section, np.array(self.manifest["lambda_w"]), arrays)
 
     def check_matches(self, section: Section) -> None:
-        """Raise TableError, which names the differences, where this is not the table of a section."""
+        """Raise TableError, which names the differences, if this is not the table of a section."""
         try:
             wanted = with_code(hashes_of(section))
         except SourcesMissingError as error:
@@ -293,9 +293,9 @@ class Table:
             raise TableError(f"{self.folder}: {why_not(section, differing)}{also}")
 
     def trajectory(self, section: Section, buffer_percent: float | None) -> Trajectory:
-        """The stored trajectory of a buffer (%; None: the least energy) over the section, refined where the table is.
+        """The stored trajectory of a buffer (%; None: the least energy), refined if the table is.
 
-        Times and forces follow from the speeds, which are stored in full. Raises TableError where there is no such
+        Times and forces are computed from the speeds, which are stored in full. Raises TableError for an unknown
         buffer, and as `front` does.
         """
         index = self._trajectory_index(buffer_percent)

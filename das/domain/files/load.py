@@ -26,8 +26,8 @@ def catalogue(kind: str) -> dict[str, Path]:
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """The train of a bundled name ("re460-ic"), a TOML file of ours or a JSON train of TTOBench.
 
-    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
-    unusable in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
+    in it.
 
         >>> import das
         >>> das.load_vehicle("re460-ic").max_speed_mps * 3.6
@@ -40,8 +40,8 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
 def load_route(name_or_path: str | Path) -> Route:
     """The line of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON track of TTOBench.
 
-    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
-    unusable in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
+    in it.
 
         >>> import das
         >>> [stop.name for stop in das.load_route("zurich-luzern").stops]
@@ -54,8 +54,8 @@ def load_route(name_or_path: str | Path) -> Route:
 def load_journey(name_or_path: str | Path, route: Route) -> Journey:
     """The journey of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON journey of TTOBench, on a route.
 
-    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
-    unusable in it, and where a point of the journey is not on the route.
+    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
+    in it, and where a point of the journey is not on the route.
     """
     path = _locate(name_or_path, "journeys")
     json = path.suffix.lower() == ".json"

@@ -15,7 +15,7 @@ from das.domain.files.reading import Fields, bound_of_window, read_toml
 from das.domain.files.ttobench import curvature_stretches
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.plausibility import ACCEPTED, INSIST, ROUTE_CHECKS, check_route
-from das.domain.route import Route, Stop, Stretches, Tunnel, Zone
+from das.domain.route import Route, Stop, Stretches, Tunnel, Zone, full_receptivity
 
 Floats = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def read_route(path: Path) -> Route:
 
 
 def _geometry(fields: Fields) -> tuple[Floats, Floats, Floats]:
-    """Position (m), latitude and longitude (deg) of each point of the route's way; empty where the file has none."""
+    """Position (m), latitude and longitude (deg) of each point of the geometry; empty if the file has none."""
     if not fields.has("geometry"):
         return np.empty(0), np.empty(0), np.empty(0)
     wanted = {"position": "length", "latitude": "angle", "longitude": "angle"}
@@ -111,7 +111,7 @@ def _stretches(fields: Fields, key: str, name: str, dimension: str) -> Stretches
 
 def _receptivity(fields: Fields) -> Stretches:
     if not fields.has("receptivity"):
-        return Stretches(start_m=np.zeros(1), value=np.ones(1))
+        return full_receptivity()
     return _stretches(fields, "receptivity", "receptivity", "ratio")
 
 
@@ -190,10 +190,9 @@ def _place_keys(fields: Fields) -> list[str]:
 
 def _place(fields: Fields, route: Route) -> tuple[str, float]:
     """Name and position (m) of a point: those of a stop of the route, or its own."""
-    given = [key for key in fields.quantity_keys(_PLACE) if fields.has(key)]
     if not fields.has("stop"):
         return fields.name("name"), fields.quantity("position", "length")
-    for key in ("name", *given):
+    for key in ("name", *fields.given_keys("position", "length")):
         if fields.has(key):
             raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
     wanted = fields.data["stop"]
@@ -216,7 +215,7 @@ def _window(fields: Fields, earliest: str, latest: str) -> Window:
 
 
 def _time_s(fields: Fields, name: str, default: float) -> float:
-    """A time as text (`arrival = "07:12:30"`, from midnight) or as a quantity (`arrival_s = 450`)."""
+    """A time (s): a text (`arrival = "07:12:30"`, from midnight) or a quantity (`arrival_s = 450`)."""
     value: Any = fields.data.get(name, MISSING)
     if value is MISSING:
         time_s = fields.quantity(name, "time", default, unbounded=True)
@@ -224,8 +223,7 @@ def _time_s(fields: Fields, name: str, default: float) -> float:
     match = _CLOCK.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         raise fields.error(name, value, f'a time in quotes like "07:12:30", or {name}_s')
-    for key in fields.quantity_keys({name: "time"}):
-        if fields.has(key):
-            raise fields.error(key, fields.data[key], f"only one of {name} and {key}")
+    for key in fields.given_keys(name, "time"):
+        raise fields.error(key, fields.data[key], f"only one of {name} and {key}")
     hours, minutes, seconds = match.groups()
     return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds or 0.0)

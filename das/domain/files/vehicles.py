@@ -119,7 +119,7 @@ def _friction_brake_n(fields: Fields) -> float:
 
 
 def _service_brake(fields: Fields) -> ServiceBrake:
-    """How the train is braked in service; the usual figures for what the file does not say."""
+    """How the train is braked in service; usual figures replace those that the file does not give."""
     usual = ServiceBrake()
     if not fields.has("service_brake"):
         return usual
@@ -132,7 +132,7 @@ def _service_brake(fields: Fields) -> ServiceBrake:
 
 
 def _adhesive_mass(fields: Fields) -> float:
-    """Mass on the driven axles (kg); inf without a table: adhesion is no limit."""
+    """Mass on the driven axles (kg); inf without a table, because adhesion is then no limit."""
     if not fields.has("adhesion"):
         return np.inf
     table = fields.table("adhesion")
@@ -147,9 +147,9 @@ def _loads(fields: Fields) -> dict[str, Load]:
     for name in fields.table("loads").data:
         table = fields.table("loads").table(name)
         table.check_keys(["source", *table.quantity_keys(quantities)])
-        c0_given = any(table.has(key) for key in table.quantity_keys({"c0": "force"}))
         loads[name] = Load(
-            mass_kg=table.quantity("mass", "mass"), c0_n=table.quantity("c0", "force") if c0_given else None
+            mass_kg=table.quantity("mass", "mass"),
+            c0_n=table.quantity("c0", "force") if table.given_keys("c0", "force") else None,
         )
     return loads
 
@@ -183,7 +183,7 @@ def _brake_policy(fields: Fields, electric: EffortEnvelope, friction_n: float) -
 
 
 def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel], Level]:
-    """The loss models of a table `[losses]`, and the level it names as the default (else the first it gives)."""
+    """The loss models of a table `[losses]`, and its default level: the named one, else the first given."""
     fields.check_keys(["source", "default", "own", "l1", "l2", "l3"])
     losses: dict[Level, LossModel] = {}
     for level in (Level.OWN, Level.L1, Level.L2):
@@ -371,15 +371,14 @@ def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tu
 
 
 def site_braking(fields: Fields) -> SiteBraking:
-    """How the drivers of a site brake, as far as the table says it.
+    """How the drivers of a site brake, from a table of a scenario or of a plan of tables.
 
-    Raises InputError for an unknown key, and for a figure outside what is plausible for a driver.
+    Raises InputError for an unknown key, and for a figure that is not plausible for a driver.
     """
     fields.check_keys(fields.quantity_keys(_SITE_BRAKING))
     brake_mps2 = fields.within("planning_brake", "acceleration", 0.5, (0.1, 1.5))
-    says_brake = any(fields.has(key) for key in fields.quantity_keys({"planning_brake": "acceleration"}))
     return SiteBraking(
-        deceleration_mps2=brake_mps2 if says_brake else None,
+        deceleration_mps2=brake_mps2 if fields.given_keys("planning_brake", "acceleration") else None,
         reaction_s=fields.within("reaction", "time", REACTION_S, (0.0, 10.0)),
         below_limit_mps=fields.within("below_limit", "speed", 0.0, (0.0, 20.0 * KMH)),
     )
