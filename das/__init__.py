@@ -1,4 +1,4 @@
-"""The driver advisory system as a library: lines and trains in, runs of least energy out.
+"""The driver advisory system as a library: lines and trains in, trajectories of least energy out.
 
     >>> import das
     >>> route, train = das.load_route("flat-6km"), das.load_vehicle("re460-ic")
@@ -10,7 +10,7 @@
 
 `__init__.pyi` lists the names and where they live; the functions are explained in `das.front_door`. A name's module is
 imported when the name is first used, so that `import das` itself is quick. Values are in SI units, and names carry
-their unit. What cannot be done raises `DasError` with one line that says why.
+their unit. A `DasError` says in one line why something cannot be done.
 """
 
 from lazy_loader import attach_stub

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     _Word = TypeVar("_Word", bound=StrEnum)
 
 DRAWN_BUFFERS_PERCENT = tuple(range(31))
-"""Buffers of the points of a front, where none are asked for: timetables have 3 to 10 %, and beyond 30 % little is
-left to save."""
+"""Default buffers (%) of the points of a front: timetables have 3 to 10 %, and beyond 30 % little is left to save."""
 
 
 def build_section(
@@ -51,16 +50,15 @@ def build_section(
     """The part of a route that a train drives from standstill to standstill, ready to be solved.
 
     `start` and `end` are stops of the route: a name (case does not matter) or a number counted from 1. The defaults are
-    the first and the last stop. `between_m` gives two positions on the route (m) in their place. `level` says how the
-    train's losses are modelled ("l0-noreg", "l0-reg", "l1", "l2", "l3", "own"); the default is the one that the file of
-    the vehicle names. It is planned with the train's full brakes; `das.in_service` plans as the advice on board does.
+    the first and the last stop. `between_m` gives two positions on the route (m) instead. `level` says how the train's
+    losses are modelled ("l0-noreg", "l0-reg", "l1", "l2", "l3", "own"); the default is the level that the vehicle's
+    file names. The section is planned with the train's full brakes; `das.in_service` brakes as the advice on board.
 
-    The other direction of a line is `route.reversed()`, a line with temporary limits
-    `route.with_restrictions(…)`, a train and a line under other conditions `Conditions(…).train(vehicle)` and
-    `.line(route)`.
+    `route.reversed()` is the other direction of a line, `route.with_restrictions(…)` a line with temporary limits.
+    `Conditions(…).train(vehicle)` and `.line(route)` are a train and a line under other conditions.
 
-    Raises InputError for a stop, an order or a level that there is not, DasError where the vehicle has no data for the
-    level, InfeasibleError where the train cannot brake or climb.
+    Raises InputError for an unknown stop or level or a wrong order of stops, DasError where the vehicle has no data for
+    the level, InfeasibleError where the train cannot brake or climb.
 
         >>> import das
         >>> route, train = das.load_route("zurich-luzern"), das.load_vehicle("re460-ic")
@@ -87,7 +85,7 @@ def build_section(
 
 
 def in_service(section: Section, site: SiteBraking | None = None) -> Section:
-    """A section as advice plans it: with the service braking of its train, and what a site says of its drivers.
+    """A section as advice plans it: with the service braking of its train, or that of the drivers of a site.
 
     Raises as `build_section` does.
 
@@ -105,10 +103,10 @@ def in_service(section: Section, site: SiteBraking | None = None) -> Section:
 def solve(section: Section) -> Front:
     """The least energy for every trip time of a section, as a front.
 
-    `front.fastest()` is the fastest run, `front.trajectory(time_s)` the run of least energy in that time. Both have
+    `front.fastest()` is the fastest solution, `front.trajectory(time_s)` that of least energy in that time. Both have
     `time_s`, `balance` (where the energy goes, in J), `gap_ratio` (how far the energy can be above the least possible;
-    NaN where that is not proven) and `trajectory`, whose `columns()` are arrays over the way. Solving takes 0.1 to 3 s;
-    a machine that has never solved a section first compiles for up to a minute.
+    NaN where that is not proven) and `trajectory`, whose `columns()` are arrays over the distance. Solving takes 0.1 to
+    3 s; a machine that has never solved a section first compiles for up to a minute.
 
         >>> import das
         >>> section = das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic"))
@@ -127,10 +125,10 @@ def solve(section: Section) -> Front:
 
 
 def refined(run: Solution) -> Solution:
-    """A run of a front, improved beyond the grid of the front: in the same time, with less energy where that is left.
+    """A solution of a front, improved beyond the grid of the front: the same time with less energy, where possible.
 
-    On most lines this saves 0.1 to 0.4 %, on short, steep or restless ones up to 1.5 %, and takes 0.1 to 0.5 s. The
-    fastest run is returned as it is.
+    On most lines this saves 0.1 to 0.4 %, on short, steep or uneven ones up to 1.5 %, and takes 0.1 to 0.5 s. The
+    fastest solution is returned as it is.
 
         >>> import das
         >>> front = das.solve(das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic")))
@@ -147,11 +145,11 @@ def refined(run: Solution) -> Solution:
 def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCENT) -> dict[str, NDArray[np.float64]]:
     """Times and energies along a front, to draw it: arrays of shape (points,), fastest first.
 
-    A point is the run of least energy whose time is so many per cent above the least possible (`buffers_percent`,
-    rising). The points end at the run of least energy: a slower one would cost more. `time_s` and `buffer_percent` are
-    those of the run found, `energy_j` its net energy at the current collector (without comfort systems),
-    `table_bound_j` the least that the solver's table knows (see `Solution`), `lambda_w` the price of time: what a
-    second less would cost (W).
+    A point is the solution of least energy whose time is a buffer (`buffers_percent`, rising) above the least possible
+    time. The points end at the solution of least energy of all: a slower one would cost more. `time_s` and
+    `buffer_percent` are those of the solution found, `energy_j` is its net energy at the current collector (without
+    comfort systems), `table_bound_j` a lower bound from the solver's table (see `Solution`), and `lambda_w` the price
+    of time: what a second less would cost (W).
 
     Raises InputError for buffers that do not rise from 0 or more.
 
@@ -193,14 +191,14 @@ def plan_journey(
     level: Level | str | None = None,
     split: Split | str = "equal-marginal",
 ) -> JourneyPlan:
-    """The journey of least energy: when the train is where, and how it runs from stop to stop.
+    """The journey of least energy: the times at all points and the trajectories from stop to stop.
 
     Every time of the plan is in its window. `split` says how the time between two fixed times is shared among the
     sections: "equal-marginal" (the optimum) or "proportional" (the same buffer in per cent on each). The plan has
     `sections` (one part from stop to stop, each with `departure`, `arrival`, `trajectory` and `balance`), `input_j`,
     `gap_ratio` and `time_s`; `plan.trajectory().columns()` is the whole journey as arrays.
 
-    Raises InputError for a level or a split that there is not, InfeasibleError where the windows cannot be kept.
+    Raises InputError for an unknown level or split, InfeasibleError where the windows cannot be kept.
 
         >>> import das
         >>> route = das.load_route("zurich-luzern")
@@ -217,12 +215,12 @@ def plan_journey(
 
 
 def read_table(folder: str | Path, section: Section) -> Front:
-    """The front of a section from a table on disk, which `das-precompute build` wrote; it is not solved again.
+    """The front of a section from a table that `das-precompute build` wrote; nothing is solved again.
 
-    A table holds fewer multipliers than `solve` uses, so its runs may need a little more energy. Every file of the
-    table is checked against its hash first. A table of a build is that of the section in service: see `in_service`.
+    A table holds fewer multipliers than `solve` uses, so its solutions may need a little more energy. Every file of the
+    table is checked against its hash. `das-precompute build` makes tables of sections in service: see `in_service`.
 
-    Raises DasError for a folder that is no table, a table that is damaged, or that of another section.
+    Raises DasError for a folder that is no table, and for a table that is damaged or of another section.
 
         front = das.read_table("tables/flat-6km", section)
     """
@@ -253,7 +251,7 @@ def to_pandas(columns: Mapping[str, ArrayLike]) -> pd.DataFrame:
 
 
 def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
-    """A member of an enumeration by its word; InputError with all the words where there is none."""
+    """The member of an enumeration with this word; InputError, which lists all the words, if there is none."""
     try:
         return kind(word)
     except ValueError:
@@ -261,7 +259,7 @@ def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
 
 
 def _stop(route: Route, key: str, wanted: object, default: int) -> Stop:
-    """The stop of a name, or of a number counted from 1; InputError where there is none."""
+    """The stop with a name, or with a number counted from 1; InputError if there is none."""
     wanted = default if wanted is None else wanted
     names = ", ".join(f"{i}: {stop.name}" for i, stop in enumerate(route.stops, 1))
     expected = f"name or number of a stop ({names})"
@@ -278,7 +276,7 @@ def _stop(route: Route, key: str, wanted: object, default: int) -> Stop:
 
 
 def _positions(route: Route, between_m: object, start: object, end: object) -> tuple[float, float]:
-    """Two positions (m) as they were given; InputError where they are none, or stops are given as well."""
+    """The two positions (m); InputError for anything else, and if a stop is given as well."""
     for key, stop in (("start", start), ("end", end)):
         if stop is not None:
             raise InputError(route.source, key, stop, "none beside between_m, which gives both ends")

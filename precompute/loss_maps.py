@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from das.command_line.loading import load_vehicle
-from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.files import load_vehicle, offscreen_pyplot, save_figure
 from das.domain.errors import DasError
-from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.files.vehicles import read_loss_map
 from das.domain.losses import (
     EfficiencyLoss,
     Level,
@@ -118,7 +117,7 @@ def best_point(loss_map: LossMap, vehicle: Vehicle, sign: int) -> dict[str, floa
 
 
 def csv_bytes(loss_map: LossMap) -> bytes:
-    """The map in the format that `das.domain.files.loss_map_csv` reads."""
+    """The map in the format that `das.domain.files.vehicles` reads."""
     lines = ["speed_kmh,force_n,loss_w"]
     for i, speed in enumerate(loss_map.speed_mps):
         for force, loss in zip(loss_map.force_n, loss_map.loss_w_table[i], strict=True):

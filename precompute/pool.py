@@ -20,8 +20,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, Final, Generic, TypeVar
 
-from das.command_line.entry import STOP_SIGNALS
-from das.command_line.running import signals_held
+from das.command_line.process import STOP_SIGNALS, signals_held
 from das.domain.errors import DasError
 
 Job = TypeVar("Job")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 
-from das.command_line.entry import keep_bytecode
+from das.command_line.process import keep_bytecode
 
 if os.environ.get("PYTHONDONTWRITEBYTECODE"):
     keep_bytecode()

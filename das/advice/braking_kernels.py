@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from das.advice.plan_kernels import interval, linear
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, on_supply
 
 STEPS = 4

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 
 STEPS_PER_MPS = 10.0
 """Forces are tabulated at so many speeds in each m/s."""

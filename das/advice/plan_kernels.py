@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 
 
 @kernel

@@ -16,7 +16,7 @@ from das.advice.advice import Source
 from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
 from das.cab import event_wording
-from das.compiling.sources import SourcesMissingError
+from das.compiling import SourcesMissingError
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
 from das.solver.few_switch.few_switch import FewSwitchFront

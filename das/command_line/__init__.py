@@ -1,1 +1,1 @@
-"""What every command line of the project shares."""
+"""What all command lines of the project share."""

@@ -1,17 +1,23 @@
-"""Command lines that are all alike, and start fast: a command's module is imported when the command is called.
+"""Programs whose command lines are alike and start fast: a command's module is imported when the command is called.
 
 A command takes frozen dataclasses, and their fields are its options. Such a group is declared once, with the type,
 spelling and help of each option as the `Annotated` type of its field. Any command that takes the dataclass as a
 parameter has all of its options. Groups may hold groups.
 
 `application` makes a program of several commands, `single_command` a program that is one command. Both have `-h` and
-`--help`, `--version`, `--install-completion` and `--show-completion`, and print text without markup.
+`--help`, `--version`, `--install-completion` and `--show-completion`, and print text without markup. `run_app` and
+`run_command` run them: errors of the user become one line and an exit code.
 """
 
 from __future__ import annotations
 
+import errno
 import importlib
 import inspect
+import io
+import os
+import signal
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from inspect import Parameter, Signature
@@ -20,12 +26,15 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.exceptions import TyperException
 from typer.main import get_command
 
 from das import __version__
-from das.command_line.entry import ended_by_signals
+from das.command_line.printing import one_line
+from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS, ended_by_signals
 from das.domain.errors import DasError
 
+EXIT_BAD_INPUT = 2
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -59,7 +68,7 @@ class Entry:
 class Group:
     """Commands of a program that belong together under one word: `das-sim experiment run`.
 
-    `name`: the word. `summary`: what the program's help says of it. `where`: module and name of the tuple of its
+    `name`: the word. `summary`: its line in the program's help. `where`: module and name of the tuple of its
     entries, like "sim.cli.program:EXPERIMENTS".
     """
 
@@ -68,13 +77,13 @@ class Group:
     summary: str
 
     def entries(self) -> tuple[Entry, ...]:
-        """The commands of the group; their list is imported."""
+        """The commands of the group, whose list is imported here."""
         module, _, name = self.where.partition(":")
         found: tuple[Entry, ...] = getattr(importlib.import_module(module), name)
         return found
 
     def load(self) -> TyperGroup:
-        """The group with its commands, each of which is imported when it is called."""
+        """The group with its commands; the module of each is imported when it is called."""
         group = get_command(_group_of(self))
         assert isinstance(group, TyperGroup)
         group.name = self.name
@@ -131,7 +140,7 @@ def single_command(name: str, function: Callable[..., Any], examples: Sequence[s
 
 
 class _LazyCommand(TyperCommand):
-    """Stands for a command in lists and completions; becomes the real one when it is called."""
+    """Stands for a command in lists and completions; the real one is loaded when it is called."""
 
     def __init__(self, entry: Entry) -> None:
         super().__init__(name=entry.name, help=entry.summary, short_help=entry.summary, rich_markup_mode=None)
@@ -143,7 +152,7 @@ class _LazyCommand(TyperCommand):
 
 
 class _GoneCommand(TyperCommand):
-    """Stands for a command that is gone; whatever follows it, the error says what to run instead."""
+    """Stands for a command that is gone; its error says what to run instead, whatever arguments follow."""
 
     def __init__(self, name: str, instead: str) -> None:
         super().__init__(name=name, hidden=True, rich_markup_mode=None)
@@ -174,7 +183,7 @@ def _command(
 
 
 def _epilog(examples: Sequence[str]) -> str:
-    """The examples, one a line; the first character keeps the lines apart."""
+    """The examples, one per line; the first character keeps typer from joining the lines."""
     return "\b\n" + "\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
 
 
@@ -201,10 +210,9 @@ def _only_version(
 
 
 def with_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function with the fields of its groups as parameters of their own, as typer reads them.
+    """The function with a parameter for each field of its groups, as typer reads them.
 
-    A function without groups comes back as an equal one. Two options of one name are a mistake of the programmer and
-    raise TypeError.
+    Two options of one name are a mistake of the programmer and raise TypeError.
     """
     hints = get_type_hints(function, include_extras=True)
     parameters: list[Parameter] = []
@@ -246,7 +254,7 @@ def _default(field: Field[Any]) -> Any:
 
 
 def _gathered(group: Any, given: Mapping[str, Any]) -> Any:
-    """The group with the options that were given."""
+    """The group made from the options that were given."""
     hints = get_type_hints(group, include_extras=True)
     return group(
         **{
@@ -254,3 +262,50 @@ def _gathered(group: Any, given: Mapping[str, Any]) -> Any:
             for field in fields(group)
         }
     )
+
+
+def run_app(app: TyperGroup | TyperCommand | typer.Typer, name: str | None = None) -> None:
+    """Run a program; see `run_command`. A mistyped option ends in one line as well.
+
+    `name` is the word with which the user starts the program; its own help uses it.
+    """
+    run_command(lambda: app(standalone_mode=False, prog_name=name))
+
+
+def run_command(main: Callable[[], object]) -> None:
+    """Run a command's main function; user errors become one line and exit code 2, Ctrl-C ends with 130."""
+    _replace_unprintable_letters()
+    try:
+        code = main()
+        if code == EXIT_INTERRUPTED:  # typer turns Ctrl-C into this code
+            raise KeyboardInterrupt
+        sys.stdout.flush()
+        sys.exit(code if isinstance(code, int) else 0)
+    except TyperException as error:
+        message = error.format_message()
+        print(message if message.startswith("Usage:") else f"error: {one_line(message)}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+    except DasError as error:
+        print(f"error: {one_line(str(error))}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
+    except (KeyboardInterrupt, typer.Abort):
+        for number in STOP_SIGNALS:  # a second request changes nothing
+            signal.signal(number, signal.SIG_IGN)
+        print("stopped", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of our output has gone (`… | head`).
+        sys.stderr.close()
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EIO) or error.filename is not None:
+            raise
+        print(f"error: the output cannot be written ({error.strerror})", file=sys.stderr)
+        os._exit(EXIT_BAD_INPUT)  # Python would try to write the rest again and print another error
+
+
+def _replace_unprintable_letters() -> None:
+    """Print a question mark for a letter (–, λ, ü) that the terminal's encoding lacks, rather than fail."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")

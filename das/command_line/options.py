@@ -1,4 +1,4 @@
-"""Options that several commands have: each is declared once, here, with its type, its spelling and its help.
+"""Options that several commands have; each is declared once, here, with its type, spelling and help.
 
 Nothing heavy is imported: a command's options are read before its work is. Where "default: …" is written in a help
 text, the option itself defaults to None.
@@ -15,11 +15,11 @@ import typer
 from das.domain.levels import Level
 
 DEFAULT_TRAIN: Final = "train-1"
-"""Name of the train on the bus where the user gives none."""
+"""Name of the train on the bus if the user gives none."""
 NODE_ENDPOINT: Final = "tcp/127.0.0.1:7447"
-"""Where a node listens that is not told otherwise."""
+"""Default endpoint at which a node listens."""
 RECORDER_ENDPOINT: Final = "tcp/127.0.0.1:7449"
-"""Where a recorder listens that is not told otherwise; das-node tls-init gives it the same port."""
+"""Default endpoint at which a recorder listens; das-node tls-init gives it the same port."""
 
 _ROUTE = "bundled route, TOML file or TTOBench track (JSON)"
 _VEHICLE = "bundled vehicle, TOML file or TTOBench train (JSON)"
@@ -101,7 +101,7 @@ TablesOption = Annotated[
 
 
 def listen_option(default: str) -> Any:
-    """The option that says where a process listens; `default` is its endpoint where the user gives none."""
+    """The option for the endpoint at which a process listens; `default` stands in its help."""
     return typer.Option(
         "--listen", metavar="ENDPOINT", help=f"Own endpoint on this machine [default: {default}].", show_default=False
     )
@@ -109,7 +109,7 @@ def listen_option(default: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class BusPlace:
-    """Where a process speaks and hears. Each process says by a `listen` of its own which endpoint it takes."""
+    """The place of a process on the bus. Each program declares its own `listen`, with its own default endpoint."""
 
     train: TrainOption = DEFAULT_TRAIN
     listen: str | None = None

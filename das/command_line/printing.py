@@ -1,4 +1,4 @@
-"""What commands print: text from files and the bus made harmless, tables, legends, and what is under way.
+"""What commands print: harmless text, tables with legends, warnings, and progress.
 
 Text that comes from a file, from the bus or from the user is never read as markup, and control characters in it are
 shown as escapes (`\\x1b`), so that no name of a stop can break a table or command the terminal.
@@ -16,38 +16,31 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from das.command_line.entry import STDERR
+from das.command_line.process import STDERR, ended_by_signals
+from das.domain.errors import seen
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
 PRINTED_WIDTH = 80
-"""Width in columns of what goes to a file or a pipe; on a terminal the terminal's own width counts."""
+"""Width (columns) of text for a file or a pipe; on a terminal its own width counts."""
 WIDEST_TABLE = 1000
 WIDEST_PARAGRAPH = 110
-"""Widest lines of running text, on a terminal that is wider."""
+"""Widest lines of running text (columns), however wide the terminal."""
 LONGEST_LINE = 600
-"""Longest message in characters that is printed in one line; the middle of a longer one is left out."""
+"""Longest message (characters) that is printed whole; a longer one loses its middle."""
 
-_DELETE, _C1_END = 0x7F, 0x9F
-_DIRECTION_MARKS = frozenset("\u2028\u2029\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
-"""Characters that turn or break a line without being seen."""
+LOADING = "loading the solver …"
+COMPILING = "compiling the solver (once on a machine, about half a minute) …"
+SCIPYS_BLAS = "scipy.linalg.cython_blas"
 
 
 def visible(text: str) -> str:
     """The text with control characters as escapes, so that it cannot command a terminal; newlines and tabs stay."""
-    if text.isascii() and text.isprintable():
+    if text.isprintable():
         return text
-    return "".join(
-        one if one in "\n\t" or not _commands_the_terminal(one) else one.encode("unicode_escape").decode()
-        for one in text
-    )
-
-
-def _commands_the_terminal(one: str) -> bool:
-    code = ord(one)
-    return code < ord(" ") or _DELETE <= code <= _C1_END or one in _DIRECTION_MARKS
+    return "".join(one if one in "\n\t" else seen(one) for one in text)
 
 
 def one_line(text: str) -> str:
@@ -83,7 +76,7 @@ def error_console() -> Console:
 
 
 def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:
-    """Print a table, and below it a legend: what each abbreviation in it stands for.
+    """Print a table, and below it a legend that explains the abbreviations in it.
 
     All tables have the same narrow spaces between columns. Columns that do not wrap are never cut: the table becomes
     wider than the terminal where it must.
@@ -104,7 +97,7 @@ def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:
 
 
 def paragraph(text: str, hanging: str = "") -> None:
-    """Print text on standard output, broken into lines as wide as the terminal; `hanging` begins all but the first."""
+    """Print text on standard output, wrapped to the terminal's width; `hanging` begins every line but the first."""
     width = shutil.get_terminal_size((PRINTED_WIDTH, 24)).columns
     tell(textwrap.fill(text, min(width, WIDEST_PARAGRAPH), break_on_hyphens=False, subsequent_indent=hanging))
 
@@ -130,10 +123,9 @@ def busy(what: str) -> Iterator[None]:
 
 
 def say(text: str) -> None:
-    """Say a line on standard error, if it is taken at once.
+    """Write a line to standard error if that does not block; otherwise drop it.
 
-    A log on a full disk, or one that nobody reads any more, must not end or hold up a process that has better things
-    to do.
+    A full disk, or a reader that has gone, must neither end nor block a process that advises or records.
     """
     with contextlib.suppress(OSError):
         if select.select([], [STDERR], [], 0)[1]:
@@ -141,18 +133,18 @@ def say(text: str) -> None:
 
 
 def typed(command: str) -> str:
-    """A command of ours as the user types it: with `uv run` where that started this process."""
+    """A command of ours as the user types it: after `uv run` if that started this process."""
     return f"uv run {command}" if "UV_RUN_RECURSION_DEPTH" in os.environ else command
 
 
 Item = TypeVar("Item")
 Show = Callable[[str, float, float | None], None]
-"""What is being done, how much of it is done, and the whole; None while the whole is not known."""
+"""Updates a progress bar: what is being done, how much is done, and the total (None while unknown)."""
 
 
 @contextlib.contextmanager
 def progress_bar(first: str) -> Iterator[Show]:
-    """Show a bar while the block runs; yields what to call when something was done. `first` is shown until then."""
+    """Show a progress bar while the block runs; yields the function that updates it. `first` is its first text."""
     if not sys.stderr.isatty():
         yield lambda _what, _done, _whole: None
         return
@@ -166,8 +158,56 @@ def progress_bar(first: str) -> Iterator[Show]:
 
 
 def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
-    """Go through some items with a bar that names the one under way."""
+    """Iterate over items and show a progress bar that names the current one."""
     with progress_bar("") as show:
         for done, item in enumerate(items):
             show(name(item), done, len(items))
             yield item
+
+
+@contextlib.contextmanager
+def loading_solver() -> Iterator[None]:
+    """Show on a terminal that kernels are being loaded or compiled; the first calls of kernels belong into this block.
+
+    A signal to end the process ends it at once, with one line and exit code 130, because an exception in the midst of a
+    compilation may turn into any other error. So nothing that must be cleaned up may be open in the block.
+    """
+    with ended_by_signals(), _without_scipy():
+        if not sys.stderr.isatty():
+            yield
+            return
+        with error_console().status(LOADING) as status, _on_compiling(lambda: status.update(COMPILING)):
+            yield
+
+
+@contextlib.contextmanager
+def _on_compiling(call: Callable[[], None]) -> Iterator[None]:
+    """Call `call` whenever numba begins to compile a function; loading one from the cache does not count."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:
+            call()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
+
+
+@contextlib.contextmanager
+def _without_scipy() -> Iterator[None]:
+    """Let numba start without scipy, which takes a quarter of a second to load: no kernel here uses linear algebra.
+
+    At its first call numba imports `SCIPYS_BLAS` to see whether `numpy.cov` in a kernel can use BLAS. Without that
+    module, numba's `numpy.cov` sums up without BLAS. If scipy has been imported already, it stays.
+    """
+    hidden = SCIPYS_BLAS not in sys.modules
+    if hidden:
+        sys.modules[SCIPYS_BLAS] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        if hidden:
+            del sys.modules[SCIPYS_BLAS]

@@ -1,4 +1,4 @@
-"""How trains are braked in service: the figures that advice plans its brakes with, kept apart as in ETCS."""
+"""How trains are braked in service: the figures that advice plans with, each on its own as in ETCS."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
 
 REACTION_S = 1.0
-"""A driver acts on an announced change this long after it is due (assumption)."""
+"""How late a driver acts on an announced change (s, assumption)."""
 DEVIATION_M = 5.0
-"""The true position is within this of the estimate: two deviations of a good localisation (assumption)."""
+"""Largest expected error of the estimated position (m): two standard deviations of a good localisation (assumption)."""
 
 SERVICE_SHARE = 0.9
-"""Brakes in service use at most this share of the largest deceleration that a train may have (assumption)."""
+"""Brakes in service use at most this share of the train's largest deceleration (assumption)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,20 +38,20 @@ class ServiceBraking:
 
     @property
     def delay_s(self) -> float:
-        """How late the full brake acts (s): the reaction, and half of an even build-up."""
+        """The delay until the full brake acts (s): the reaction, and half of an even build-up."""
         return self.reaction_s + 0.5 * self.build_up_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteBraking:
-    """How an operator says that its drivers brake; a deceleration of None: as the train's file says, or as is usual."""
+    """How the drivers of a site brake, as its operator says; deceleration None: as the train's file says."""
 
     deceleration_mps2: float | None = None
     reaction_s: float = REACTION_S
     below_limit_mps: float = 0.0
 
     def of(self, vehicle: Vehicle) -> ServiceBraking:
-        """The braking to plan a train with."""
+        """The braking with which advice plans for a train."""
         service = vehicle.service_brake
         asked = service.deceleration_mps2 if self.deceleration_mps2 is None else self.deceleration_mps2
         return ServiceBraking(
@@ -63,4 +63,4 @@ class SiteBraking:
 
 
 USUAL = SiteBraking()
-"""The braking of drivers of whom the operator says nothing."""
+"""The braking planned where the operator says nothing about its drivers."""

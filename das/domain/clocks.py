@@ -1,4 +1,4 @@
-"""The clocks of this machine. Whatever needs the time is given a clock; these are the ones it is given by default."""
+"""The clocks of this machine. Code that needs the time takes a clock as an argument; these are the defaults."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 WALL_NS = time.time_ns
-"""The time of day (ns since 1970); it jumps where somebody sets it."""
+"""The time of day (ns since 1970); it jumps when somebody sets the clock."""
 MONOTONIC_S = time.monotonic
-"""Seconds since a moment in the past; they never jump. For what is due every while."""
+"""Seconds since some moment in the past, which never jump: for periodic work."""
 WALL_STOPWATCH = time.perf_counter
-"""Seconds since a moment in the past, as finely as they can be had. For how long something took."""
+"""Seconds since some moment in the past, in the finest resolution: for measuring how long something took."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clocks:
-    """The two clocks of something that tells the time and does things every while."""
+    """The two clocks of a process: the time of day, and seconds for periodic work."""
 
     now_ns: Callable[[], int] = WALL_NS
     """The time of day (ns since 1970)."""

@@ -15,7 +15,7 @@ STRONGEST_WIND_MPS = 50.0
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """Changes of a train and a line against their files; the defaults change nothing.
+    """Changes to a train and a line relative to their files; the defaults change nothing.
 
     `mass_ratio` and `resistance_ratio` multiply the mass and the running resistance, `receptivity_ratio` the share of
     the power fed back that the line takes, and `adhesion_ratio` the adhesion of the rail. `head_wind_mps` is the speed

@@ -14,8 +14,8 @@ _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 class DasError(Exception):
     """Something the user asked for cannot be done.
 
-    The message says why, in one line: it is cut after `MOST_OF_A_MESSAGE` characters, and control characters, which a
-    terminal would obey, are written as in Python.
+    The message says why, in one line. It is cut after `MOST_OF_A_MESSAGE` characters, and control characters, which a
+    terminal would obey, become escapes.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -35,7 +35,7 @@ class InputError(DasError):
 
 
 class _Missing:
-    """Marks a key that is not there, so that None can be a value."""
+    """Stands for the value of a missing key, so that None can be a value."""
 
 
 MISSING = _Missing()
@@ -51,14 +51,14 @@ def is_seen(text: str) -> bool:
 
 
 def seen(text: str) -> str:
-    """A text with its control characters and line breaks written as in Python (`\\x1b`, `\\n`)."""
+    """The text with its control characters and line breaks as escapes (`\\x1b`, `\\n`)."""
     if text.isprintable():
         return text
     return "".join(x if is_seen(x) else x.encode("unicode_escape").decode("ascii") for x in text)
 
 
 def shortened(text: str, most: int) -> str:
-    """A text, or its beginning and how many characters it has."""
+    """The text if it has at most `most` characters, else its beginning and its length."""
     if len(text) <= most:
         return text
     end = f"… ({len(text)} characters)"
@@ -66,7 +66,7 @@ def shortened(text: str, most: int) -> str:
 
 
 def _shown(value: object) -> str:
-    """A value as Python writes it, shortened."""
+    """The `repr` of a value, shortened."""
     try:
         return shortened(repr(value), MOST_OF_A_VALUE)
     except (RecursionError, ValueError):  # too deep, or an integer of too many digits

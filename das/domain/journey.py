@@ -14,11 +14,11 @@ from das.domain.route import POSITION_TOLERANCE_M, Route, Stop
 from das.domain.units import KMH
 
 LEAST_SPACING_M = 1.0
-"""Two points of a journey are at least this far apart."""
+"""Least distance between two points of a journey."""
 
 
 class Held(StrEnum):
-    """Which bound of its window a time is at."""
+    """The bound of its window that a time is at."""
 
     FREE = "free"
     EARLIEST = "earliest"
@@ -69,7 +69,7 @@ class Passing:
 
 @dataclass(frozen=True, kw_only=True)
 class Journey:
-    """Stops and passing points in the order of the run, the first and the last of them stops.
+    """Stops and passing points in the order of travel; the first and the last are stops.
 
     All times count on one clock, whose zero the journey chooses (midnight, or the departure). The earliest departure
     from the first stop and the latest arrival at the last stop must be known.
@@ -98,8 +98,8 @@ class Journey:
     def over_stops(cls, stops: Sequence[Stop], *, time_s: float, dwell_s: float) -> Self:
         """From the first to the last stop in `time_s`, calling at all of them for at least `dwell_s`.
 
-        Nothing but the departure (0 s) and the last arrival is timed, so the split of the time is free.
-        Raises InputError where that is not a journey.
+        Only the departure (0 s) and the last arrival are timed, so the split of the time is free.
+        Raises InputError where the stops make no journey.
         """
         first, *inner, last = stops
         calls = [Call(name=x.name, position_m=x.position_m, dwell_s=dwell_s) for x in inner]

@@ -1,4 +1,4 @@
-"""The loss levels by name, in a module that imports nothing heavy: command lines need the names before they work."""
+"""The loss levels by name. Command lines read them at their start, so this module imports nothing heavy."""
 
 from __future__ import annotations
 

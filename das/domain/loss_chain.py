@@ -4,8 +4,8 @@ The measured maps behind the paper are confidential; this module makes a map of 
 Each component is a small dataclass with the textbook formula of its loss and the formula's source. The parameters are
 assumptions or results of the calibration, as the vehicle's file states (docs/explanation/loss-maps.md).
 
-Power is followed from the wheel to the line, so that driving and braking differ without further assumptions: when
-driving, every component also carries the losses of those nearer to the wheel; when braking, it carries less than the
+Power is followed from the wheel to the line, so that driving and braking differ without further assumptions. When
+driving, a component also carries the losses of those nearer to the wheel; when braking, it carries less power than the
 wheel gives. Symbols: F wheel force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the motors
 relative to their rated ones, i motor current relative to the one at rated torque and flux.
 
@@ -32,9 +32,9 @@ MAP_SPEED_STEP_MPS = 1.0 * KMH
 MAP_FORCE_STEP_N = 1.0 * KN
 """Grid of the map: 1 km/h × 1 kN, the paper's."""
 MOST_MAP_POINTS = 5e6
-"""A map with more points is a mistake in speeds or forces (the Re 460's has 120 000)."""
+"""A map with more points is refused, because a speed or force must be wrong (the Re 460's has 120 000)."""
 LARGEST_PARAMETER = 1e12
-"""No parameter of a train in SI units is larger."""
+"""A larger parameter (SI units) is refused."""
 
 IRON_FREQUENCY_EXPONENT = 1.5
 """Between hysteresis (∝ f) and eddy currents (∝ f²)."""

@@ -198,7 +198,7 @@ class OperatingPoints:
         return self.power_w + np.where(self.force_n < 0, 0.0, self.loss_w)
 
     def efficiency_ratio(self) -> Floats:
-        """Power that comes out of the chain over the power that goes in; at least 0 (where braking gives nothing)."""
+        """Power that comes out of the chain over the power that goes in; 0 where braking recovers nothing."""
         into = np.maximum(self.input_w(), 1e-9)
         return np.maximum(into - self.loss_w, 0.0) / into
 

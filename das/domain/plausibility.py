@@ -1,7 +1,7 @@
-"""What a train and a line can hardly be: limits that find a unit mixed up or a digit too many, and a way past them.
+"""Limits of what a train and a line can plausibly be: they find a unit mixed up or a digit too many.
 
-A value beyond a limit is refused (`check_vehicle`, `check_route`) unless the file accepts that check by its name. A
-value that is only unusual, or was accepted, is a line of `warnings_of`. Nothing here is printed.
+`check_vehicle` and `check_route` refuse a value beyond a limit unless the file accepts that check by its name.
+`warnings_of` has a line for each value that is unusual or was accepted. Nothing here is printed.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ from das.domain.vehicle import Vehicle
 
 ACCEPTED = "implausible_accepted"
 """The key in a TOML file that names the checks whose refusal is accepted."""
+INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
+"""How a refusal tells the author of a TOML file to insist on a value; `%s` is the table."""
 SPEEDS = 200
-"""Efforts are looked at, at so many speeds from standstill to the top speed."""
+"""Number of speeds, from standstill to the top speed, at which efforts are checked."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Range:
-    """From `least` to `most` a value is possible; outside `usual_least` to `usual_most` it is worth a warning."""
+    """A value from `least` to `most` is possible; one outside `usual_least` to `usual_most` is worth a warning."""
 
     least: float = 0.0
     usual_least: float = 0.0
@@ -35,7 +37,7 @@ class Range:
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleLimits:
-    """What a train can be, in SI units; each limit is of the check of its name."""
+    """The limits of trains in SI units; each field has the name of its check."""
 
     max_deceleration: Range = Range(usual_least=0.3, usual_most=1.6, most=3.0)
     """All brakes over mass, at most the train's largest deceleration (m/s²).
@@ -73,7 +75,7 @@ class VehicleLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class RouteLimits:
-    """What a line can be, in SI units; each limit is of the check of its name."""
+    """The limits of lines in SI units; each field has the name of its check."""
 
     length: Range = Range(least=1.0, usual_least=10.0, usual_most=1e7, most=2e7)
     """Length (m). Half the way around the Earth; the longest line there is, Moscow to Vladivostok, has 9 289 km."""
@@ -84,14 +86,14 @@ class RouteLimits:
 
 
 class Unit(NamedTuple):
-    """How a value is written for people: SI divided by `si`."""
+    """The unit in which messages show a value: `si` is its size in SI."""
 
     name: str
     si: float = 1.0
 
 
 class Finding(NamedTuple):
-    """A value outside a range: the check, where in the file, the value and its range as people write them."""
+    """A value outside its range: name of the check, words for the value, value and range (SI), and unit in messages."""
 
     check: str
     key: str
@@ -101,21 +103,21 @@ class Finding(NamedTuple):
 
     @property
     def refused(self) -> bool:
-        """Whether it is outside what is possible."""
+        """Whether the value is impossible."""
         return not self.range.least <= self.value <= self.range.most
 
     def expected(self) -> str:
-        """What a possible value is, in words."""
+        """The possible range, in words."""
         return self._bounds(self.range.least, self.range.most)
 
     def in_words(self) -> str:
-        """The value and what is usual."""
+        """The value and the usual range, in words."""
         usual = self._bounds(self.range.usual_least, self.range.usual_most)
         unit = f" {self.unit.name}" if self.unit.name else ""
         return f"{self.key} = {self.shown():g}{unit}: {usual} is usual"
 
     def shown(self) -> float:
-        """The value in the unit people use, to four figures."""
+        """The value in the unit of messages, to four figures."""
         return float(f"{self.value / self.unit.si:.4g}")
 
     def _bounds(self, least: float, most: float) -> str:
@@ -142,29 +144,29 @@ _ROUTE: Mapping[str, tuple[str, Unit]] = {
     "gradient": ("gradients", Unit("‰", PERMILLE)),
 }
 VEHICLE_CHECKS, ROUTE_CHECKS = tuple(_VEHICLE), tuple(_ROUTE)
-"""Names of the checks, as a file accepts them."""
+"""Names of the checks that a file can accept."""
 
 
 def check_vehicle(vehicle: Vehicle, accepted: Collection[str] = (), *, insist: str) -> Vehicle:
-    """The vehicle; InputError for the first value that no train has, in any load state, unless its check is accepted.
+    """Return the vehicle; InputError for the first impossible value, in any load state, whose check is not accepted.
 
-    `insist` says how somebody who means the value gets past, with `{check}` where the name of the check goes.
+    `insist` ends the message: it says what to do if the value is meant. `{check}` in it stands for the check's name.
     """
     _refuse(vehicle.source, _of_vehicle(vehicle), accepted, insist)
     return vehicle
 
 
 def check_route(route: Route, accepted: Collection[str] = (), *, insist: str) -> Route:
-    """The route; InputError for the first value that no line has, unless its check is accepted.
+    """Return the route; InputError for the first impossible value whose check is not accepted.
 
-    `insist` says how somebody who means the value gets past, with `{check}` where the name of the check goes.
+    `insist` ends the message: it says what to do if the value is meant. `{check}` in it stands for the check's name.
     """
     _refuse(route.source, _of_route(route), accepted, insist)
     return route
 
 
 def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
-    """A line for each value of a train or line that is unusual: file, key, value and what is usual."""
+    """A line for each unusual value of a train or line: file, key, value and the usual range."""
     found = _of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing)
     return tuple(f"{thing.source}: {one.in_words()}" for one in found)
 
@@ -178,7 +180,7 @@ def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str],
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
-    """What is unusual about a train, then about each of its load states where that says something new."""
+    """The unusual values of a train, then those of its load states that are new."""
     known = set()
     for name, train in (("", vehicle), *((name, vehicle.loaded(name)) for name in vehicle.loads)):
         for check, value in _vehicle_values(train).items():
@@ -210,7 +212,7 @@ def _vehicle_values(train: Vehicle) -> dict[str, float]:
 
 
 def _of_route(route: Route) -> Iterator[Finding]:
-    """What is unusual about a line: of a list, the first value that is refused, or else the first that is unusual."""
+    """The unusual values of a line; of each list the first impossible one, or else the first unusual one."""
     lists = {
         "length": np.array([route.length_m]),
         "speed_limit": route.limits_mps.value,

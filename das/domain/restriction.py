@@ -19,11 +19,11 @@ Times = NDArray[np.int64]
 LEAST_RESTRICTION_MPS = 0.5
 """A speed restriction below this (m/s) is refused, because a train could not get through."""
 COUNTS_BEFORE_S = 900.0
-"""A restriction counts from so long (s) before its window opens. No train needs as long to brake: 500 km/h and 0.2 m/s²
-are 700 s. So a train that learns of it only now is below the limit, or past it, before the limit holds."""
+"""A restriction counts from this long (s) before its window opens. No train needs as long to brake: from 500 km/h at
+0.2 m/s² it takes 700 s. So a train that learns of the restriction now is slow enough, or past it, when it holds."""
 COUNTS_AFTER_S = 10.0
-"""A restriction counts until so long (s) after its window has closed. The node goes on advising when its clock is set
-by up to 5 s, and this is twice as much."""
+"""A restriction counts until this long (s) after its window has closed. The node goes on advising when its clock is set
+by up to 5 s; this is twice as much."""
 LATEST_NS = 2**63 - 1
 """The last moment (ns since 1970) that a message can carry."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -34,7 +34,7 @@ class Restriction:
     """A temporary speed limit between two positions. It holds for the whole train, until its tail has left.
 
     It holds from `valid_from_ns` to `valid_until_ns` (ns since 1970; 0: the window is open at that end). Raises
-    InputError for what nobody can mean.
+    InputError for a value that makes no sense.
     """
 
     start_m: float
@@ -63,29 +63,29 @@ class Restriction:
 
     @property
     def has_window(self) -> bool:
-        """Whether the restriction begins or ends at a moment."""
+        """Whether the restriction begins or ends at a given time."""
         return bool(self.valid_from_ns or self.valid_until_ns)
 
     @property
     def unlimited(self) -> Restriction:
-        """The same restriction without its window, for who has decided that it counts."""
+        """The same restriction without its window, for a caller that has decided that it counts."""
         return replace(self, valid_from_ns=0, valid_until_ns=0) if self.has_window else self
 
     def holds_at(self, time_ns: int | Times) -> Any:
-        """Whether the restriction holds at each moment (ns since 1970), by its window: `from ≤ time < until`."""
+        """Whether the restriction holds at each time (ns since 1970): `from ≤ time < until`."""
         return (time_ns >= self.valid_from_ns) & (time_ns < (self.valid_until_ns or LATEST_NS))
 
     def counts_at(self, now_ns: int) -> bool:
-        """Whether who plans now (ns since 1970) has to keep to the restriction, wherever the train is on its way.
+        """Whether a plan made now (ns since 1970) must keep to the restriction, wherever the train is.
 
-        That is from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
+        It must from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
         """
         from_ns, until_ns = self.counting_ns
         return from_ns <= now_ns < until_ns
 
     @property
     def counting_ns(self) -> tuple[int, int]:
-        """From when to when (ns since 1970) the restriction counts: 0 and `LATEST_NS` at an open end."""
+        """The time (ns since 1970) from which, and until which, it counts: 0 and `LATEST_NS` at an open end."""
         from_ns = self.valid_from_ns and max(self.valid_from_ns - round(COUNTS_BEFORE_S / NS), 0)
         until_ns = self.valid_until_ns and min(self.valid_until_ns + round(COUNTS_AFTER_S / NS), LATEST_NS)
         return from_ns, until_ns or LATEST_NS

@@ -18,9 +18,9 @@ Floats = NDArray[np.float64]
 POSITION_TOLERANCE_M = 1e-6
 """Two positions nearer than this are the same point."""
 NO_REGENERATION = -1.0
-"""Supply of a stretch on which the electric brake must not be used."""
+"""Supply (see `Route.supply`) of a stretch on which the electric brake must not be used."""
 NEUTRAL = -2.0
-"""Supply of a neutral section: neither traction nor electric brake."""
+"""Supply (see `Route.supply`) of a neutral section: neither traction nor electric brake."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class Stretches:
         first = np.clip(np.searchsorted(self.start_m, from_m + POSITION_TOLERANCE_M, side="right") - 1, 0, None)
         last = np.maximum(np.searchsorted(self.start_m, to_m - POSITION_TOLERANCE_M, side="left"), first + 1)
         edges = np.stack((first, last), axis=1).ravel()
-        # Every second reduction is one from the end of an interval to the begin of the next.
+        # Every second reduction goes from the end of an interval to the beginning of the next.
         return np.asarray(np.minimum.reduceat(np.append(self.value, np.inf), edges)[::2], dtype=float)
 
     def reversed(self, length_m: float, sign: float = 1.0) -> Stretches:
@@ -93,7 +93,8 @@ class Tunnel(Zone):
 _Zone = TypeVar("_Zone", bound=Zone)
 
 
-def _fully_receptive() -> Stretches:
+def full_receptivity() -> Stretches:
+    """The receptivity of a line that takes all power fed back."""
     return Stretches(start_m=np.zeros(1), value=np.ones(1))
 
 
@@ -118,7 +119,7 @@ class Route:
     gradients_ratio: Stretches
     curvature_per_m: Stretches
     tunnels: tuple[Tunnel, ...] = ()
-    receptivity_ratio: Stretches = field(default_factory=_fully_receptive)
+    receptivity_ratio: Stretches = field(default_factory=full_receptivity)
     neutral_sections: tuple[Zone, ...] = ()
     no_regeneration: tuple[Zone, ...] = ()
     altitude_at_start_m: float = 0.0
@@ -286,7 +287,7 @@ def _zones_reversed(zones: tuple[_Zone, ...], length_m: float) -> tuple[_Zone, .
 
 
 def _check_zones(source: str, key: str, zones: Sequence[Zone], length_m: float) -> None:
-    """Zones lie on the line, in order, apart, and have a length."""
+    """Raise InputError unless zones lie on the line, in order, without overlap, and each has a length."""
     free_from_m = 0.0
     for i, zone in enumerate(zones):
         _check_positive(source, f"{key}[{i}] length_m", zone.length_m)

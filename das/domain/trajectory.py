@@ -1,4 +1,4 @@
-"""Trajectory: a run over the nodes of a section, its energy balance, and its energy at any level of losses."""
+"""Trajectories over the nodes of a section, their energy balance, and their energy at any level of losses."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyBalance:
-    """Where the energy of a run went, in J.
+    """Where the energy of a trajectory goes, in J.
 
     input = resistance + component_loss + friction_brake + unreturned + kinetic + potential. `input` is the net energy
     at the current collector without the comfort systems, whose energy is `comfort`. `unreturned` is the energy that was
-    fed back and that the line did not take: it heats the brake resistors.
+    fed back and that the line did not take; it heats the brake resistors.
     """
 
     resistance: float
@@ -53,7 +53,7 @@ class EnergyBalance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """A run: n nodes, n − 1 intervals of constant acceleration.
+    """A trajectory: n nodes, n − 1 intervals of constant acceleration.
 
     Per node: `s_m` (route position), `t_s` (from 0), `v_mps`. Per interval (from its node to the next): wheel forces
     `force_el_n` (traction > 0, electric brake < 0) and `force_friction_n` (<= 0), `grade_ratio` (train-averaged),
@@ -73,11 +73,11 @@ class Trajectory:
 
     @property
     def time_s(self) -> float:
-        """Duration of the run (s)."""
+        """Duration (s)."""
         return float(self.t_s[-1])
 
     def columns(self) -> dict[str, Floats]:
-        """The run as arrays of shape (n,), one value a node, by names with units.
+        """The trajectory as arrays of shape (n,), one value per node, by names with units.
 
         `s_m`, `t_s` and `v_mps` are those at the node; `force_el_n`, `force_friction_n`, `grade_ratio` and `limit_mps`
         hold from the node to the next. The last node has no forces (0) and repeats the gradient and limit before it.
@@ -93,11 +93,11 @@ class Trajectory:
         }
 
     def interval_s(self) -> Floats:
-        """Duration of each interval."""
+        """Duration of each interval (s)."""
         return np.diff(self.t_s)
 
     def mean_speed_mps(self) -> Floats:
-        """Mean speed of each interval over time."""
+        """Mean speed of each interval over time (m/s)."""
         return 0.5 * (self.v_mps[:-1] + self.v_mps[1:])
 
     def loss_j(self, loss: LossModel) -> Floats:
@@ -117,16 +117,16 @@ class Trajectory:
         return replace(self, force_el_n=electric, force_friction_n=total - electric)
 
     def balance(self, vehicle: Vehicle, loss: LossModel) -> EnergyBalance:
-        """Energy balance of the run with this vehicle's masses and resistance and the given losses.
+        """Energy balance with this vehicle's masses and resistance and the given losses.
 
-        Raises DasError where a loss map does not cover the run.
+        Raises DasError where a loss map does not cover the trajectory.
         """
         return self.balance_with(vehicle, self.loss_j(loss))
 
     def balance_with(self, vehicle: Vehicle, loss_j: Floats) -> EnergyBalance:
-        """The energy balance with the component loss of each interval known (J).
+        """The energy balance from the component loss of each interval (J).
 
-        Every term is computed on its own, so that its closing is a check.
+        Every term is computed on its own, so that `EnergyBalance.residual_ratio` is a check.
         """
         step = np.diff(self.s_m)
         v2 = self.v_mps**2
@@ -148,13 +148,13 @@ class Trajectory:
 def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> EnergyBalance:
     """Energy balance of any motion at any level of losses and with the brakes of that level (cross-evaluation).
 
-    Raises DasError where the vehicle has no such level or its loss map does not cover the run.
+    Raises DasError where the vehicle has no such level or its loss map does not cover the trajectory.
     """
     return trajectory.braked_as(vehicle, level).balance(vehicle, vehicle.loss_model(level))
 
 
 def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
-    """Energy (J) by which the paper compares runs at a level: the irreversible energy E_IC (eqs. 9 to 12).
+    """Energy (J) by which the paper compares trajectories at a level: the irreversible energy E_IC (eqs. 9 to 12).
 
     At L0 NOREG it is the positive wheel work (eq. 8), which counts the brakes' losses before they occur.
     """

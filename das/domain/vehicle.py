@@ -27,7 +27,7 @@ class BrakePolicy(StrEnum):
     BLENDED = "blended"
     """Electric brake first, friction brake for the rest."""
     FRICTION = "friction"
-    """Everything is dissipated (level L0 NOREG); the force limit stays that of both brakes together."""
+    """All braking energy is dissipated (level L0 NOREG); the force limit stays that of both brakes together."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,11 +126,10 @@ class Vehicle:
     loads: Mapping[str, Load] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        for key, low in _LOWER_BOUNDS.items():
-            value = _dig(self, key)
-            if not np.isfinite(value) or value < low or (low == 0 and key in _POSITIVE and value <= 0):
-                bound = "> 0" if key in _POSITIVE else f">= {low:g}"
-                raise InputError(self.source, key, value, f"a finite number {bound}")
+        for key in (*_POSITIVE, *_NOT_NEGATIVE):
+            value, positive = _dig(self, key), key in _POSITIVE
+            if not np.isfinite(value) or value < 0 or (positive and value == 0):
+                raise InputError(self.source, key, value, f"a finite number {'> 0' if positive else '>= 0'}")
         for name, load in self.loads.items():
             for key, given in (("mass_kg", load.mass_kg), ("c0_n", load.c0_n)):
                 if given is not None and not 0 < given < np.inf:
@@ -272,28 +271,15 @@ def _check_resistance(vehicle: Vehicle) -> None:
         raise InputError(vehicle.source, f"resistance (N) at {least_at / KMH:.0f} km/h", least_n, "a force >= 0")
 
 
-_POSITIVE = frozenset({
+_POSITIVE = (
     *("mass_kg", "max_speed_mps", "traction.max_force_n", "traction.max_power_w", "adhesion_ratio"),
     "service_brake.deceleration_mps2",
-})  # fmt: skip
-_LOWER_BOUNDS = {
-    "mass_kg": 0,
-    "rotating_mass_ratio": 0,
-    "train_length_m": 0,
-    "max_speed_mps": 0,
-    "resistance.c0_n": 0,
-    "resistance.c2_n_per_mps2": 0,
-    "traction.max_force_n": 0,
-    "traction.max_power_w": 0,
-    "electric_brake.max_force_n": 0,
-    "electric_brake.max_power_w": 0,
-    "friction_brake_force_n": 0,
-    "service_brake.deceleration_mps2": 0,
-    "service_brake.build_up_s": 0,
-    "adhesion_ratio": 0,
-    "auxiliary_power_w": 0,
-    "comfort_power_w": 0,
-}
+)
+_NOT_NEGATIVE = (
+    *("rotating_mass_ratio", "train_length_m", "resistance.c0_n", "resistance.c2_n_per_mps2"),
+    *("electric_brake.max_force_n", "electric_brake.max_power_w", "friction_brake_force_n"),
+    *("service_brake.build_up_s", "auxiliary_power_w", "comfort_power_w"),
+)
 
 
 def _dig(thing: object, path: str) -> float:

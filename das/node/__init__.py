@@ -1,1 +1,1 @@
-"""The process on board: wiring between the bus, the clock and the cab."""
+"""The process on board, das-node: it connects the bus, the clock and the cab."""

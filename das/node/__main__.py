@@ -1,6 +1,6 @@
-"""Where das-node starts: `python -m das.node`."""
+"""Start of das-node: `python -m das.node`."""
 
-from das.command_line.entry import start
+from das.command_line.process import start
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""The commands das-node and das-node tls-init; what they do is imported only when they run."""
+"""The commands das-node and das-node tls-init; the code behind them is imported only when they run."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.application import single_command
-from das.command_line.running import run_app
+from das.command_line.application import run_app, single_command
 from das.node.options import FASTEST_HZ, SLOWEST_HZ, AdviceGiven, LineServed, NodeOptions, NodePlace, TrainServed
 
 EXAMPLES = (
@@ -44,7 +43,7 @@ LAST_PORT = 65535
 
 @tls_app.callback()
 def _several() -> None:
-    """Keep `tls-init` a word of its own: typer would swallow the name of an only command."""
+    """Keep `tls-init` a word of the command line: typer drops the name of an only command."""
 
 
 @tls_app.command("tls-init", epilog="Example: das-node tls-init bus-tls --train IC1")
@@ -79,7 +78,7 @@ def tls_init(
 
 
 def main() -> None:
-    """Entry point of das-node; `tls-init` is the one word that is not about advising."""
+    """Entry point of das-node: advise, or run `tls-init` where that is the first word."""
     if sys.argv[1:2] == ["tls-init"]:
         run_app(tls_app, "das-node")
     else:

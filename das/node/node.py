@@ -1,6 +1,6 @@
-"""The node: wiring between the bus, a clock and the cab. Every decision is the cab's.
+"""The node connects the bus, a clock and the cab; the cab makes every decision.
 
-The clock is the wall's, or the one of a simulation that is heard on the bus.
+The clock is the wall clock, or that of a simulation, which the node hears on the bus.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 
 LEAST_STEP_S = 0.05
-"""A wall clock that differs from the seconds that never jump by less than this was not set, but read a little later."""
+"""Least step (s) between wall clock and monotonic seconds that counts as setting the clock; less is reading delay."""
 
 
 class Clock(Protocol):
-    """What a node asks of its clock."""
+    """The clock of a node: the wall clock, or that of a simulation."""
 
     is_wall: bool
-    """Whether the node advises by real time, without being asked."""
+    """Whether the node advises in real time, without being asked."""
 
     def now_ns(self) -> int:
-        """The time (ns since 1970) for what is said; 0 before it is known."""
+        """The time (ns since 1970) of outgoing messages; 0 before it is known."""
 
     def judged_at_ns(self) -> int:
-        """The time (ns since 1970) by which messages are judged; 0 before it is known."""
+        """The time (ns since 1970) by which incoming messages are judged; 0 before it is known."""
 
     def set_by_s(self) -> float:
-        """By how much the clock was set since this was last asked (s; < 0: back; 0: not, or nobody can tell)."""
+        """By how much the clock was set since the last call (s, < 0: back); 0 if it was not set, or nobody can tell."""
 
     def note(self, received: Received) -> None:
-        """Take note of a message that has been taken."""
+        """Take note of a message that the cab has heard."""
 
     def due(self) -> Any | None:
-        """The Control message that is to be answered now."""
+        """The Control message that must be answered now; None if there is none."""
 
 
 class WallClock:
-    """Real time, or another clock that is injected."""
+    """Real time, or a clock that a test injects."""
 
     is_wall = True
 
@@ -55,11 +55,11 @@ class WallClock:
         self._began_s = self._ahead_s()
 
     def _ahead_s(self) -> float:
-        """The time of day less the seconds that never jump (s)."""
+        """The time of day less the monotonic seconds (s)."""
         return self.now_ns() * NS - self._seconds()
 
     def set_by_s(self) -> float:
-        """By how much somebody set the clock since this was last asked, told by the seconds that never jump."""
+        """By how much somebody set the clock since the last call (s), found by comparing it with monotonic seconds."""
         step_s = self._ahead_s() - self._began_s
         if abs(step_s) < LEAST_STEP_S:
             return 0.0
@@ -67,17 +67,17 @@ class WallClock:
         return step_s
 
     def note(self, received: Received) -> None:
-        """Messages do not move this clock."""
+        """Do nothing: messages do not move this clock."""
 
     def due(self) -> None:
-        """Nobody asks for advice by this clock."""
+        """Return None: nobody asks for advice by this clock."""
 
 
 class BusClock:
-    """The clock of a replay or simulation: a Control message tells the time, and asks for one advice.
+    """The clock of a replay or simulation: a Control message gives the time and asks for one advice.
 
-    It is answered as soon as all restrictions and targets are heard that were sent before it. Journeys do not tell the
-    time by which messages are judged: theirs may be of long before.
+    The node answers it as soon as it has heard all restrictions and targets that were sent before it. The time of a
+    journey does not count for judging messages, because it may be long past.
     """
 
     is_wall = False
@@ -96,11 +96,11 @@ class BusClock:
         return self._control_ns
 
     def set_by_s(self) -> float:
-        """Nobody can tell whether a clock that is heard was set."""
+        """Return 0: nobody can tell whether a simulation's clock was set."""
         return 0.0
 
     def note(self, received: Received) -> None:
-        """Take note of a message: a Control is held until it can be answered."""
+        """Take note of a message; a Control message is held until it can be answered."""
         topic, message = received.topic, received.message
         if message is None:
             return
@@ -112,7 +112,7 @@ class BusClock:
             self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
 
     def due(self) -> Any | None:
-        """The Control message that can be answered now; from now on its time is the clock's."""
+        """The Control message that can be answered now, whose time becomes the clock's; None if there is none."""
         control = self._held
         if control is None:
             return None
@@ -125,19 +125,19 @@ class BusClock:
 
 
 CAUGHT_UP = 1_000
-"""At most so many messages are taken at the start, before a section is prepared."""
+"""Most messages that are taken at the start, before a section is prepared."""
 
 
 class Node:
-    """Hands what the bus carries to the cab, and what the cab says to the bus."""
+    """Passes messages from the bus to the cab, and the outputs of the cab to the bus."""
 
     def __init__(self, bus: Bus, cab: Cab, clock: Clock) -> None:
         self.bus, self.cab, self.clock = bus, cab, clock
         self.finished = False
-        """Whether the run is over, as a simulation says."""
+        """Whether the simulation has said that it is over."""
 
     def take(self, received: Received) -> None:
-        """Let the cab hear one message; answer the simulation's clock where it asks."""
+        """Let the cab hear one message, and answer the Control message that is due, if any."""
         self.look_around()
         heard = codec.decode(received, self.clock.judged_at_ns())
         if heard is not None:
@@ -152,7 +152,7 @@ class Node:
             self.tick(control.time_ns, control.tick)
 
     def look_around(self) -> None:
-        """Take note of a clock that was set, and of publishers (also other nodes of this train) that came or went."""
+        """Tell the cab if the clock was set, and which publishers (also other nodes of this train) came or went."""
         now_ns = self.clock.judged_at_ns()
         if step_s := self.clock.set_by_s():
             self.publish(self.cab.hear(ClockSet(step_s=step_s, heard_ns=now_ns)))
@@ -164,7 +164,7 @@ class Node:
             self.publish(self.cab.hear(seen))
 
     def catch_up(self) -> None:
-        """Take what is already there: a node that was started anew has its journey on the bus."""
+        """Take the messages that are already on the bus; a node that is restarted finds its journey there."""
         for _ in range(CAUGHT_UP):
             received = self.bus.receive(0.0, skip_outdated=True)
             if received is None:
@@ -172,7 +172,7 @@ class Node:
             self.take(received)
 
     def tick(self, now_ns: int, tick: int = 0) -> None:
-        """Advise once; what no message can carry (a time beyond the end of the clock) is withdrawn as a fault."""
+        """Advise once; an output that no message can carry (a time too late for it) becomes a fault of the cab."""
         outputs = self.cab.tick(now_ns, dropped=self.bus.dropped)
         try:
             messages = [codec.encode_output(output, tick) for output in outputs]
@@ -182,19 +182,19 @@ class Node:
         self._publish(outputs, messages)
 
     def publish(self, outputs: Iterable[Output]) -> None:
-        """Publish what the cab says."""
+        """Publish outputs of the cab."""
         said = list(outputs)
         self._publish(said, [codec.encode_output(output) for output in said])
 
     def _publish(self, outputs: Iterable[Output], messages: Iterable[codec.Outgoing]) -> None:
-        """Publish messages; with the wall clock, events go to standard error as well."""
+        """Publish messages; with the wall clock, also print events on standard error."""
         for output, message in zip(outputs, messages, strict=True):
             self.bus.publish(*message)
             if isinstance(output, Event) and self.clock.is_wall:
                 say(f"{self.bus.train}: {output.text}")
 
     def status(self, state: NodeState, reason: str) -> None:
-        """Publish how the process is, beside what the cab says."""
+        """Publish the state of the process, besides the outputs of the cab."""
         self.publish([Status(time_ns=self.clock.now_ns(), state=state, reason=reason)])
 
     def event(self, text: str) -> None:

@@ -27,11 +27,11 @@ from das.command_line.options import (
 from das.domain.braking import REACTION_S
 
 FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
-"""The bounds of `--rate`: advice is given no more often and no more rarely than this."""
+"""The bounds of `--rate`, the rate of advice (Hz)."""
 
 
 class ClockKind(StrEnum):
-    """Which clock the node goes by."""
+    """The clock that the node follows."""
 
     WALL = "wall"
     BUS = "bus"
@@ -39,7 +39,7 @@ class ClockKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class LineServed:
-    """The line the node is for."""
+    """The line on which the node advises."""
 
     route: RouteOption
     reverse: ReverseOption = False
@@ -49,7 +49,7 @@ class LineServed:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainServed:
-    """The train the node rides in, and others that a journey may name."""
+    """The train of the node, and other trains that a journey may name."""
 
     vehicle: VehicleOption
     load: LoadOption = None
@@ -75,7 +75,7 @@ class NodePlace(BusPlace):
 
 @dataclass(frozen=True, kw_only=True)
 class CoachGiven:
-    """How the driver is led, and how he brakes."""
+    """Whether the driver is led by the coach, and how drivers brake."""
 
     coach: Annotated[
         bool,

@@ -1,6 +1,6 @@
-"""The process das-node: it takes its options, builds the cab, and runs the node until it is stopped.
+"""The process das-node: it builds the cab from its options and runs the node until stopped.
 
-The loop decides when to look for messages, and when to advise.
+`run` decides when to look for messages and when to advise.
 """
 
 from __future__ import annotations
@@ -9,37 +9,120 @@ import contextlib
 import ctypes
 import sys
 import time
+from dataclasses import dataclass
 
+from das.advice.coach.settings import CoachSettings
+from das.advice.settings import AdviceSettings
 from das.bus.config import BusFile, bus_options
 from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
+from das.cab.cab import Cab, CabSettings, no_stopwatch
+from das.cab.fronts import Fronts
+from das.cab.orders import Post
 from das.cab.outputs import NodeState
+from das.cab.situation import Situation
+from das.cab.trains import Trains
 from das.cab.warm_up import warm_up, warm_up_tables
-from das.command_line.loading import loading_solver
+from das.command_line.files import load_route, load_vehicle, warn_of_braking, warn_unusual
 from das.command_line.options import NODE_ENDPOINT
-from das.command_line.printing import say
-from das.command_line.running import StopFlag, interrupt_on_termination
-from das.node.building import plan_cab
+from das.command_line.printing import loading_solver, say
+from das.command_line.process import StopFlag, interrupt_on_termination
+from das.domain.braking import SiteBraking
+from das.domain.clocks import WALL_STOPWATCH
+from das.domain.files.vehicles import read_loss_map
+from das.domain.route import Route, section_stops
+from das.domain.units import KMH
+from das.domain.vehicle import Vehicle
 from das.node.node import BusClock, Clock, Node, WallClock
-from das.node.options import AdviceGiven, ClockKind, NodeOptions
+from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, TrainServed
 
 LOOK_S = 0.1
-"""The loop looks at clock and messages at least once in this time."""
+"""Longest time (s) between two looks at the clock and for messages."""
 SEARCH_LOOK_S = 0.005
-"""The loop looks at clock and messages at least once in this time while a front is being solved."""
+"""The same time (s) while a front is being solved."""
 LEAST_GAP_S = 0.05
-"""The least time between an advice and one out of turn, however fast the situation changes."""
+"""Least time (s) between an advice and an early one, however fast the situation changes."""
 WAITING_SAID_EVERY_S = 1.0
-"""A node on the clock of the bus reports once in this time that it waits for a journey."""
+"""Period (s) in which a node that follows the clock of the bus reports that it waits for a journey."""
 SWITCH_S = 0.0005
-"""The thread that solves a front lets the one that advises run once in this time."""
+"""Python's switch interval (s): how long the thread that solves a front may hold up the one that advises."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
-"""For glibc's mallopt: a block of at least this size is mapped, and returned to the system when it is freed."""
+"""For glibc's mallopt: a block of at least this size is mapped, and goes back to the system when it is freed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CabPlan:
+    """What a cab is made from. `stops_m` are the positions (m) of the stops that the node serves."""
+
+    post: Post
+    situation: Situation
+    fronts: Fronts
+    settings: CabSettings
+    stops_m: list[float]
+
+    def cab(self) -> Cab:
+        """A new cab, which has heard nothing yet."""
+        return Cab(self.post, self.situation, self.fronts, self.settings)
+
+
+def plan_cab(options: NodeOptions) -> CabPlan:
+    """Read the files that the options name. Raises DasError for anything unusable."""
+    line, driven, advice = options.line, options.driven, options.advice
+    route, stops_m = _line(line)
+    base = _vehicle(driven)
+    started = base if driven.load is None else base.loaded(driven.load)
+    trains = Trains(started, base, driven.other_vehicle or ())
+    warn_unusual(*trains.known)
+    for vehicle in trains.known:
+        warn_of_braking(vehicle)
+    return CabPlan(
+        post=Post(train=options.place.train, route=route, trains=trains, reverse=line.reverse),
+        situation=Situation(
+            route=route,
+            vehicle=started,
+            level=driven.level,
+            point_mass=driven.point_mass,
+            braking=SiteBraking(
+                deceleration_mps2=advice.led.planning_brake,
+                reaction_s=advice.led.reaction,
+                below_limit_mps=advice.led.below_limit * KMH,
+            ),
+        ),
+        fronts=Fronts(advice.tables),
+        settings=_settings(advice),
+        stops_m=stops_m,
+    )
+
+
+def _line(line: LineServed) -> tuple[Route, list[float]]:
+    """The route in the direction of travel, and the positions (m) of the stops that the node serves."""
+    route = load_route(line.route)
+    route = route.reversed() if line.reverse else route
+    start, end = section_stops(route, line.from_stop, line.to_stop)
+    return route, [x.position_m for x in route.stops if start.position_m <= x.position_m <= end.position_m]
+
+
+def _vehicle(driven: TrainServed) -> Vehicle:
+    """The train without a load state."""
+    vehicle = load_vehicle(driven.vehicle)
+    return vehicle.with_loss_map(read_loss_map(driven.loss_map)) if driven.loss_map is not None else vehicle
+
+
+def _settings(advice: AdviceGiven) -> CabSettings:
+    by_wall = advice.clock is ClockKind.WALL
+    return CabSettings(
+        advice_period_s=1.0 / advice.rate,
+        no_restrictions=advice.no_restrictions,
+        calibrate=advice.calibrate,
+        background=by_wall,
+        advice=AdviceSettings(coach=CoachSettings(enabled=advice.led.coach)),
+        stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
+    )
 
 
 def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) -> None:
-    """Answer until told to stop. With the wall clock, advise once a period and whenever the situation changes."""
+    """Run the node until stopped. With the wall clock, advise once per period and whenever the situation changes."""
     due, last, said = time.monotonic() + period_s, 0.0, 0.0
     by_wall = node.clock.is_wall
     while not stop.stopped and not node.finished:
@@ -63,7 +146,7 @@ def run(node: Node, stop: StopFlag, refusals: Refusals | None, period_s: float) 
 
 
 def prepare_process() -> None:
-    """Return the memory of freed fronts to the system, and let threads take turns more often than Python's default."""
+    """Return the memory of freed fronts to the system, and let threads take turns more often than by default."""
     sys.setswitchinterval(SWITCH_S)
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError):  # Another C library may have no mallopt.
@@ -71,7 +154,7 @@ def prepare_process() -> None:
 
 
 def serve(options: NodeOptions) -> None:
-    """Run a node until it is told to stop. Raises DasError for anything that cannot be used."""
+    """Run a node until asked to stop. Raises DasError for anything unusable."""
     place, advice = options.place, options.advice
     file = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
     listen = None if file else check_endpoint(place.listen or NODE_ENDPOINT)

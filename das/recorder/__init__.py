@@ -1,1 +1,1 @@
-"""The process that records a bus: wiring between the bus and a recording's file."""
+"""The process das-record: it connects the bus with the file of a recording."""

@@ -1,6 +1,6 @@
-"""Where das-record starts: `python -m das.recorder`."""
+"""Start of das-record: `python -m das.recorder`."""
 
-from das.command_line.entry import start
+from das.command_line.process import start
 
 
 def main() -> None:

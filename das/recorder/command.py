@@ -1,11 +1,10 @@
-"""The command das-record and its options in groups; what it does is imported only when it runs."""
+"""The command das-record; the code that records is imported only when it runs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from das.command_line.application import single_command
-from das.command_line.running import run_command
+from das.command_line.application import run_command, single_command
 from das.recorder.options import RecorderOptions
 
 EXAMPLES = (
@@ -15,9 +14,9 @@ EXAMPLES = (
 
 
 def record(options: RecorderOptions) -> None:
-    """Record everything that is said on the bus about a train into an MCAP file, until it is stopped.
+    """Record every message on the bus about a train in an MCAP file, until stopped.
 
-    It hears those to whom it connects, by default the node. What it heard is on the disk within a second.
+    It hears the processes to which it connects, by default the node. What it heard is on the disk within a second.
     """
     from das.recorder.process import record as run
 
@@ -25,6 +24,6 @@ def record(options: RecorderOptions) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point of das-record; `arguments` stand for the command line's."""
+    """Entry point of das-record; `arguments` replace those of the command line."""
     command = single_command("das-record", record, EXAMPLES)
     run_command(lambda: command(args=arguments, standalone_mode=False, prog_name="das-record"))

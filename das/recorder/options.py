@@ -20,7 +20,7 @@ class RecorderPlace(BusPlace):
 
 @dataclass(frozen=True, kw_only=True)
 class FileMade:
-    """The file to record into, and what it holds beside the messages."""
+    """The file to record into, and what it holds besides the messages."""
 
     out: Annotated[
         Path | None,

@@ -15,19 +15,19 @@ from das.bus.session import Bus, check_endpoint
 from das.bus.topics import RECORDED, RECORDER
 from das.command_line.options import NODE_ENDPOINT, RECORDER_ENDPOINT
 from das.command_line.printing import say
-from das.command_line.running import StopFlag
+from das.command_line.process import StopFlag
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from das.recorder.options import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
-"""Messages that may wait while the disk is slow; beyond that the oldest are lost, and counted."""
+"""Most messages that may wait while the disk is slow; beyond that the oldest are lost and counted."""
 LISTENS_S = 0.1
-"""The recorder looks at its clock at least this often."""
+"""Longest time (s) for which the recorder waits for a message before it looks at its clock."""
 
 
 def record(options: RecorderOptions) -> None:
-    """Record until told to stop. Raises DasError for anything that cannot be used."""
+    """Record until asked to stop. Raises DasError for unusable options and where the file cannot be written."""
     bus = _bus(options)
     out = options.made.out or Path(f"{options.place.train}.mcap")
     try:
@@ -73,7 +73,7 @@ def _record(options: RecorderOptions, made: Bus, out: Path, stop: StopFlag) -> N
 
 
 def _place(path: Path, made: FileMade) -> Path:
-    """Where to record: a recorder that is started anew on a file keeps what was recorded before."""
+    """The file to record into: a recorder that is restarted keeps the earlier recording and takes a new name."""
     if made.overwrite or (path.exists() and not path.is_file()):
         return path
     free = new_file(path, begun(LIBRARY))
@@ -90,7 +90,7 @@ def _content(path: Path) -> bytes:
 
 
 def _metadata(options: RecorderOptions) -> dict[str, str]:
-    """The metadata that the user gave; by default, that this is a session recorded by this version."""
+    """The metadata that the user gave; by default the kind (session), this version and the train."""
     if options.made.metadata is None:
         return {"kind": "session", "version": __version__, "train": options.place.train}
     try:

@@ -1,1 +1,1 @@
-"""A front on disk: its format, reading it, and the hashes that say what it was made for."""
+"""A front on disk: its format, reading it, and the hashes of what it was made for."""

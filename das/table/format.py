@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.solver.front import Front
-from das.solver.kernels.packing import UNKNOWN_STEP, pack
+from das.solver.kernels.packing import pack
 from das.solver.kernels.tuples import PackedTimes
 from das.solver.section import Section
 
@@ -32,8 +32,6 @@ Arrays = dict[str, NDArray[Any]]
 
 SCHEMA_VERSION: Final = 3
 MANIFEST: Final = "manifest.json"
-INFEASIBLE_STEP: Final = UNKNOWN_STEP
-"""The value in `time_to_go_steps` where the end of the section cannot be reached."""
 _SEAL = b',\n "manifest_sha256": "'
 
 
@@ -58,7 +56,7 @@ class ArrayFormat:
         return len(self.header(sizes)) + math.prod(self.shape(sizes)) * np.dtype(self.kind).itemsize
 
     def header(self, sizes: Sizes) -> bytes:
-        """The beginning of the array's file, as `numpy.save` writes it."""
+        """The header of the array's file, as `numpy.save` writes it."""
         file = io.BytesIO()
         facts = {"descr": self.kind, "fortran_order": False, "shape": self.shape(sizes)}
         np.lib.format.write_array_header_1_0(file, facts)
@@ -125,7 +123,7 @@ def grid_of(section: Section) -> Floats:
 
 
 def section_facts(section: Section) -> dict[str, Any]:
-    """The facts by which people recognise a section; only the hashes decide whether two sections are the same."""
+    """Facts by which people recognise a section; whether two sections are the same, only the hashes decide."""
     places = {round(stop.position_m, 3): stop.name for stop in section.route.stops}
     return {
         "route": section.route.id,

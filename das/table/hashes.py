@@ -1,4 +1,4 @@
-"""Hashes of everything that determines a solved section: a table is used for its own section and code alone."""
+"""Hashes of everything that determines a solved section: a table is used only for its own section and code."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import cache_root
-from das.compiling.sources import code_sha256, sources_of, text_sha256
+from das.compiling import cache_root, code_sha256, sources_of, text_sha256
 from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
@@ -31,18 +30,16 @@ from das.solver.solve import solve_front
 Floats = NDArray[np.float64]
 
 CODE: Final = "code"
-"""The name of the hash of the solver's code among those of what determines a table."""
+"""Name of the hash of the solver's code among the hashes of a table."""
 REFINEMENT: Final = "refinement"
-"""The name of the hash of the code that refined the trajectories of a table, where they were refined."""
+"""Name of the hash of the code that refined the trajectories of a table, if they were refined."""
 _REFINING: Final = "das.solver.refinement"
 _WORDS: Final = {CODE: "solver code", "solver": "solver settings"}
-_WITHOUT_PART: Final = frozenset(
-    {"das", "das.domain.errors", "das.compiling", "das.compiling.kernels", "das.compiling.sources"}
-)
-"""Modules that the solver imports and that have no part in what it computes."""
+_WITHOUT_PART: Final = frozenset({"das", "das.domain.errors", "das.compiling"})
+"""Modules that the solver imports although its results do not depend on them."""
 _KEPT_CODES: Final = 20
 _KEPT_BITS = 30
-"""Numbers count to about nine digits: the last bits differ between processors where a loss map is computed."""
+"""Bits of a number that count (about nine digits): the last ones of a computed loss map differ between processors."""
 _LINE_IGNORES = frozenset({
     *("id", "name", "source", "illustrative", "length_m", "stops", "altitude_at_start_m"),
     *("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg"),
@@ -54,7 +51,7 @@ _SOLVER_IGNORES = frozenset({
     *("LADDER_IDLE_RATIOS", "JOURNEY_FRONTS_BYTES", "JOURNEY_TIME_TOLERANCE_S"),
     *("PASSING_SPEED_STEP_MPS", "PASSING_BAND_RATIO"),
 })  # fmt: skip
-"""Settings that have no part in a section's grid, policies or runs; every other one counts."""
+"""Settings on which a section's grid, policies and trajectories do not depend; every other one counts."""
 _LOSSES_IGNORE = frozenset({"name", "filled_w", "force_low_n", "force_high_n"})
 
 
@@ -62,7 +59,7 @@ _LOSSES_IGNORE = frozenset({"name", "filled_w", "force_low_n", "force_high_n"})
 class Course:
     """The part of a line that a section covers, and how it is driven.
 
-    `length_m` is the length of the train (m), 0 for a point mass; None: as the vehicle says.
+    `length_m` is the length of the train (m), 0 for a point mass; None: that of the vehicle.
     """
 
     level: Level
@@ -72,9 +69,9 @@ class Course:
     end_speed_mps: float = 0.0
     length_m: float | None = None
     decision_m: Floats | None = None
-    """Positions of the decision nodes (m) where they are not those of the solver's settings."""
+    """Positions of the decision nodes (m); None: those of the solver's settings."""
     braking: ServiceBraking | None = None
-    """How limits and stops are braked for; None: with full brakes."""
+    """The braking for limits and stops; None: full brakes."""
 
 
 def section_hashes(route: Route, vehicle: Vehicle, course: Course) -> dict[str, str]:
@@ -118,7 +115,7 @@ def hashes_of(section: Section) -> dict[str, str]:
 
 
 def with_code(hashes: Mapping[str, str]) -> dict[str, str]:
-    """A section's hashes together with that of the code that solves it: all that determines a table.
+    """A section's hashes together with that of the code that solves it: everything that determines a table.
 
     Raises SourcesMissingError as `solver_code_sha256` does.
     """
@@ -126,15 +123,15 @@ def with_code(hashes: Mapping[str, str]) -> dict[str, str]:
 
 
 def differing_parts(table: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
-    """What a table was made for otherwise than is wanted, in words: line, train, losses, ends, solver code, ….
+    """The parts in which a table differs from what is wanted, in words: line, train, losses, ends, solver code, ….
 
-    Both are hashes by name, as `with_code` gives them.
+    Both arguments are hashes by name, as `with_code` returns them.
     """
     return [_WORDS.get(name, name) for name, value in wanted.items() if table.get(name) != value]
 
 
 def is_other_code(differing: Sequence[str]) -> bool:
-    """Whether nothing but the solver's code differs (see `differing_parts`)."""
+    """Whether only the solver's code differs (see `differing_parts`)."""
     return list(differing) == [_WORDS[CODE]]
 
 
@@ -142,9 +139,9 @@ def is_other_code(differing: Sequence[str]) -> bool:
 def refinement_code_sha256() -> str:
     """SHA-256 of the code that refines the trajectories of a table; raises as `solver_code_sha256` does.
 
-    It counts for the trajectories alone: the policies, which are all that a node uses, do not depend on it.
+    Only the stored trajectories depend on it. The policies, all that a node uses, do not.
     """
-    # By name, because a node that only compares hashes shall not load the compiled code of the refinement.
+    # By name, so that a node that only compares hashes does not load the compiled code of the refinement.
     sources = {name: text for name, text in sources_of([_REFINING]).items() if name not in _WITHOUT_PART}
     return _known_code_sha256(text_sha256({**sources, **sources_of([code_sha256.__module__])}), sources)
 
@@ -154,7 +151,7 @@ def solver_code_sha256() -> str:
     """SHA-256 of the code that makes a front: of the solver and of the domain modules that it imports.
 
     Comments, docstrings and formatting do not count. Raises SourcesMissingError where the source files are not
-    installed: then nobody can tell whether a table was made by this code.
+    installed, because then nobody can tell whether this code made a table.
     """
     makers = {make.__module__ for make in (build_section, solve_front, trajectory_on)}
     sources = {name: text for name, text in sources_of(makers).items() if name not in _WITHOUT_PART}
@@ -162,7 +159,7 @@ def solver_code_sha256() -> str:
 
 
 def _known_code_sha256(key: str, sources: Mapping[str, bytes]) -> str:
-    """The hash of code, as it was found the last time these very bytes were read, or found now (0.1 s)."""
+    """The hash of code: the kept one if these very bytes (`key`) were hashed before, else computed now (0.1 s)."""
     root = cache_root()
     known = root / "code" / key if root is not None else None
     if known is not None:
@@ -191,7 +188,7 @@ def combined(hashes: Mapping[str, str]) -> str:
 
 
 def _part(thing: Any, from_m: float, to_m: float) -> Any:
-    """What a stretch of the line sees of one of its properties."""
+    """The part of one property of the line that lies between two positions (m)."""
     if isinstance(thing, Stretches):
         first = max(int(np.searchsorted(thing.start_m, from_m, side="right")) - 1, 0)
         last = int(np.searchsorted(thing.start_m, to_m, side="left"))
@@ -209,7 +206,7 @@ def _sha256(thing: Any) -> str:
 
 
 def _tokens(thing: Any) -> Iterator[bytes]:
-    """A canonical form: every value with its kind, numbers rounded, mappings and dataclasses sorted by name."""
+    """A canonical form of a value: parts with their kinds, numbers rounded, mappings and dataclasses sorted by name."""
     if isinstance(thing, np.ndarray):
         yield f"array{thing.shape}".encode()
         yield _rounded(thing).tobytes()

@@ -1,24 +1,32 @@
-"""Reading a table: its files are checked in one way, and it answers for the section it was made for and no other."""
+"""Reading a table: every key of its manifest and every byte of its files are checked before anything uses them.
+
+A table answers only for the section that it was made for.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.sources import SourcesMissingError
+from das.compiling import SourcesMissingError
+from das.domain.errors import MISSING, InputError
+from das.domain.files.reading import Fields
 from das.domain.trajectory import Trajectory
 from das.solver.front import Front
 from das.solver.section import Section
-from das.solver.solution import trajectory_on
+from das.solver.solution import Fit, trajectory_on
 from das.table.format import (
     ARRAYS,
+    MANIFEST,
+    SCHEMA_VERSION,
     ArrayFormat,
     Arrays,
     Sizes,
@@ -26,6 +34,7 @@ from das.table.format import (
     grid_of,
     read_regular,
     regular_size_bytes,
+    seal_of,
     section_facts,
     unpacked,
 )
@@ -39,20 +48,175 @@ from das.table.hashes import (
     solver_code_sha256,
     with_code,
 )
-from das.table.manifest import read_manifest, sizes_of
 
 READERS = 2
-"""So many files of a table are read at once."""
+"""Files of a table that are read at the same time."""
 GRID_TOLERANCE = 1e-6
-"""Positions (m) and speeds (m/s) of the grid rebuilt from route and train may differ by this from the table's."""
+"""Positions (m) and speeds (m/s) of the grid rebuilt from route and train may differ by this much from the table's."""
+MOST_MANIFEST_BYTES: Final = 8_000_000
+"""Largest manifest that is read; one of 1000 trajectories has 0.4 MB."""
+MOST_BYTES: Final = 2_000_000_000
+"""Largest table that is read; one of a section of 300 km has some 0.3 GB."""
+MOST_NODES, MOST_SPEEDS, MOST_MULTIPLIERS, MOST_POINTS, MOST_RUNS = 200_000, 5_000, 2_000, 5_000_000, 5_000
+LARGEST_NUMBER: Final = 1e300
+HASHED = ("line", "train", "losses", "ends", "braking", "solver")
+"""Parts of what determines a table whose hashes every manifest has."""
+
+Test = tuple[str, Callable[[Any], bool]]
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and -LARGEST_NUMBER < value < LARGEST_NUMBER
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_hash(value: Any) -> bool:
+    return isinstance(value, str) and len(value) == 64 and set(value) <= set("0123456789abcdef")
+
+
+def _whole(least: int, most: int) -> Test:
+    return f"a whole number from {least} to {most}", lambda x: type(x) is int and least <= x <= most
+
+
+_NUMBER: Test = ("a finite number", _is_number)
+_POSITIVE: Test = ("a finite number > 0", lambda x: _is_number(x) and x > 0)
+_TEXT: Test = ("a text", _is_text)
+_HASH: Test = ("a SHA-256", _is_hash)
+_NUMBER_OR_NULL: Test = ("a finite number or null", lambda x: x is None or _is_number(x))
+_TEXT_OR_NULL: Test = ("a text or null", lambda x: x is None or _is_text(x))
+_OBJECT: Test = ("an object", lambda x: isinstance(x, dict))
+_LIST: Test = ("a list that is not empty", lambda x: isinstance(x, list) and len(x) > 0)
+
+_SECTION: Mapping[str, Test] = {
+    **dict.fromkeys(("route", "train", "level"), _TEXT),
+    **dict.fromkeys(("from", "to"), _TEXT_OR_NULL),
+    **dict.fromkeys(("start_m", "end_m", "start_speed_mps", "end_speed_mps", "length_m"), _NUMBER),
+    "mass_kg": _POSITIVE,
+}
+_RUN: Mapping[str, Test] = {
+    "buffer_percent": _NUMBER_OR_NULL,
+    "time_s": _POSITIVE,
+    "fit": ("one of " + ", ".join(Fit), lambda x: x in list(Fit)),
+    "feasible": ("true or false", lambda x: isinstance(x, bool)),
+    **dict.fromkeys(("energy_input_j", "energy_irreversible_j", "refinement_saved_j"), _NUMBER),
+    **dict.fromkeys(("lambda_w", "table_bound_j", "table_gap_ratio", "bound_j", "gap_ratio"), _NUMBER_OR_NULL),
+    "gap_reason": _TEXT,
+}
+_GRID: Mapping[str, Test] = {
+    "decision_nodes": _whole(2, MOST_NODES),
+    "speeds": _whole(2, MOST_SPEEDS),
+    "integration_nodes": _whole(2, MOST_POINTS),
+}
+_TOP: Mapping[str, Test] = {
+    **dict.fromkeys(("section", "inputs_sha256", "grid", "arrays"), _OBJECT),
+    **dict.fromkeys(("lambda_w", "trajectories"), _LIST),
+    "table_sha256": _HASH,
+    "refine": _TEXT,
+    "least_time_s": _POSITIVE,
+}
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a table, checked; TableError names the file, the key, the value and what was expected."""
+    path = folder / MANIFEST
+    try:
+        content = read_regular(path, MOST_MANIFEST_BYTES)
+    except FileNotFoundError:
+        raise TableError(f"{folder}: not a table (no {MANIFEST})") from None
+    try:
+        manifest = json.loads(content, parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
+        raise TableError(f"{path}: not valid JSON ({error})") from error
+    version = manifest.get("schema_version") if isinstance(manifest, dict) else None
+    if type(version) is not int or version != SCHEMA_VERSION:
+        raise TableError(str(InputError(path, "schema_version", version, f"{SCHEMA_VERSION}")))
+    if seal_of(content) != manifest.get("manifest_sha256"):
+        raise TableError(f"{path}: was altered since it was written")
+    try:
+        _check_manifest(Fields(path, "", manifest))
+    except InputError as error:
+        raise TableError(str(error)) from None
+    return dict(manifest)
+
+
+def sizes_of(manifest: Mapping[str, Any]) -> Sizes:
+    """The lengths of the axes of all arrays, from a checked manifest."""
+    grid = manifest["grid"]
+    return Sizes(
+        nodes=grid["decision_nodes"],
+        speeds=grid["speeds"],
+        points=grid["integration_nodes"],
+        multipliers=len(manifest["lambda_w"]),
+        runs=len(manifest["trajectories"]),
+    )
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is not a number of JSON")
+
+
+def _check_manifest(manifest: Fields) -> None:
+    """Raise InputError for the first value of a manifest that cannot be."""
+    _check_values(manifest, _TOP)
+    _check_values(manifest.table("section"), _SECTION)
+    _check_values(manifest.table("inputs_sha256"), dict.fromkeys(HASHED, _HASH))
+    _check_values(manifest.table("grid"), _GRID)
+    _check_multipliers(manifest)
+    runs = manifest.data["trajectories"]
+    if len(runs) > MOST_RUNS:
+        raise manifest.error("trajectories", f"{len(runs)} of them", f"at most {MOST_RUNS}")
+    for i, run in enumerate(runs):
+        if not isinstance(run, dict):
+            raise manifest.error(f"trajectories[{i}]", run, "an object")
+        _check_values(Fields(manifest.source, f"trajectories[{i}].", run), _RUN)
+    _check_arrays(manifest, sizes_of(manifest.data))
+
+
+def _check_values(fields: Fields, tests: Mapping[str, Test]) -> None:
+    for key, (expected, is_right) in tests.items():
+        value = fields.data.get(key, MISSING)
+        if value is MISSING or not is_right(value):
+            raise fields.error(key, value, expected)
+
+
+def _check_multipliers(manifest: Fields) -> None:
+    values = manifest.data["lambda_w"]
+    if len(values) > MOST_MULTIPLIERS:
+        raise manifest.error("lambda_w", f"{len(values)} of them", f"at most {MOST_MULTIPLIERS}")
+    for i, value in enumerate(values):
+        if not _is_number(value) or value < 0 or (i > 0 and value <= values[i - 1]):
+            raise manifest.error(f"lambda_w[{i}]", value, "a finite number >= 0 above the one before it")
+
+
+def _check_arrays(manifest: Fields, sizes: Sizes) -> None:
+    total = sum(array.size_bytes(sizes) for array in ARRAYS.values())
+    if total > MOST_BYTES:
+        raise manifest.error("grid", f"arrays of {total / 1e9:.1f} GB", f"at most {MOST_BYTES / 1e9:g} GB")
+    arrays = manifest.table("arrays")
+    for name, array in ARRAYS.items():
+        wanted: dict[str, object] = {
+            "dtype": array.kind,
+            "shape": list(array.shape(sizes)),
+            "size_bytes": array.size_bytes(sizes),
+        }
+        _check_values(arrays, {name: _OBJECT})
+        exact = {key: _exactly(value) for key, value in wanted.items()}
+        _check_values(arrays.table(name), {"sha256": _HASH, **exact})
+
+
+def _exactly(wanted: object) -> Test:
+    return f"{wanted!r}", lambda value: type(value) is type(wanted) and value == wanted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
     """A table on disk: its folder and its checked manifest (docs/reference/tables.md).
 
-    Its arrays are read when they are needed, whole and checked against their hashes. They are not mapped: what somebody
-    writes into a file, or cuts off it, later on cannot reach an answer.
+    Its arrays are read when they are needed, whole and checked against their hashes. They are not mapped into memory:
+    a file that is changed or cut afterwards does not change an answer.
     """
 
     folder: Path
@@ -62,7 +226,7 @@ class Table:
     def open(cls, folder: Path) -> Table:
         """Open a table: check the manifest and the sizes of all files; takes a millisecond.
 
-        Raises TableError, which says what is wrong. What the arrays hold is checked when they are read.
+        Raises TableError, which says what is wrong. The contents of the arrays are checked when they are read.
         """
         table = cls(folder=folder, manifest=read_manifest(folder))
         for name, array in ARRAYS.items():
@@ -92,7 +256,7 @@ class Table:
             return dict(zip(ARRAYS, read, strict=True))
 
     def verify(self) -> None:
-        """Check that this very code made the table, and every byte of it; raises TableError."""
+        """Check that this very code made the table, and check every byte of it; raises TableError."""
         try:
             code = solver_code_sha256()
         except SourcesMissingError as error:
@@ -105,7 +269,7 @@ class Table:
         self.arrays()
 
     def front(self, section: Section) -> Front:
-        """The front of a section from its table; TableError where it is of another section, or damaged."""
+        """The front of a section from its table; TableError where the table is damaged or of another section."""
         self.check_matches(section)
         arrays = self.arrays()
         rebuilt = grid_of(section)
@@ -116,7 +280,7 @@ class Table:
         return unpacked(section, np.array(self.manifest["lambda_w"]), arrays)
 
     def check_matches(self, section: Section) -> None:
-        """Raise TableError, which names the differences, where this is not the table of a section."""
+        """Raise TableError, which names the differences, if this is not the table of a section."""
         try:
             wanted = with_code(hashes_of(section))
         except SourcesMissingError as error:
@@ -129,9 +293,9 @@ class Table:
             raise TableError(f"{self.folder}: {why_not(section, differing)}{also}")
 
     def trajectory(self, section: Section, buffer_percent: float | None) -> Trajectory:
-        """The stored trajectory of a buffer (%; None: the least energy) over the section, refined where the table is.
+        """The stored trajectory of a buffer (%; None: the least energy), refined if the table is.
 
-        Times and forces follow from the speeds, which are stored in full. Raises TableError where there is no such
+        Times and forces are computed from the speeds, which are stored in full. Raises TableError for an unknown
         buffer, and as `front` does.
         """
         index = self._trajectory_index(buffer_percent)

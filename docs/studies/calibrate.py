@@ -25,14 +25,13 @@ from rich import box
 from rich.table import Table
 from scipy import optimize
 
-from das.command_line.application import single_command
-from das.command_line.loading import load_vehicle, loading_solver
+from das.command_line.application import run_app, single_command
+from das.command_line.files import load_vehicle
 from das.command_line.options import JsonOption, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, error_console, print_table, tell
-from das.command_line.running import run_app
+from das.command_line.printing import busy, error_console, loading_solver, print_table, tell
 from das.domain.errors import DasError
 from das.domain.files.load import locate_vehicle
-from das.domain.files.native import read_loss_chain
+from das.domain.files.vehicles import read_loss_chain
 from das.domain.files.writing import check_writable, write_whole
 from das.domain.loss_chain import LossChain
 from das.domain.losses import Level, LossMap, fit_mean_efficiency

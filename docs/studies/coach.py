@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.advice.coach.settings import KeepingSettings
-from das.command_line.loading import load_route, load_vehicle
+from das.command_line.files import load_route, load_vehicle
 from das.domain.route import section_stops
 from das.domain.units import KMH
 from das.solver.few_switch.few_switch import solve_few_switch

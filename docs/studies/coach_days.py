@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from das.advice.regimes import Regime, mode_name
-from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.files import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, kwh
 from docs.studies.driving import WatchedRun, watched_run
 from docs.studies.output import DOCS, write_table

@@ -10,11 +10,9 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from das.command_line.application import single_command
-from das.command_line.loading import loading_solver
+from das.command_line.application import run_app, single_command
 from das.command_line.options import JsonOption, OutFolder
-from das.command_line.printing import paragraph, shown, tell
-from das.command_line.running import run_app
+from das.command_line.printing import loading_solver, paragraph, shown, tell
 from das.domain.errors import DasError
 from das.solver.warm_up import warm_up
 from docs.studies import effort, figures_energy, figures_runs, shares, table2

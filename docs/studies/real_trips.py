@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from das.bus.recording import read_recording
-from das.command_line.outputs import save_figure
+from das.command_line.files import save_figure
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import KM, KWH, kmh, kwh

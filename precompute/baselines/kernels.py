@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.driving import drive, trip_time
 from das.solver.kernels.forces import electric_limit, electric_share, loss_power, mean_resistance, on_supply
 from das.solver.tolerances import CREEP_MPS

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from das.command_line.loading import load_route, load_vehicle
+from das.command_line.files import load_route, load_vehicle
 from das.command_line.printing import busy, error_console
 from das.domain.errors import DasError
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.in_parts import in_parts

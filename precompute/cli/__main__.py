@@ -1,6 +1,6 @@
 """Where das-precompute starts: `python -m precompute.cli`."""
 
-from das.command_line.entry import start
+from das.command_line.process import start
 
 
 def main() -> None:

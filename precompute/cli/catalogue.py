@@ -47,7 +47,7 @@ def catalogue(as_json: JsonOption = False) -> None:
 
 
 def _route(name: str, path: Path) -> dict[str, Any]:
-    from das.command_line.loading import load_route
+    from das.command_line.files import load_route
 
     route = load_route(name)
     return {
@@ -62,7 +62,7 @@ def _route(name: str, path: Path) -> dict[str, Any]:
 
 
 def _vehicle(name: str, path: Path) -> dict[str, Any]:
-    from das.command_line.loading import load_vehicle
+    from das.command_line.files import load_vehicle
 
     vehicle = load_vehicle(name)
     levels, default = _levels(vehicle), str(vehicle.default_level)

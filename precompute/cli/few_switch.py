@@ -11,9 +11,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from das.command_line.loading import loading_solver
 from das.command_line.options import JsonOption
-from das.command_line.printing import busy
+from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
 from das.domain.units import kwh
 from precompute.cli.options import Pose, buffered, numbers

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.loading import loading_solver
-from das.command_line.printing import busy
+from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
 from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 
@@ -109,7 +108,7 @@ def journey(
         solve_s = time.perf_counter() - began
         others_j = {"proportional": planner.plan(Split.PROPORTIONAL).input_j, "fastest": planner.fastest_j()}
 
-    from das.domain.files.trajectory_csv import write_trajectory
+    from das.domain.files.writing import write_trajectory
     from precompute.cli import report
 
     title = f"{asked.name}: {train.id}, {planner.sections[0].whole.level}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.loading import load_route, load_vehicle
+from das.command_line.files import check_outputs, check_picture, load_route, load_vehicle
 from das.command_line.options import (
     FromOption,
     JsonOption,
@@ -25,7 +25,6 @@ from das.command_line.options import (
     ToOption,
     VehicleArgument,
 )
-from das.command_line.outputs import check_outputs, check_picture
 from das.command_line.printing import tell
 from das.domain.errors import DasError
 from das.domain.units import KMH, KN, KW
@@ -294,7 +293,7 @@ class TrainOnLine:
 
         A loss map changes its losses and nothing else.
         """
-        from das.domain.files.loss_map_csv import read_loss_map
+        from das.domain.files.vehicles import read_loss_map
         from das.domain.vehicle import BrakePolicy
 
         asked = self.driven

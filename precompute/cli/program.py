@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from das.command_line.application import Entry, application
-from das.command_line.running import interrupt_on_termination, run_app
+from das.command_line.application import Entry, application, run_app
+from das.command_line.process import interrupt_on_termination
 
 NAME = "das-precompute"
 COMMANDS = (

@@ -11,7 +11,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.files import offscreen_pyplot, save_figure
 from das.command_line.printing import print_table, tell
 from das.domain.journey import Held, Window, clock
 from das.domain.trajectory import EnergyBalance, Trajectory

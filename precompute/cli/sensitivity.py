@@ -14,9 +14,8 @@ import typer
 from rich import box
 from rich.table import Table
 
-from das.command_line.loading import loading_solver
-from das.command_line.outputs import offscreen_pyplot, save_figure
-from das.command_line.printing import busy, paragraph, print_table, shown, tell
+from das.command_line.files import offscreen_pyplot, save_figure
+from das.command_line.printing import busy, loading_solver, paragraph, print_table, shown, tell
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from precompute.cli.options import Pose, TableFiles, TripTime

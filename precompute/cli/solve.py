@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from das.command_line.loading import loading_solver
+from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
-from das.command_line.outputs import check_outputs
-from das.command_line.printing import busy, progress_bar
+from das.command_line.printing import busy, loading_solver, progress_bar
 from das.domain.errors import DasError
 from precompute.baselines import Strategy
 from precompute.cli.options import (
@@ -72,7 +71,7 @@ def solve(
     else:
         section, answer, min_time_s, solve_s = _baseline(pose, trip, strategy)
 
-    from das.domain.files.trajectory_csv import write_trajectory
+    from das.domain.files.writing import write_trajectory
     from precompute.cli import report
 
     if files.out is not None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.forces import brake_limit, mean_resistance, on_supply, traction_limit
 from das.solver.kernels.landings import landing_speed, landing_under, step_cost
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from precompute.exact.kernels import MJ, NEVER, NS, grown, segment
 
 STRIDE = 16

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.best_landing import best_landing
 from das.solver.kernels.forces import brake_limit, mean_resistance, on_supply, traction_limit
 from das.solver.kernels.landings import LANDINGS

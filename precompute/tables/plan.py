@@ -13,10 +13,9 @@ from typing import Any, TypeVar
 
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.braking_toml import site_braking
 from das.domain.files.load import catalogue, load_route, load_vehicle
-from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import Fields, number, read_toml
+from das.domain.files.vehicles import read_loss_map, site_braking
 from das.domain.losses import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle

@@ -1,6 +1,6 @@
 """Where das-sim starts: `python -m sim.cli`."""
 
-from das.command_line.entry import start
+from das.command_line.process import start
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ import typer
 
 from das.command_line.options import JsonOption, LevelOption, OutFolder
 from das.command_line.printing import busy, print_table, tell
-from das.command_line.running import interrupt_on_termination
+from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import make_folder
 from precompute.workers import Workers

@@ -12,7 +12,7 @@ from typing import Annotated, Final, TypeVar
 
 import typer
 
-from das.command_line.outputs import check_outputs
+from das.command_line.files import check_outputs
 from das.command_line.printing import busy, tell
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file, write_whole

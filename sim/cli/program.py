@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from das.command_line.application import Entry, Group, application
-from das.command_line.running import run_app
+from das.command_line.application import Entry, Group, application, run_app
 
 EXPERIMENTS: Final = (
     Entry(

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.loading import loading_solver
+from das.command_line.files import check_outputs, check_picture
 from das.command_line.options import JsonOption, OverwriteOption
-from das.command_line.outputs import check_outputs, check_picture
-from das.command_line.printing import busy, paragraph, print_table, tell, typed
-from das.command_line.running import interrupt_on_termination
+from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed
+from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen
 from sim.options import NodeSaid, OfTrainOption

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.loading import loading_solver
+from das.command_line.files import check_outputs, check_picture, save_figure
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
-from das.command_line.outputs import check_outputs, check_picture, save_figure
-from das.command_line.printing import busy, paragraph, print_table, tell, visible
+from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, visible
 from das.domain.errors import DasError
 from sim.cli.options import (
     FromTimeOption,

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from das.command_line.loading import loading_solver
 from das.command_line.options import (
     DEFAULT_TRAIN,
     BusFolderOption,
@@ -23,8 +22,8 @@ from das.command_line.options import (
     SeedOption,
     TrainOption,
 )
-from das.command_line.printing import busy, one_line, print_table, say, tell, typed
-from das.command_line.running import interrupt_on_termination
+from das.command_line.printing import busy, loading_solver, one_line, print_table, say, tell, typed
+from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.units import KM
@@ -125,7 +124,7 @@ def run(
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
         from das.cab.warm_up import warm_up
-        from das.command_line.loading import warn_unusual
+        from das.command_line.files import warn_unusual
         from sim.drivers.own_class import driver_versions
         from sim.drivers.population import participant_of
         from sim.world.day import make_day

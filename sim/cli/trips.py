@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from das.command_line.loading import loading_solver
+from das.command_line.files import check_outputs, check_picture
 from das.command_line.options import (
     DEFAULT_TRAIN,
     FromOption,
@@ -29,9 +29,8 @@ from das.command_line.options import (
     TrainOption,
     VehicleOption,
 )
-from das.command_line.outputs import check_outputs, check_picture
-from das.command_line.printing import busy, tell
-from das.command_line.running import interrupt_on_termination
+from das.command_line.printing import busy, loading_solver, tell
+from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
@@ -183,7 +182,7 @@ def make_trip(
     check_writable(out, overwrite=overwrite)
     with busy("driving the simulated train …"):
         from das.bus.topics import check_train_name
-        from das.command_line.loading import load_route, load_vehicle
+        from das.command_line.files import load_route, load_vehicle
         from das.domain.route import section_stops
         from das.solver.section import build_section
         from das.solver.solve import solve_front

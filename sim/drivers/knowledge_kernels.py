@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.domain.route import NEUTRAL
 from sim.plant.kernels import brake_effort, running_resistance, traction_effort
 

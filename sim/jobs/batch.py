@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from das import __version__
-from das.command_line.loading import warn_unusual
+from das.command_line.files import warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.losses import Level

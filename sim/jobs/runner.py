@@ -23,7 +23,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from das.cab.warm_up import warm_up
-from das.command_line.running import interrupt_on_termination
+from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.losses import Level

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.domain.route import NEUTRAL
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from sim.plant.line_kernels import line_means, supply_at, weather_at

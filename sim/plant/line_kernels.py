@@ -5,7 +5,7 @@ Symbols are those of `sim.plant.kernels`. The kernels check nothing.
 
 from __future__ import annotations
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 
 
 @kernel

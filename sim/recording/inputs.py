@@ -23,8 +23,8 @@ from das.bus.contents import Contents
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle, locate_route, locate_vehicle
-from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import read_toml
+from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from das.bus.recording import Recording
-from das.command_line.outputs import check_picture, save_figure
-from das.command_line.running import interrupt_on_termination
+from das.command_line.files import check_picture, save_figure
+from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from sim.review.colors import LIGHT, Theme

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from rich.table import Table
 
-from das.command_line.outputs import offscreen_pyplot, save_figure
+from das.command_line.files import offscreen_pyplot, save_figure
 from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
 from das.domain.units import KM, KMH, KN, MS, NS, kwh

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from das.bus.recording import Recording
-from das.command_line.loading import load_route, load_vehicle
+from das.command_line.files import load_route, load_vehicle
 from das.domain.errors import DasError
 from das.domain.files import load
-from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KMH, NS
 from das.solver.section import Section, SectionOptions, build_section

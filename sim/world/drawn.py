@@ -12,8 +12,8 @@ import numpy as np
 from das.domain.conditions import Conditions
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.load import load_vehicle
-from das.domain.files.loss_map_csv import read_loss_map
 from das.domain.files.reading import Fields, number
+from das.domain.files.vehicles import read_loss_map
 from das.domain.losses import Level
 from das.domain.units import to_si
 from das.domain.vehicle import Vehicle

@@ -17,9 +17,9 @@ import numpy as np
 
 from das.domain.braking import SiteBraking
 from das.domain.conditions import STRONGEST_WIND_MPS
-from das.domain.files.braking_toml import site_braking
 from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, range_expected, read_toml
+from das.domain.files.vehicles import site_braking
 from sim.world.disturbances import (
     KINDS,
     DepartureDelay,

@@ -12,7 +12,8 @@ import pytest
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InfeasibleError, InputError
-from das.domain.files.native import read_route, read_vehicle
+from das.domain.files.routes import read_route
+from das.domain.files.vehicles import read_vehicle
 from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
 from das.domain.losses import EfficiencyLoss, Level
 from das.domain.route import NEUTRAL, NO_REGENERATION, Route, Stretches, Tunnel, Zone

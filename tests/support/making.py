@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import precompute.cli.program
 import sim.cli.program
-from das.command_line.entry import EXIT_INTERRUPTED, STOP_SIGNALS
+from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import LOSSLESS, Level, LossModel
 from das.domain.route import Route, Stop, Stretches

@@ -1,1 +1,1 @@
-"""Reading and writing of files, a module for each format; `load` picks the module for a name or path."""
+"""Reading and writing files: `load` finds the file of a name or path and picks the module that reads its format."""

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from das.domain.errors import DasError, InputError
-from das.domain.files import journey_toml, native, ttobench
+from das.domain.files import routes, ttobench, vehicles
 from das.domain.journey import Journey
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
@@ -26,40 +26,40 @@ def catalogue(kind: str) -> dict[str, Path]:
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
     """The train of a bundled name ("re460-ic"), a TOML file of ours or a JSON train of TTOBench.
 
-    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
-    unusable in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
+    in it.
 
         >>> import das
         >>> das.load_vehicle("re460-ic").max_speed_mps * 3.6
         200.0
     """
     path = locate_vehicle(name_or_path)
-    return ttobench.read_train(path) if path.suffix.lower() == ".json" else native.read_vehicle(path)
+    return ttobench.read_train(path) if path.suffix.lower() == ".json" else vehicles.read_vehicle(path)
 
 
 def load_route(name_or_path: str | Path) -> Route:
     """The line of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON track of TTOBench.
 
-    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
-    unusable in it.
+    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
+    in it.
 
         >>> import das
         >>> [stop.name for stop in das.load_route("zurich-luzern").stops]
         ['Zürich HB', 'Thalwil', 'Zug', 'Luzern']
     """
     path = locate_route(name_or_path)
-    return ttobench.read_track(path) if path.suffix.lower() == ".json" else native.read_route(path)
+    return ttobench.read_track(path) if path.suffix.lower() == ".json" else routes.read_route(path)
 
 
 def load_journey(name_or_path: str | Path, route: Route) -> Journey:
     """The journey of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON journey of TTOBench, on a route.
 
-    Raises DasError for a name or file that there is not, InputError (file, key, value, what was expected) for anything
-    unusable in it, and where a point of the journey is not on the route.
+    Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
+    in it, and where a point of the journey is not on the route.
     """
     path = _locate(name_or_path, "journeys")
     json = path.suffix.lower() == ".json"
-    journey = ttobench.read_journey(path) if json else journey_toml.read_journey(path, route)
+    journey = ttobench.read_journey(path) if json else routes.read_journey(path, route)
     journey.check_on(route)
     return journey
 

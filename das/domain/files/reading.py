@@ -1,4 +1,4 @@
-"""Reading quantities out of parsed files with errors that name the file, the key and the value."""
+"""Reading quantities from parsed files; every error names the file, the key and the value."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ power of a network, is below it."""
 SHORTEST_TRAIN_M = 0.1
 """Shortest length of a train (m) that is not a point: gradients are averaged over it."""
 LARGEST_TIME_S = 1e10
-"""Largest time on a journey's clock, whose zero may be that of 1970."""
+"""Largest time (s) on a journey's clock, which may count from 1970."""
 LARGEST_LENGTH_M = 1e9
-"""Largest position or length (m); what a line can plausibly have is judged after reading, and less."""
+"""Largest position or length (m) in a file; `das.domain.plausibility` then applies narrower limits."""
 Kind = TypeVar("Kind", bound=StrEnum)
 
 
@@ -56,7 +56,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
 
 
 def read_json(path: Path) -> Fields:
-    """Parse a JSON object; DasError where the file cannot be read or is none."""
+    """Parse a JSON object; DasError where the file cannot be read or holds something else."""
     try:
         data = json.loads(read_text(path, MOST_BYTES))
     except (ValueError, RecursionError) as error:
@@ -65,7 +65,7 @@ def read_json(path: Path) -> Fields:
 
 
 def read_toml(path: Path) -> Fields:
-    """Parse a TOML document; DasError where the file cannot be read or is none."""
+    """Parse a TOML document; DasError where the file cannot be read or holds something else."""
     try:
         data = tomllib.loads(read_text(path, MOST_BYTES))
     except (ValueError, RecursionError) as error:
@@ -103,18 +103,18 @@ class Fields:
         return Fields.of(self.source, self.data[key], f"{self.prefix}{key}.")
 
     def optional_table(self, key: str) -> Fields:
-        """The table under a key, without a key of its own where there is none; InputError for anything else."""
+        """The table under a key, or an empty table if the key is missing; InputError for anything else."""
         return self.table(key) if self.has(key) else Fields(self.source, f"{self.prefix}{key}.", {})
 
     def text(self, key: str, default: str | None = None) -> str:
-        """The text under a key; InputError where it is missing without a default, or no text."""
+        """The text under a key; InputError where it is missing without a default, or is not a text."""
         value = self.data.get(key, default)
         if not isinstance(value, str):
             raise self.error(key, self.data.get(key, MISSING), "a text")
         return value
 
     def name(self, key: str, default: str | None = None) -> str:
-        """A text that can be shown on a line: without control characters, and not longer than `MOST_OF_A_NAME`."""
+        """A text that fits on a line: without control characters, of at most `MOST_OF_A_NAME` characters."""
         value = self.text(key, default)
         if not is_seen(value) or len(value) > MOST_OF_A_NAME:
             raise self.error(key, value, f"a text of at most {MOST_OF_A_NAME} characters without control characters")
@@ -141,8 +141,15 @@ class Fields:
             raise self.error(key, value, f"one of {', '.join(kind)}")
         return kind(value)
 
+    def names(self, key: str, known: Collection[str]) -> list[str]:
+        """The list of names under a key, empty where there is none; InputError for a name that is not known."""
+        names = self.data.get(key, [])
+        if not isinstance(names, list) or any(name not in known for name in names):
+            raise self.error(key, names, f"a list of names out of {', '.join(known)}")
+        return names
+
     def check_schema_version(self, supported: int) -> None:
-        """Raise InputError unless the file says that it is of this version of its format."""
+        """Raise InputError unless the file states the supported version of its format."""
         value = self.data.get("schema_version", MISSING)
         if isinstance(value, bool) or value != supported:
             raise self.error("schema_version", value, f"{supported}")
@@ -156,17 +163,16 @@ class Fields:
     def quantity(self, name: str, dimension: str, default: float | None = None, *, unbounded: bool = False) -> float:
         """A number whose key ends in its unit (`mass_t = 440`), in SI.
 
-        Any unit of the dimension will do. Refused are two keys for one quantity, none without a default, and a number
-        that is infinite or too large (see `in_si`), unless `unbounded`.
+        Any unit of the dimension is accepted. Raises InputError for two keys of one quantity, for a missing key without
+        a default and, unless `unbounded`, for a number that is infinite or too large (see `in_si`).
         """
-        keys = self.quantity_keys({name: dimension})
-        found, names = [key for key in keys if key in self.data], " or ".join(keys)
+        found = self.given_keys(name, dimension)
         if len(found) > 1:
             raise self.error(found[1], self.data[found[1]], f"only one of {found[0]} and {found[1]}")
         if not found:
             if default is not None:
                 return default
-            raise self.error(name, MISSING, names)
+            raise self.error(name, MISSING, " or ".join(self.quantity_keys({name: dimension})))
         unit = found[0][len(name) + 1 :]
         key, value = self.prefix + found[0], self.data[found[0]]
         return in_si(self.source, key, value, (unit, dimension), unbounded=unbounded)
@@ -175,7 +181,7 @@ class Fields:
         """A quantity that must be finite and within its ends (SI)."""
         value = self.quantity(name, dimension, default, unbounded=True)
         if not ends[0] <= value <= ends[1] or math.isinf(value):
-            key = next((key for key in self.quantity_keys({name: dimension}) if key in self.data), name)
+            (key,) = self.given_keys(name, dimension)
             raise self.error(key, self.data[key], range_expected(key[len(name) + 1 :], dimension, ends))
         return value
 
@@ -188,8 +194,12 @@ class Fields:
             if unit.isidentifier() and unit.islower()
         ]
 
+    def given_keys(self, name: str, dimension: str) -> list[str]:
+        """The keys of the table that give a quantity: one, or none; more are a mistake that `quantity` refuses."""
+        return [key for key in self.quantity_keys({name: dimension}) if key in self.data]
+
     def rows(self, key: str, what: str, most: int = MOST_ROWS) -> list[Any]:
-        """The list under a key, not empty; InputError for anything else, or more than `most` entries."""
+        """The list under a key; InputError for an empty list, more than `most` entries, or anything else."""
         rows = self.data.get(key, MISSING)
         if not isinstance(rows, list) or not rows:
             raise self.error(key, rows, what)
@@ -231,8 +241,8 @@ class Fields:
 def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbounded: bool = False) -> float:
     """A number of a file in SI, from its unit and dimension.
 
-    Raises InputError for what is no number, and for one that is infinite or larger than `LARGEST` (a position or
-    length: `LARGEST_LENGTH_M`). An `unbounded` number may be infinite and of any size: the caller knows its bounds.
+    Raises InputError for a value that is no number, and for one that is infinite or larger than `LARGEST` (a position
+    or length: `LARGEST_LENGTH_M`). An `unbounded` number may be infinite and of any size: the caller checks it.
     """
     result = to_si(number(source, key, value), *unit)
     largest = LARGEST_LENGTH_M if unit[1] == "length" else LARGEST
@@ -244,7 +254,7 @@ def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbou
 
 
 def train_length_m(source: Path, value: float) -> float:
-    """A train's length (m), 0 for a point; InputError for one so short that a mean over it is nothing but rounding."""
+    """A train's length (m), 0 for a point; InputError for one so short that a mean over it would be rounding error."""
     if 0 < value < SHORTEST_TRAIN_M:
         raise InputError(source, "vehicle.length", value, f"0 m (a point), or at least {SHORTEST_TRAIN_M:g} m")
     return value
@@ -285,6 +295,6 @@ def _cell(table: Fields, index: int, row: object, column: int) -> object:
 
 
 def range_expected(unit: str, dimension: str, ends: tuple[float, float]) -> str:
-    """Words for a range (SI), in the unit of the file."""
+    """A range (SI) in words, in the unit of the file."""
     low, high = (end / FACTORS[dimension][unit] for end in ends)
     return f"a finite number >= {low:g}" if math.isinf(high) else f"a number from {low:g} to {high:g}"

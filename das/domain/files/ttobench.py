@@ -19,7 +19,7 @@ from das.domain.units import FACTORS
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 
 INSIST = "correct the file, or convert it to TOML (docs/reference/file-formats.md), which can accept {check}"
-"""How somebody gets past a value that is refused for not being plausible."""
+"""What a refusal of an implausible value tells the author of a file that means it."""
 
 
 def read_train(path: Path) -> Vehicle:
@@ -118,8 +118,9 @@ _TIMING = {
     "lower speed constraint": "speed",
     "upper speed constraint": "speed",
 }
-"""Columns of a journey's timing points with their dimensions; below, what null, an open bound, stands for."""
+"""Columns of a journey's timing points with their dimensions."""
 _OPEN = (None, -np.inf, np.inf, 0.0, np.inf)
+"""The number that null, an open bound, stands for in each of these columns; None: null is refused."""
 
 
 def read_journey(path: Path) -> Journey:
@@ -139,7 +140,7 @@ def read_journey(path: Path) -> Journey:
 
 
 def _timing_point(fields: Fields, rows: list[list[float]], *, first: bool, last: bool) -> Call | Passing:
-    """A point of a journey from its rows (SI): one, or two for a stop with a dwell."""
+    """A point of a journey from its rows (SI): one row, or two for a stop with a dwell."""
     position_m = rows[0][0]
     name = f"{position_m:g} m"
     key = f"timing points at {name}"
@@ -178,7 +179,7 @@ def _identity(fields: Fields) -> str:
     return fields.table("metadata").text("id", fields.source.stem) if fields.has("metadata") else fields.source.stem
 
 
-def _unit_factor(fields: Fields, key: str, unit: object, dimension: str) -> str:
+def _unit(fields: Fields, key: str, unit: object, dimension: str) -> str:
     if not isinstance(unit, str) or unit not in FACTORS[dimension]:
         known = ", ".join(u for u in FACTORS[dimension] if not u.isidentifier() or len(u) < 3)
         raise fields.error(key, unit, f"a unit of {dimension.replace('_', ' ')}, one of {known}")
@@ -192,7 +193,7 @@ def _quantity(fields: Fields, key: str, dimension: str, default: float | None = 
             raise fields.error(key, MISSING, '{"unit": …, "value": …}')
         return default
     entry = fields.table(key)
-    unit = _unit_factor(entry, "unit", entry.data.get("unit", MISSING), dimension)
+    unit = _unit(entry, "unit", entry.data.get("unit", MISSING), dimension)
     value = entry.data.get("value", MISSING)
     unbounded = dimension == "acceleration"  # a train whose acceleration only its forces limit
     return in_si(fields.source, f"{entry.prefix}value", value, (unit, dimension), unbounded=unbounded)
@@ -207,7 +208,7 @@ def _efficiency(fields: Fields, key: str) -> float:
 
 def _stop_positions(fields: Fields) -> list[float]:
     table = fields.table("stops")
-    unit = _unit_factor(table, "unit", table.data.get("unit", MISSING), "length")
+    unit = _unit(table, "unit", table.data.get("unit", MISSING), "length")
     values = table.data.get("values", MISSING)
     if not isinstance(values, list) or len(values) < 2:
         raise table.error("values", values, "at least two positions")
@@ -224,9 +225,7 @@ def _rows(
     """
     table = fields.table(key)
     units_table = table.table("units")
-    units = [
-        _unit_factor(units_table, name, units_table.data.get(name, MISSING), dimension) for name, dimension in columns
-    ]
+    units = [_unit(units_table, name, units_table.data.get(name, MISSING), dimension) for name, dimension in columns]
     values = table.rows("values", "a list of rows")
     missing = missing or (None,) * len(columns)
     return [_row(fields, f"{key}.values[{i}]", row, columns, units, missing) for i, row in enumerate(values)]
@@ -268,7 +267,7 @@ def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, 
 def check_tunnel_resistance(
     fields: Fields, rows: list[tuple[float, float]]
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Cross sections (m²) and coefficients (N/(m/s)²), sorted; InputError where they cannot be."""
+    """Cross sections (m²) and coefficients (N/(m/s)²), sorted; InputError for impossible values."""
     rows = sorted(rows)
     for i, (area, coefficient) in enumerate(rows):
         if not 0 < area < np.inf or (i and area == rows[i - 1][0]):

@@ -11,14 +11,17 @@ import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 from das.domain.errors import DasError
 
+if TYPE_CHECKING:
+    from das.domain.trajectory import Trajectory
+
 MOST_OF_A_NAME = 1000
-"""Most files whose names differ in their number only."""
+"""Most files whose names differ only in their number."""
 UNFINISHED = ".unfinished-"
-"""Folders that are being written have names that begin so; one stays behind where its writer was killed."""
+"""Beginning of the names of folders that are being written; such a folder remains if its writer is killed."""
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:
@@ -44,13 +47,13 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
 
 
 def refuse_link(path: Path) -> None:
-    """Raise DasError for a symbolic link: what is written must not end up in a place that the user did not name."""
+    """Raise DasError for a symbolic link: it would write to a place that the user did not name."""
     if path.is_symlink():
         raise DasError(f"{path}: is a symbolic link, expected the file itself or a new name")
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, where they are not there; DasError where one cannot be made."""
+    """Make a folder and its parents if they are missing; DasError where one cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -75,7 +78,7 @@ def new_file(path: Path, content: bytes = b"") -> Path:
 
 
 def _make_new(path: Path, content: bytes) -> None:
-    """Make a file with its content at once; FileExistsError where there is one, OSError where it cannot be made."""
+    """Make a file that has its content from the start; FileExistsError or OSError where it cannot be made."""
     if path.exists():
         raise FileExistsError(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -99,9 +102,17 @@ def write_whole(path: Path, content: bytes) -> None:
         file.write(content)
 
 
+def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write a trajectory as CSV: one row per node (see `Trajectory.columns`); DasError as `whole_file` raises it."""
+    columns = trajectory.columns()
+    lines = [",".join(columns)]
+    lines += [",".join(f"{x + 0.0:.12g}" for x in row) for row in zip(*columns.values(), strict=True)]
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write to, which takes the place of `path` when the block ends; if the block fails, nothing changes.
+    """A file to write to, which replaces `path` when the block ends; if the block fails, nothing changes.
 
     A device or a pipe is written to, not replaced. Raises DasError for a symbolic link, and where writing fails.
     """
@@ -128,9 +139,9 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collection[str] = ()) -> None:
-    """Write files to a new folder beside `folder` and rename it to `folder`, in the place of what is there.
+    """Write files to a new folder beside `folder` and rename it to `folder`, replacing what is there.
 
-    When this returns, everything is on the disk for good. Only the owner can read the files named in `private`. A
+    When this returns, everything is safely on the disk. Only the owner can read the files named in `private`. A
     writer that is killed leaves a folder whose name begins with `UNFINISHED`. Raises DasError where writing fails.
     """
     try:
@@ -157,7 +168,7 @@ def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collec
 
 
 def umask() -> int:
-    """The bits that new files of this process do not get."""
+    """The permission bits that new files of this process do not get."""
     umask = os.umask(0)
     os.umask(umask)
     return umask
@@ -173,20 +184,20 @@ def _sync_folder(folder: Path) -> None:
 
 LOCK = ".lock"
 _RECORD_BYTES = 20
-"""A lock file holds the number of the process that has it, and nothing longer than this."""
+"""Longest content of a lock file: it holds the number of the process that has the lock."""
 
 
 class FolderTakenError(DasError):
-    """Another process holds the folder."""
+    """Another process has locked the folder."""
 
 
 @contextmanager
 def folder_held(folder: Path, taken: str) -> Iterator[None]:
-    """Create the folder and hold it until the block ends, or the process, however that ends.
+    """Create the folder and lock it until the block ends or the process dies.
 
-    Raises FolderTakenError, which says `taken` and the number of the process, where another one holds it, and DasError
-    where the folder cannot be written to. A `.lock` that is a link, a pipe or anybody's file is refused and left as it
-    is.
+    Raises FolderTakenError, with the text `taken` and the number of the process, where another process has locked it,
+    and DasError where the folder cannot be written to. A `.lock` that is a link, a pipe or some other file is refused
+    and left as it is.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -208,7 +219,7 @@ def folder_held(folder: Path, taken: str) -> Iterator[None]:
 
 
 def _opened(path: Path) -> int:
-    """Open a lock file, or make it; no link is followed, nothing is cut off, and a pipe does not hold us up."""
+    """Open or make a lock file; links are not followed, nothing is truncated, and a pipe does not block."""
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         handle = os.open(path, flags, 0o666)

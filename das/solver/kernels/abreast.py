@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from das.compiling.kernels import compiled
+from das.compiling import compiled
 from das.solver.params import NO_LIMIT_N
 from das.solver.tolerances import INFEASIBLE, SMALLEST_SHARE
 

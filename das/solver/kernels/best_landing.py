@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.landings import LANDINGS, landings, step_cost
 from das.solver.kernels.policy_values import blended_values, needed_lines, time_at, value_at
 from das.solver.kernels.speed_grid import locate

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import compiled, kernel
+from das.compiling import compiled, kernel
 from das.solver.kernels.forces import adhesion_coefficient
 
 Floats = NDArray[np.float64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.fixed_point import FIXED_POINT_STEPS, FIXED_POINT_TOLERANCE, narrowed
 from das.solver.kernels.forces import (
     brake_limit,

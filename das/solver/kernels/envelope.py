@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.fixed_point import FIXED_POINT_STEPS, FIXED_POINT_TOLERANCE, narrowed
 from das.solver.kernels.forces import largest_gain, largest_loss, mean_resistance, on_supply
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.driving import full_traction_speed, hurry, trip_time
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.tuples import LineArrays

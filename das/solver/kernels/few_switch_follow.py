@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.driving import drive
 from das.solver.kernels.few_switch_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
 from das.solver.kernels.few_switch_roll_out import speed_under, step_energy

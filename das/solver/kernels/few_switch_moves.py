@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.forces import electric_limit, on_supply, traction_limit
 from das.solver.kernels.landings import landing_speed, landing_under, speed_under_force, step_cost
 from das.solver.kernels.speed_grid import grid_speed, locate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.few_switch_follow import followed_step
 from das.solver.kernels.few_switch_moves import BRAKE, HOLD, TRACTION
 from das.solver.kernels.few_switch_roll_out import step_energy

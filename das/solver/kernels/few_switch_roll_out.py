@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.driving import drive, full_traction_speed, hurry, trip_time
 from das.solver.kernels.few_switch_moves import BRAKE, COAST, CURVE, HOLD, TRACTION
 from das.solver.kernels.few_switch_sweep import NO_NOTCH

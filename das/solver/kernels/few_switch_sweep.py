@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import compiled, kernel
+from das.compiling import compiled, kernel
 from das.solver.tolerances import INFEASIBLE, UNREACHABLE
 
 NO_NOTCH = 255

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 
 FIXED_POINT_STEPS = 60
 """Most iterations."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.domain.route import NEUTRAL
 from das.solver.params import NO_LIMIT_N, TrainParams
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.newton_system import empty_newton, evaluate, factor, solve
 from das.solver.kernels.relaxed_interval import FIXED_ROWS
 from das.solver.kernels.relaxed_program import proven_bound

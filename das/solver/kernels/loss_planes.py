@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 
 TURNED_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8)
 """Shares of the price of time (and of the loss) that a plane may turn to the kinetic energy."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.relaxed_interval import LOCAL, constraints, curvature
 from das.solver.kernels.relaxed_program import local_values
 from das.solver.kernels.relaxed_tuples import Program, RelaxedRun

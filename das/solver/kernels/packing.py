@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.tolerances import INFEASIBLE, UNREACHABLE
 
 UNKNOWN_STEP = 65535

@@ -9,7 +9,7 @@ from __future__ import annotations
 from numba import types
 from numba.extending import overload
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.speed_grid import locate
 from das.solver.kernels.tuples import PackedTimes
 from das.solver.tolerances import INFEASIBLE

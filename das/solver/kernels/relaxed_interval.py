@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.relaxed_tuples import Program, RelaxedEfforts
 
 LOCAL = 5

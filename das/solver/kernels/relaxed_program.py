@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.relaxed_interval import FIXED_ROWS, LOCAL, constraints
 from das.solver.kernels.relaxed_tuples import Multipliers, Program, RelaxedRun
 

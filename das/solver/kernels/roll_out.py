@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.best_landing import best_landing
 from das.solver.kernels.driving import coast, drive, hurry, trip_time
 from das.solver.kernels.forces import on_supply

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.cell_links import inlined, interval, link
 
 Floats = NDArray[np.float64]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.lanes import LANES, NodeRows, relaxation
 
 _TWO_VECTORS = 2 * LANES

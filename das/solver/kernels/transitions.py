@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.abreast import costs, full_brake_forces, full_effort_landings, landings_under, locations
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS

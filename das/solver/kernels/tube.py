@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.solver.kernels.driving import full_traction_speed
 from das.solver.kernels.forces import (
     brake_limit,

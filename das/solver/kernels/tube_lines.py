@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.compiling.kernels import compiled, kernel
+from das.compiling import compiled, kernel
 from das.solver.kernels.abreast import adhesion, losses_of_map, places_on_map
 from das.solver.kernels.forces import on_supply
 from das.solver.params import NO_LIMIT_N

@@ -21,7 +21,7 @@ from das.bus.topics import ADVICE, DELAY, EFFORT, ESTIMATE, EVENT, JOURNEY, PLAN
 from das.cab.cab import no_stopwatch
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.node.building import CabPlan, plan_cab
+from das.node.process import CabPlan, plan_cab
 from sim.recording.opening import open_contents
 from sim.runs.reproduce.hearing import HeardAgain, Rehearing, Said, by_bus_clock, node_given, recorded_words
 

@@ -17,7 +17,7 @@ from das.bus.topics import JOURNEY, RESTRICTION, STATUS
 from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
-from das.node.building import CabPlan, plan_cab
+from das.node.process import CabPlan, plan_cab
 from sim.options import NodeSaid
 from sim.recording.inputs import sha256, vehicle_files
 from sim.recording.metadata import NODE_ARGUMENTS, WhatIfKind

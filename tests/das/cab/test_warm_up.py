@@ -11,7 +11,7 @@ import pytest
 WARMED = """
 import sys
 from das.cab.warm_up import warm_up, warm_up_tables
-from das.command_line.loading import loading_solver
+from das.command_line.printing import loading_solver
 with loading_solver():
     warm_up()
     warm_up_tables()

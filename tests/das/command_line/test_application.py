@@ -13,9 +13,8 @@ import pytest
 import typer
 
 from das import __version__
-from das.command_line.application import Entry, application, single_command, with_options
+from das.command_line.application import Entry, application, run_app, single_command, with_options
 from das.command_line.options import JsonOption, LevelOption
-from das.command_line.running import run_app
 from das.domain.errors import DasError
 from das.domain.levels import Level
 from precompute.cli.program import COMMANDS

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 from rich import box
 from rich.table import Table
 
-from das.command_line.loading import load_route, load_vehicle
-from das.command_line.outputs import check_picture, offscreen_pyplot, save_figure
-from das.command_line.printing import LONGEST_LINE, one_line, paragraph, print_table, tell, visible, warn
-from das.command_line.running import run_command
+from das.command_line.application import run_command
+from das.command_line.printing import (
+    COMPILING,
+    LOADING,
+    LONGEST_LINE,
+    one_line,
+    paragraph,
+    print_table,
+    say,
+    tell,
+    visible,
+    warn,
+)
 from das.domain.errors import DasError
-from das.domain.files import load
 
 HOSTILE = "[/red] [bold]Bern[/bold] :warning: \x1b[31mred\x1b[0m \x9b2J \u202eneB"
 
@@ -84,44 +99,105 @@ def test_an_error_with_control_characters_is_one_short_line(capsys: pytest.Captu
     assert len(said) <= LONGEST_LINE + len("error: \n")
 
 
-@pytest.mark.parametrize(("suffix", "begins"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".SVG", b"<?xml")])
-def test_the_suffix_is_the_kind_of_a_picture_and_bytes_repeat(tmp_path: Path, suffix: str, begins: bytes) -> None:
-    pyplot = offscreen_pyplot()
-    contents = []
-    with pyplot.rc_context({"svg.hashsalt": "test"}):
-        for i in range(2):
-            figure, axes = pyplot.subplots()
-            axes.plot([1, 2])
-            save_figure(tmp_path / f"{i}{suffix}", figure)
-            pyplot.close(figure)
-            contents.append((tmp_path / f"{i}{suffix}").read_bytes())
-    assert contents[0].startswith(begins)
-    assert contents[0] == contents[1]
+def test_what_nobody_reads_is_not_said_and_holds_nobody_up() -> None:
+    """Standard error is a pipe: full, then closed at the other end."""
+    pipe, log = os.pipe()
+    own = os.dup(2)
+    os.dup2(log, 2)
+    try:
+        for _ in range(100_000):
+            say("x")
+        os.close(pipe)
+        say("x")
+    finally:
+        os.dup2(own, 2)
+        os.close(own)
+        os.close(log)
 
 
-@pytest.mark.parametrize("name", ["run.gif", "run", "png", "run.png.txt"])
-def test_other_pictures_are_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(DasError, match=r"expected a file name that ends in \.png, \.pdf or \.svg"):
-        check_picture(tmp_path / name)
+PROGRAM = """
+import sys
+from das.command_line.printing import loading_solver
+with loading_solver():
+    import numpy as np
+    from kernel import twice
+    twice(np.ones(3))
+print("scipy.linalg" in sys.modules)
+"""
+KERNEL = "from numba import njit\n@njit(cache=True)\ndef twice(x):\n    return 2.0 * x.sum()\n"
+ROOT = Path(__file__).parents[3]
 
 
-def test_unusual_values_are_warned_about_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A train that brakes harder than most, and a line with a limit of 450 km/h; the bundled ones are usual."""
-    folder = Path(load.__file__).parents[1] / "catalogue"
-    vehicle = (folder / "vehicles" / "re460-ic.toml").read_text(encoding="utf-8")
-    (tmp_path / "light.toml").write_text(vehicle.replace("mass_t = 440.0", "mass_t = 400.0"), encoding="utf-8")
-    route = (folder / "routes" / "flat-6km.toml").read_text(encoding="utf-8")
-    (tmp_path / "quick.toml").write_text(
-        route.replace("rows = [[0.0, 160.0]]", "rows = [[0.0, 450.0]]"), encoding="utf-8"
+def on_a_terminal(command: list[str], folder: Path) -> tuple[int, str]:
+    """Run a command whose standard error is a terminal; exit code and what it showed there."""
+    ours, theirs = pty.openpty()
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
+        "PYTHONPATH": f"{ROOT}:{folder}",
+        "TERM": "xterm",
+    }
+    child = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=theirs)
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            ready = select.select([ours], [], [], 60)[0]
+            part = os.read(ours, 4096) if ready else b""
+        except OSError:  # Linux: the other end is closed
+            part = b""
+        if not part:
+            break
+        shown += part
+    os.close(ours)
+    return child.wait(timeout=60), shown.decode(errors="replace")
+
+
+@pytest.mark.processes
+def test_compiling_is_said_only_when_something_is_compiled(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    command = [sys.executable, "-c", PROGRAM]
+    code, first = on_a_terminal(command, tmp_path)
+    assert code == 0
+    assert LOADING in first
+    assert COMPILING[:40] in first
+    code, again = on_a_terminal(command, tmp_path)
+    assert code == 0
+    assert LOADING in again
+    assert "compiling" not in again
+
+
+@pytest.mark.more
+@pytest.mark.processes
+def test_elsewhere_nothing_is_printed_and_scipy_is_not_loaded(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(KERNEL)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": f"{ROOT}:{tmp_path}"}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, timeout=120, check=False
     )
-    load_vehicle("re460-ic")
-    load_route("zurich-luzern")
-    assert capsys.readouterr().err == ""
-    for _ in range(2):
-        load_vehicle(str(tmp_path / "light.toml"))
-        load_route(str(tmp_path / "quick.toml"))
-    lines = capsys.readouterr().err.splitlines()
-    assert all(line.startswith("warning: ") for line in lines)
-    assert sum("quick.toml: speed_limits[0] = 450 km/h" in line for line in lines) == 1
-    assert sum("light.toml: all brakes over mass = 1.75" in line for line in lines) == 1
-    assert len(set(lines)) == len(lines)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "False\n", "")
+
+
+SOLVE = ("solve", "flat-6km", "re460-ic", "--buffer", "7")
+
+
+@pytest.mark.more
+@pytest.mark.processes
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("after_s", [0.3, 1.5, 4.0, 8.0])
+def test_a_signal_during_the_first_compilation_ends_in_one_line(tmp_path: Path, after_s: float, number: int) -> None:
+    """With an empty cache, from the imports to the depths of the compiler."""
+    begin = "from precompute.cli.__main__ import main\nfrom das.command_line.process import interrupt_on_termination\n"
+    begin += "interrupt_on_termination()\nprint('started', flush=True)\nmain()"
+    child = subprocess.Popen(
+        [sys.executable, "-c", begin, *SOLVE],
+        cwd=tmp_path,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert child.stdout is not None
+    assert child.stdout.readline() == "started\n"
+    time.sleep(after_s)
+    child.send_signal(number)
+    said, errors = child.communicate(timeout=60)
+    assert (child.returncode, said, errors) == (130, "", "stopped\n")

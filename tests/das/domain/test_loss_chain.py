@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from das.domain.errors import InputError
 from das.domain.files.load import locate_vehicle
-from das.domain.files.native import read_loss_chain
+from das.domain.files.vehicles import read_loss_chain
 from tests.support.making import CHAIN
 
 COMPONENTS = {"auxiliaries", "transformer", "line converter", "motor inverter", "motor copper", "motor iron", "gear"}

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_vehicle
-from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.files.vehicles import read_loss_map
 from das.domain.losses import (
     EfficiencyLoss,
     Level,

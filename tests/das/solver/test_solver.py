@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core import caching
 
-from das.compiling.kernels import kernel
+from das.compiling import kernel
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.files.loss_map_csv import read_loss_map
+from das.domain.files.vehicles import read_loss_map
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.route import Route
 from das.domain.vehicle import BrakePolicy, EffortEnvelope

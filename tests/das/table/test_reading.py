@@ -19,11 +19,12 @@ from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.kernels.best_landing import one_step_totals
+from das.solver.kernels.packing import UNKNOWN_STEP
 from das.solver.kernels.roll_out import roll_out
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
-from das.table.format import INFEASIBLE_STEP, TableError
+from das.table.format import TableError
 from das.table.reading import Table, read_front
 from tests.support.making import make_route
 from tests.support.small_tables import BUFFERS, GRADES, LENGTH_M, LIMITS, line, seal_anew, states, train
@@ -86,7 +87,7 @@ def test_stored_policies_are_those_of_their_multipliers(table: Table, stored: Fr
     np.testing.assert_allclose(stored.value_j[known], solved.value_j[known], rtol=1e-7)
     assert (stored.value_j[~known] > tol.UNREACHABLE).all()
     steps = table.arrays()["time_to_go_steps"]
-    np.testing.assert_array_equal(steps == INFEASIBLE_STEP, ~known)
+    np.testing.assert_array_equal(steps == UNKNOWN_STEP, ~known)
     low_s, step_s = table.arrays()["time_to_go_scale_s"]
     times_s = low_s[:, np.newaxis] + step_s[:, np.newaxis] * steps.astype(float)
     half_step_s = 0.5 * np.broadcast_to(step_s[:, np.newaxis], times_s.shape)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from das.bus.session import endpoint, free_ports
-from das.command_line.entry import EXIT_INTERRUPTED
+from das.command_line.process import EXIT_INTERRUPTED
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
 from sim.bundled.example import KEPT, example_files

@@ -11,7 +11,8 @@ import pytest
 
 from das.domain.errors import MOST_OF_A_MESSAGE, DasError
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.files.native import read_loss_chain, read_route, read_vehicle
+from das.domain.files.routes import read_route
+from das.domain.files.vehicles import read_loss_chain, read_vehicle
 from das.domain.losses import EfficiencyLoss, Level, LossMap
 from das.domain.vehicle import BrakePolicy
 from tests.support.making import CHAIN

@@ -13,11 +13,10 @@ import pytest
 
 from das.domain.errors import MOST_OF_A_MESSAGE, DasError, InputError
 from das.domain.files import ttobench
-from das.domain.files.journey_toml import read_journey
 from das.domain.files.load import catalogue, load_route
-from das.domain.files.loss_map_csv import read_loss_map
-from das.domain.files.native import MOST_POINTS, MOST_STOPS, read_route, read_vehicle
 from das.domain.files.reading import MOST_BYTES, MOST_ROWS, read_text, read_toml
+from das.domain.files.routes import MOST_POINTS, MOST_STOPS, read_journey, read_route
+from das.domain.files.vehicles import read_loss_map, read_vehicle
 from tests.das.domain.files.test_native import ROUTE, VEHICLE
 
 Read = Callable[[Path], object]

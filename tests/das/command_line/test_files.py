@@ -1,15 +1,26 @@
-"""Where commands write: no output replaces an input, another output, or a file that the user did not give up."""
+"""Files of commands: no output replaces a file that must stay; unusual values are reported once."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
 
 from das.bus.recording import read_recording
-from das.command_line.outputs import check_outputs
+from das.command_line.files import (
+    check_outputs,
+    check_picture,
+    load_route,
+    load_vehicle,
+    offscreen_pyplot,
+    save_figure,
+    warn_of_braking,
+)
 from das.domain.errors import DasError
+from das.domain.files import load
+from das.domain.vehicle import BrakePolicy, Vehicle
 from tests.support.making import REPOSITORY, das_precompute, das_sim
 
 DAY = str(REPOSITORY / "recordings" / "references" / "clear-day.mcap")
@@ -87,3 +98,71 @@ def test_outputs_replace_neither_inputs_nor_one_another(tmp_path: Path, monkeypa
         check_outputs(tmp_path / "link.toml", inputs=["in.toml"])
     with pytest.raises(DasError, match=r"a\.csv: two outputs name the same file"):
         check_outputs(one, tmp_path / "." / "a.csv")
+
+
+@pytest.mark.parametrize(("suffix", "begins"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".SVG", b"<?xml")])
+def test_the_suffix_is_the_kind_of_a_picture_and_bytes_repeat(tmp_path: Path, suffix: str, begins: bytes) -> None:
+    pyplot = offscreen_pyplot()
+    contents = []
+    with pyplot.rc_context({"svg.hashsalt": "test"}):
+        for i in range(2):
+            figure, axes = pyplot.subplots()
+            axes.plot([1, 2])
+            save_figure(tmp_path / f"{i}{suffix}", figure)
+            pyplot.close(figure)
+            contents.append((tmp_path / f"{i}{suffix}").read_bytes())
+    assert contents[0].startswith(begins)
+    assert contents[0] == contents[1]
+
+
+@pytest.mark.parametrize("name", ["run.gif", "run", "png", "run.png.txt"])
+def test_other_pictures_are_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(DasError, match=r"expected a file name that ends in \.png, \.pdf or \.svg"):
+        check_picture(tmp_path / name)
+
+
+def test_unusual_values_are_warned_about_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A train that brakes harder than most, and a line with a limit of 450 km/h; the bundled ones are usual."""
+    folder = Path(load.__file__).parents[1] / "catalogue"
+    vehicle = (folder / "vehicles" / "re460-ic.toml").read_text(encoding="utf-8")
+    (tmp_path / "light.toml").write_text(vehicle.replace("mass_t = 440.0", "mass_t = 400.0"), encoding="utf-8")
+    route = (folder / "routes" / "flat-6km.toml").read_text(encoding="utf-8")
+    (tmp_path / "quick.toml").write_text(
+        route.replace("rows = [[0.0, 160.0]]", "rows = [[0.0, 450.0]]"), encoding="utf-8"
+    )
+    load_vehicle("re460-ic")
+    load_route("zurich-luzern")
+    assert capsys.readouterr().err == ""
+    for _ in range(2):
+        load_vehicle(str(tmp_path / "light.toml"))
+        load_route(str(tmp_path / "quick.toml"))
+    lines = capsys.readouterr().err.splitlines()
+    assert all(line.startswith("warning: ") for line in lines)
+    assert sum("quick.toml: speed_limits[0] = 450 km/h" in line for line in lines) == 1
+    assert sum("light.toml: all brakes over mass = 1.75" in line for line in lines) == 1
+    assert len(set(lines)) == len(lines)
+
+
+def train(policy: BrakePolicy, name: str, **changes: float) -> Vehicle:
+    return replace(load.load_vehicle("re460-ic"), brake_policy=policy, source=name, **changes)
+
+
+def test_a_train_that_blends_and_states_no_deceleration_is_said_once(capsys: pytest.CaptureFixture[str]) -> None:
+    blended = train(BrakePolicy.BLENDED, "blended.toml", max_deceleration_mps2=float("inf"))
+    warn_of_braking(blended)
+    warn_of_braking(blended)
+    told = capsys.readouterr().err
+    assert told.count("blended.toml: max_deceleration is missing") == 1
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [
+        train(BrakePolicy.BLENDED, "stated.toml", max_deceleration_mps2=0.6),
+        train(BrakePolicy.ELECTRIC, "electric.toml", max_deceleration_mps2=float("inf")),
+        train(BrakePolicy.BLENDED, "bare.toml", max_deceleration_mps2=float("inf"), friction_brake_force_n=0.0),
+    ],
+)
+def test_others_are_not(vehicle: Vehicle, capsys: pytest.CaptureFixture[str]) -> None:
+    warn_of_braking(vehicle)
+    assert capsys.readouterr().err == ""

@@ -1,8 +1,7 @@
-"""What the commands share: signals that wait."""
+"""How processes start and end: imports that Ctrl-C ends, signals that wait, bytecode that is kept."""
 
 from __future__ import annotations
 
-import os
 import py_compile
 import signal
 import subprocess
@@ -14,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.printing import say
-from das.command_line.running import signals_held
+from das.command_line.process import signals_held
 from tests.support.copies import copy_of, run_copy
 
 
@@ -63,22 +61,6 @@ def test_a_signal_that_another_thread_hears_waits_as_well() -> None:
     assert heard_at == ["the end"]
 
 
-def test_what_nobody_reads_is_not_said_and_holds_nobody_up() -> None:
-    """Standard error is a pipe: full, then closed at the other end."""
-    pipe, log = os.pipe()
-    own = os.dup(2)
-    os.dup2(log, 2)
-    try:
-        for _ in range(100_000):
-            say("x")
-        os.close(pipe)
-        say("x")
-    finally:
-        os.dup2(own, 2)
-        os.close(own)
-        os.close(log)
-
-
 def test_without_a_signal_all_is_as_before() -> None:
     handler, mask = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])
     with signals_held([signal.SIGINT]):
@@ -98,7 +80,7 @@ def test_a_process_started_meanwhile_is_born_deaf() -> None:
 @pytest.mark.processes
 def test_ctrl_c_while_the_program_is_being_imported_ends_cleanly(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text("import time\nprint('importing', flush=True)\ntime.sleep(60)\n")
-    command = [sys.executable, "-c", "from das.command_line.entry import start\nstart('slow')"]
+    command = [sys.executable, "-c", "from das.command_line.process import start\nstart('slow')"]
     child = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert child.stdout is not None
     assert child.stdout.readline() == "importing\n"
@@ -109,7 +91,7 @@ def test_ctrl_c_while_the_program_is_being_imported_ends_cleanly(tmp_path: Path)
 
 STARTED = """
 import sys
-from das.command_line.entry import keep_bytecode
+from das.command_line.process import keep_bytecode
 keep_bytecode()
 import das.domain.units
 print(sys.dont_write_bytecode)

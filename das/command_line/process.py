@@ -1,0 +1,133 @@
+"""How the processes of commands start and end: imports that Ctrl-C ends cleanly, kept bytecode, and signals.
+
+Commands import this module first, so it imports nothing but small modules of Python.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import importlib.util
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import FrameType
+
+EXIT_INTERRUPTED = 130
+STDERR = 2
+"""Standard error as a file descriptor."""
+STOP_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name)]
+"""Signals that ask a process to end: from the system, by Ctrl-C, or because the terminal was closed."""
+CLEAR_LINE_AND_SHOW_CURSOR = b"\r\x1b[2K\x1b[?25h"
+"""Removes a spinner from the terminal; nothing else would, once the process is gone."""
+BYTECODE = Path(__file__).parents[1] / "__pycache__" / "das-bytecode"
+"""Folder for bytecode that Python may not write beside its sources; compiled kernels are kept beside it."""
+
+
+def start(module: str) -> None:
+    """Import a module and run its `main()`; Ctrl-C while it is imported ends the process in one line."""
+    keep_bytecode()
+    with ended_by_signals():
+        imported = importlib.import_module(module)
+    imported.main()
+
+
+def keep_bytecode(folder: Path = BYTECODE) -> None:
+    """Keep bytecode in a folder of our own if Python was told to write none beside its sources.
+
+    PYTHONDONTWRITEBYTECODE, which containers often set, keeps folders of sources clean. But then every start compiles
+    the sources of numpy and numba anew, which takes longer than all else that a command does at its start. Nothing
+    changes if PYTHONPYCACHEPREFIX says where bytecode belongs, if numba was installed with its bytecode, or if the
+    folder cannot be written to.
+    """
+    if not sys.dont_write_bytecode or sys.pycache_prefix is not None or _has_bytecode():
+        return
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    if folder.is_dir() and os.access(folder, os.W_OK):
+        sys.pycache_prefix, sys.dont_write_bytecode = str(folder), False
+
+
+def _has_bytecode() -> bool:
+    """Whether numba, the largest of the packages that are imported, was installed with its bytecode."""
+    numba = importlib.util.find_spec("numba")
+    return numba is not None and numba.cached is not None and Path(numba.cached).exists()
+
+
+@contextlib.contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let the signals of `STOP_SIGNALS` end the process at once, in one line, as long as the block runs.
+
+    For imports and compilations: an exception in the midst of one may turn into any other, so none is raised. Signals
+    that the process ignores stay ignored. Nothing that must be cleaned up may be open in the block.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
+    heeded = [number for number, handler in before.items() if handler not in (signal.SIG_IGN, None)]
+    for number in heeded:
+        signal.signal(number, _end_at_once)
+    try:
+        yield
+    finally:
+        for number in heeded:
+            signal.signal(number, before[number])
+
+
+def _end_at_once(_number: int, _frame: FrameType | None) -> None:
+    os.write(STDERR, (CLEAR_LINE_AND_SHOW_CURSOR if os.isatty(STDERR) else b"") + b"stopped\n")
+    os._exit(EXIT_INTERRUPTED)
+
+
+class StopFlag:
+    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also when that process ends.
+
+    `with_parent` is the id that the parent passes, because the parent may end before its child could ask for it.
+    """
+
+    def __init__(self, *, with_parent: int | None = None) -> None:
+        self._signalled = False
+        self._parent = with_parent
+        for number in STOP_SIGNALS:
+            signal.signal(number, self._stop)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a loop should end."""
+        return self._signalled or (self._parent is not None and os.getppid() != self._parent)
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        self._signalled = True
+
+
+def interrupt_on_termination() -> None:
+    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, so that its child processes are stopped."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for number in STOP_SIGNALS:
+        signal.signal(number, interrupt)
+
+
+@contextlib.contextmanager
+def signals_held(numbers: Sequence[signal.Signals]) -> Iterator[None]:
+    """Hold signals back until a block of the main thread ends; processes started in it begin with them blocked.
+
+    Blocking them is not enough: another thread would then receive them, and Python would interrupt the main one.
+    """
+    came: list[int] = []
+    handlers = {number: signal.signal(number, lambda one, _frame: came.append(one)) for number in numbers}
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for heard in came:
+            signal.raise_signal(heard)

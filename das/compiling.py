@@ -1,0 +1,281 @@
+"""Compiling kernels with numba, and keeping the compiled code by the hash of the source text that it depends on.
+
+Numba keeps compiled code on disk, but it checks only the file of a kernel to tell whether the code is still valid. A
+kernel also contains the kernels that it calls and the constants that it reads, whatever file they are in. Therefore the
+folder with a module's compiled code is named by a hash of that module and of all our modules that it imports. A table
+on disk depends in the same way on the code that solved it (`das.table.hashes`).
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+import importlib.util
+import os
+import re
+import shutil
+import tempfile
+import warnings
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import llvmlite
+import numba
+import numpy as np
+from numba import njit
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+from numba.core.runtime.nrt import rtsys
+from numba.misc.appdirs import AppDirs
+
+from das.domain.errors import DasError
+
+FOLDER = "das-kernels"
+KEPT_VERSIONS = 4
+"""Number of versions of a module's compiled code that are kept; older ones are removed when a new one is made."""
+HASH_DIGITS = 16
+_numba_settings: Any = numba.config
+_NumbaCache: Any = FunctionCache
+_NumbaForm: Any = CompileResultCacheImpl
+_NumbaPlace: Any = InTreeCacheLocator
+OUR_PACKAGES = frozenset({"das", "precompute", "sim"})
+_FROM = re.compile(rb"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n#]*)", re.MULTILINE)
+_IMPORT = re.compile(rb"^[ \t]*import[ \t]+([^\n#]*)", re.MULTILINE)
+_WITHOUT_MEANING = frozenset({"ctx", "kind", "type_comment", "type_ignores", "type_params"})
+"""Fields of a syntax tree that add no meaning, or that only some versions of Python have."""
+
+
+def compiled(**options: Any) -> Callable[[Any], Any]:
+    """A decorator that compiles a function without the GIL, with IEEE 754 division, and keeps the code on disk.
+
+    `options` are further options of `numba.njit`. If no folder can keep the code, every start compiles it anew.
+    """
+
+    def decorated(function: Any) -> Any:
+        dispatcher = njit(nogil=True, error_model="numpy", **options)(function)
+        with suppress(RuntimeError):  # no folder can keep the code
+            dispatcher._cache = _KeptKernels(function)
+        return dispatcher
+
+    return decorated
+
+
+class _Place(_NumbaPlace):  # type: ignore[misc]
+    """Tells numba the folder for the compiled code of a function: that of the present version of its module."""
+
+    def __init__(self, function: Any, source_path: str) -> None:
+        super().__init__(function, source_path)
+        self._cache_path = str(_folder(function.__module__))
+
+    @classmethod
+    def from_function(cls, function: Any, source_path: str) -> Self | None:
+        """The place for a function; None if nothing can be kept."""
+        return None if _folder(function.__module__) is None else cls(function, source_path)
+
+
+class _KeptForm(_NumbaForm):  # type: ignore[misc]
+    _locator_classes: ClassVar = [_Place]
+
+
+class _KeptKernels(_NumbaCache):  # type: ignore[misc]
+    """Numba's cache of one function, in our folder, which loads kept code without loading the compiler.
+
+    Before it loads a kept function, numba imports everything that it would need to compile one: its library of
+    functions, random numbers, linear algebra, C declarations. Machine code needs none of this, and importing it takes
+    as long as loading all our kernels. If no kept code is found, numba itself imports what it needs to compile.
+    """
+
+    _impl_class = _KeptForm
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function for the types `sig`; None where it was never compiled."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function; if the disk is full or gone, the next start compiles it anew."""
+        with suppress(OSError):
+            super().save_overload(sig, data)
+
+
+kernel = compiled()
+
+
+@cache
+def cache_root() -> Path | None:
+    """The folder in which compiled code is kept; None, with a warning, if no folder can be written to.
+
+    The folder is inside NUMBA_CACHE_DIR if the user has set it, else beside our compiled modules, else in the user's
+    cache folder.
+    """
+    for place in _places():
+        folder = place / FOLDER
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            return folder
+    warnings.warn(
+        "compiled kernels cannot be kept, so every start compiles them anew (some 15 s): "
+        "set NUMBA_CACHE_DIR to a folder that can be written to",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return None
+
+
+def _places() -> Iterator[Path]:
+    if _numba_settings.CACHE_DIR:
+        yield Path(_numba_settings.CACHE_DIR)
+    yield Path(__file__).parent / "__pycache__"
+    user_dirs: Any = AppDirs
+    yield Path(user_dirs(appname="numba", appauthor=False).user_cache_dir)
+
+
+@cache
+def _folder(module: str) -> Path | None:
+    """The folder for the compiled code of the present version of a module; None if nothing can be kept."""
+    root = cache_root()
+    key = _key(module)
+    if root is None or key is None:
+        return None
+    folder = root / module / key
+    try:
+        is_new = not folder.exists()
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)  # the versions used last are kept
+        if is_new:
+            _remove_old_versions(folder.parent)
+    except OSError:
+        return None
+    return folder
+
+
+def _key(module: str) -> str | None:
+    """The hash of everything that a module's compiled code depends on; None if a source file is not installed."""
+    try:
+        text = text_sha256(sources_of([module], packages=OUR_PACKAGES | {module.partition(".")[0]}))
+    except (SourcesMissingError, ImportError, AttributeError, OSError):
+        return None
+    # Numba's own key has the processor and the versions of Python and numba, and leaves these out.
+    versions = f"{llvmlite.__version__} {np.__version__}"
+    settings = f"{text} {versions} {_numba_settings.BOUNDSCHECK} {_numba_settings.OPT}"
+    return hashlib.sha256(settings.encode()).hexdigest()[:HASH_DIGITS]
+
+
+def _remove_old_versions(folder: Path) -> None:
+    with suppress(OSError):  # another process may be removing the same ones
+        versions = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+        for path in versions[KEPT_VERSIONS:]:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+class SourcesMissingError(DasError):
+    """The source file of a module is not installed, so nobody can tell which code this is."""
+
+
+def sources_of(modules: Collection[str], *, packages: Collection[str] = OUR_PACKAGES) -> dict[str, bytes]:
+    """The source text of modules and of all modules of `packages` that they import, directly or not, by name.
+
+    Imports inside functions count as well. A package counts if something is imported from it by name. Raises
+    SourcesMissingError if a source file is not installed.
+    """
+    found: dict[str, bytes] = {}
+    waiting = list(modules)
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        found[name], imported = _read(name)
+        waiting += [module for module in imported if module.partition(".")[0] in packages]
+    return dict(sorted(found.items()))
+
+
+def text_sha256(sources: Mapping[str, bytes]) -> str:
+    """SHA-256 of names and texts; every byte counts."""
+    digest = hashlib.sha256()
+    for name, text in sources.items():
+        digest.update(f"{name} {len(text)}\n".encode())
+        digest.update(text)
+    return digest.hexdigest()
+
+
+def code_sha256(sources: Mapping[str, bytes]) -> str:
+    """SHA-256 of what the code does: comments, docstrings and formatting do not count. It takes some 0.1 s.
+
+    It is the same under every version of Python that can parse the code.
+    """
+    digest = hashlib.sha256()
+    for name, text in sources.items():
+        digest.update(f"module {name}\0".encode())
+        digest.update("\0".join(_tokens(ast.parse(text))).encode())
+    return digest.hexdigest()
+
+
+def _tokens(tree: ast.AST) -> Iterator[str]:
+    """A syntax tree as words, node by node; bare texts (docstrings) are left out."""
+    waiting: list[object] = [tree]
+    while waiting:
+        thing = waiting.pop()
+        if isinstance(thing, ast.AST):
+            yield type(thing).__name__
+            for field in thing._fields:
+                value = getattr(thing, field, None)
+                if value is not None and value != [] and field not in _WITHOUT_MEANING:
+                    yield field
+                    waiting.append(value)
+        elif isinstance(thing, list):
+            kept = [item for item in thing if not _is_bare_text(item)]
+            yield str(len(kept))
+            waiting += kept
+        else:
+            yield repr(thing)
+
+
+def _is_bare_text(thing: object) -> bool:
+    return isinstance(thing, ast.Expr) and isinstance(thing.value, ast.Constant) and isinstance(thing.value.value, str)
+
+
+@cache
+def _read(name: str) -> tuple[bytes, tuple[str, ...]]:
+    """The source text of a module, and the modules that it may import."""
+    path = _path(name)
+    if path is None:
+        raise SourcesMissingError(f"{name}: its source file is not installed")
+    text = path.read_bytes()
+    return text, tuple(_imported(text, name if path.name == "__init__.py" else name.rpartition(".")[0]))
+
+
+def _imported(text: bytes, package: str) -> Iterator[str]:
+    """Names of modules that a text imports; `from a import b` may mean the module a.b, where there is one."""
+    for match in _FROM.finditer(text):
+        base = match[1].decode()
+        if base.startswith("."):
+            base = importlib.util.resolve_name(base, package)
+        yield base
+        if base.partition(".")[0] in OUR_PACKAGES | {package.partition(".")[0]}:
+            for name in re.findall(r"\w+", match[2].decode()):
+                if _path(f"{base}.{name}") is not None:
+                    yield f"{base}.{name}"
+    for match in _IMPORT.finditer(text):
+        for name in match[1].decode().split(","):
+            yield from name.split()[:1]
+
+
+@cache
+def _path(name: str) -> Path | None:
+    """The source file of a module; None where there is none. Raises SourcesMissingError for one compiled alone."""
+    root, *inner = name.split(".")
+    for folder in importlib.import_module(root).__path__:
+        place = Path(folder, *inner)
+        for path in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
+            if inner and path.is_file():
+                return path
+            if not inner and path.name == "__init__.py" and path.is_file():
+                return path
+        if any(place.parent.glob(f"{place.name}.*")) or (place / "__init__.pyc").is_file():
+            raise SourcesMissingError(f"{name}: its source file is not installed, only a compiled one")
+    return None

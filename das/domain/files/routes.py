@@ -1,0 +1,229 @@
+"""Reading routes and journeys: our own TOML files (format: docs/reference/file-formats.md)."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.reading import Fields, bound_of_window, read_toml
+from das.domain.files.ttobench import curvature_stretches
+from das.domain.journey import Call, Journey, Passing, Window
+from das.domain.plausibility import ACCEPTED, INSIST, ROUTE_CHECKS, check_route
+from das.domain.route import Route, Stop, Stretches, Tunnel, Zone, full_receptivity
+
+Floats = NDArray[np.float64]
+
+SCHEMA_VERSION = 1
+MOST_STOPS = 1000
+"""Most stops of a route. Assumption: the longest lines have some hundred."""
+MOST_POINTS = 200_000
+"""Most points of a route's geometry: 1000 km with one every 5 m."""
+_CLOCK = re.compile(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
+_PLACE = {"position": "length"}
+_SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
+
+
+def read_route(path: Path) -> Route:
+    """Read a route; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
+    fields = read_toml(path)
+    fields.check_schema_version(SCHEMA_VERSION)
+    fields.check_keys(
+        [
+            *("schema_version", "route", "stops", "speed_limits", "gradients", "curves", "tunnels", "geometry"),
+            *("receptivity", "neutral_sections", "no_regeneration"),
+        ]
+    )
+    main = fields.table("route")
+    main.check_keys(
+        [
+            *("id", "name", "source", "description", "illustrative", ACCEPTED),
+            *main.quantity_keys({"length": "length", "altitude_at_start": "length"}),
+        ]
+    )
+    position_m, latitude_deg, longitude_deg = _geometry(fields)
+    route = Route(
+        id=main.name("id"),
+        name=main.name("name"),
+        source=str(path),
+        illustrative=main.flag("illustrative", False),
+        length_m=main.quantity("length", "length"),
+        stops=_stops(fields),
+        limits_mps=_stretches(fields, "speed_limits", "limit", "speed"),
+        gradients_ratio=_stretches(fields, "gradients", "gradient", "gradient"),
+        curvature_per_m=_curvature(fields),
+        tunnels=_tunnels(fields),
+        receptivity_ratio=_receptivity(fields),
+        neutral_sections=_zones(fields, "neutral_sections"),
+        no_regeneration=_zones(fields, "no_regeneration"),
+        altitude_at_start_m=main.quantity("altitude_at_start", "length", 0.0),
+        geometry_position_m=position_m,
+        geometry_latitude_deg=latitude_deg,
+        geometry_longitude_deg=longitude_deg,
+    )
+    return check_route(route, main.names(ACCEPTED, ROUTE_CHECKS), insist=INSIST % "route")
+
+
+def _geometry(fields: Fields) -> tuple[Floats, Floats, Floats]:
+    """Position (m), latitude and longitude (deg) of each point of the geometry; empty if the file has none."""
+    if not fields.has("geometry"):
+        return np.empty(0), np.empty(0), np.empty(0)
+    wanted = {"position": "length", "latitude": "angle", "longitude": "angle"}
+    columns = fields.columns("geometry", wanted, most=MOST_POINTS)
+    return np.array(columns["position"]), np.array(columns["latitude"]), np.array(columns["longitude"])
+
+
+def _curvature(fields: Fields) -> Stretches:
+    """Mean curvature of each stretch; the line is straight where the file has no curves."""
+    rows = [[0.0, np.inf, np.inf]]
+    if fields.has("curves"):
+        wanted = {"position": "length", "radius_start": "length", "radius_end": "length"}
+        columns = fields.columns("curves", wanted, unbounded=("radius_start", "radius_end"))
+        rows = [list(row) for row in zip(*columns.values(), strict=True)]
+    return curvature_stretches(str(fields.source), rows)
+
+
+def _stops(fields: Fields) -> tuple[Stop, ...]:
+    entries = fields.data.get("stops", MISSING)
+    if not isinstance(entries, list):
+        raise fields.error("stops", entries, "a list of [[stops]]")
+    fields.check_count("stops", entries, MOST_STOPS)
+    stops = []
+    for i, entry in enumerate(entries):
+        table = Fields.of(fields.source, entry, f"stops[{i}].")
+        places = {"position": "length", "altitude": "length", "latitude": "angle", "longitude": "angle"}
+        table.check_keys(["name", "source", *table.quantity_keys(places)])
+        for name, dimension in places.items():
+            table.quantity(name, dimension, 0.0)  # information only, but not unreadable
+        stops.append(Stop(name=table.name("name"), position_m=table.quantity("position", "length")))
+    return tuple(stops)
+
+
+def _stretches(fields: Fields, key: str, name: str, dimension: str) -> Stretches:
+    columns = fields.columns(key, {"position": "length", name: dimension})
+    return Stretches(start_m=np.array(columns["position"]), value=np.array(columns[name]))
+
+
+def _receptivity(fields: Fields) -> Stretches:
+    if not fields.has("receptivity"):
+        return full_receptivity()
+    return _stretches(fields, "receptivity", "receptivity", "ratio")
+
+
+def _zones(fields: Fields, key: str) -> tuple[Zone, ...]:
+    if not fields.has(key):
+        return ()
+    columns = fields.columns(key, {"position": "length", "length": "length"})
+    return tuple(Zone(start_m=start, length_m=length) for start, length in zip(*columns.values(), strict=True))
+
+
+def _tunnels(fields: Fields) -> tuple[Tunnel, ...]:
+    if not fields.has("tunnels"):
+        return ()
+    columns = fields.columns("tunnels", {"position": "length", "length": "length", "cross_section": "area"})
+    return tuple(
+        Tunnel(start_m=start, length_m=length, area_m2=area)
+        for start, length, area in zip(*columns.values(), strict=True)
+    )
+
+
+def read_journey(path: Path, route: Route) -> Journey:
+    """Read a journey on a route; raises DasError or InputError (file, key, value, expectation) where it is unusable."""
+    fields = read_toml(path)
+    fields.check_schema_version(SCHEMA_VERSION)
+    fields.check_keys(["schema_version", "journey", "stops", "passings"])
+    main = fields.table("journey")
+    main.check_keys(["id", "name", "source", "description", "route"])
+    if main.text("route", route.id) != route.id:
+        raise main.error("route", main.text("route"), f"{route.id}, the route it is planned on")
+    points: list[Call | Passing] = [_call(table, route) for table in _tables(fields, "stops")]
+    points += [_passing(table, route) for table in _tables(fields, "passings")]
+    return Journey(
+        id=main.name("id"),
+        name=main.name("name"),
+        source=str(path),
+        points=tuple(sorted(points, key=lambda point: point.position_m)),
+    )
+
+
+def _tables(fields: Fields, key: str) -> list[Fields]:
+    entries = fields.data.get(key, [])
+    if not isinstance(entries, list):
+        raise fields.error(key, entries, f"a list of [[{key}]]")
+    fields.check_count(key, entries, MOST_STOPS)
+    return [Fields.of(fields.source, entry, f"{key}[{i}].") for i, entry in enumerate(entries)]
+
+
+def _call(fields: Fields, route: Route) -> Call:
+    times = ("arrival_earliest", "arrival", "departure", "departure_latest")
+    fields.check_keys([*_place_keys(fields), *_time_keys(fields, *times), *fields.quantity_keys({"dwell": "time"})])
+    name, position_m = _place(fields, route)
+    return Call(
+        name=name,
+        position_m=position_m,
+        arrival=_window(fields, "arrival_earliest", "arrival"),
+        departure=_window(fields, "departure", "departure_latest"),
+        dwell_s=fields.quantity("dwell", "time", 0.0),
+    )
+
+
+def _passing(fields: Fields, route: Route) -> Passing:
+    fields.check_keys([*_place_keys(fields), *_time_keys(fields, "earliest", "latest"), *fields.quantity_keys(_SPEEDS)])
+    name, position_m = _place(fields, route)
+    return Passing(
+        name=name,
+        position_m=position_m,
+        window=_window(fields, "earliest", "latest"),
+        lowest_mps=fields.quantity("lowest_speed", "speed", 0.0),
+        highest_mps=fields.quantity("highest_speed", "speed", math.inf, unbounded=True),
+    )
+
+
+def _place_keys(fields: Fields) -> list[str]:
+    return ["stop", "name", *fields.quantity_keys(_PLACE)]
+
+
+def _place(fields: Fields, route: Route) -> tuple[str, float]:
+    """Name and position (m) of a point: those of a stop of the route, or its own."""
+    if not fields.has("stop"):
+        return fields.name("name"), fields.quantity("position", "length")
+    for key in ("name", *fields.given_keys("position", "length")):
+        if fields.has(key):
+            raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
+    wanted = fields.data["stop"]
+    number = isinstance(wanted, int) and not isinstance(wanted, bool)
+    try:
+        stop = route.stop(str(wanted) if number else fields.text("stop"))
+    except InputError:
+        raise fields.error("stop", wanted, "name or number of a stop of the route") from None
+    except DasError as error:
+        raise fields.error("stop", wanted, f"a stop of the route ({error})") from None
+    return stop.name, stop.position_m
+
+
+def _time_keys(fields: Fields, *names: str) -> list[str]:
+    return [*names, *fields.quantity_keys(dict.fromkeys(names, "time"))]
+
+
+def _window(fields: Fields, earliest: str, latest: str) -> Window:
+    return Window(earliest_s=_time_s(fields, earliest, -math.inf), latest_s=_time_s(fields, latest, math.inf))
+
+
+def _time_s(fields: Fields, name: str, default: float) -> float:
+    """A time (s): a text (`arrival = "07:12:30"`, from midnight) or a quantity (`arrival_s = 450`)."""
+    value: Any = fields.data.get(name, MISSING)
+    if value is MISSING:
+        time_s = fields.quantity(name, "time", default, unbounded=True)
+        return bound_of_window(fields.source, f"{fields.prefix}{name}", time_s)
+    match = _CLOCK.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise fields.error(name, value, f'a time in quotes like "07:12:30", or {name}_s')
+    for key in fields.given_keys(name, "time"):
+        raise fields.error(key, fields.data[key], f"only one of {name} and {key}")
+    hours, minutes, seconds = match.groups()
+    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds or 0.0)

@@ -1,0 +1,384 @@
+"""Reading vehicles: our own TOML files, their losses, and the loss maps (CSV) that they name.
+
+The formats are explained in docs/reference/file-formats.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from das.domain.braking import REACTION_S, SiteBraking
+from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.reading import MOST_BYTES, Fields, in_si, read_text, read_toml, train_length_m
+from das.domain.files.ttobench import check_tunnel_resistance
+from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
+from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel
+from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, check_vehicle
+from das.domain.units import FACTORS, KMH, KN
+from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, ServiceBrake, Vehicle
+
+SCHEMA_VERSION = 1
+MOST_CELLS = 5_000_000
+"""Most points of a loss map: 500 km/h and 10 000 kN in steps of 1."""
+
+_VEHICLE = {
+    "mass": "mass",
+    "length": "length",
+    "max_speed": "speed",
+    "max_acceleration": "acceleration",
+    "max_deceleration": "acceleration",
+    "auxiliary_power": "power",
+    "comfort_power": "power",
+}
+_ENVELOPE = {"max_force": "force", "max_power": "power"}
+_RESISTANCE = {"c0": "force", "c1": "resistance_1", "c2": "resistance_2"}
+_MAP_COLUMNS = {"speed": "speed", "force": "force", "loss": "power"}
+_SITE_BRAKING = {"planning_brake": "acceleration", "reaction": "time", "below_limit": "speed"}
+
+
+def read_vehicle(path: Path) -> Vehicle:
+    """Read a vehicle; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
+    fields = read_toml(path)
+    fields.check_schema_version(SCHEMA_VERSION)
+    fields.check_keys(
+        [
+            *("schema_version", "vehicle", "resistance", "tunnel_resistance", "traction"),
+            *("electric_brake", "friction_brake", "brakes", "service_brake", "adhesion", "losses", "loads"),
+        ]
+    )
+    vehicle = _lossless(fields)  # checks masses, speeds and forces before a loss map is made from them
+    losses, default = read_losses(fields.table("losses"), vehicle)
+    return replace(vehicle, losses=MappingProxyType(losses), default_level=default)
+
+
+def _lossless(fields: Fields) -> Vehicle:
+    """The vehicle without its losses."""
+    main = fields.table("vehicle")
+    main.check_keys(["id", "name", "source", ACCEPTED, "rotating_mass_ratio", *main.quantity_keys(_VEHICLE)])
+    electric = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
+    if fields.has("electric_brake"):
+        electric = _envelope(fields.table("electric_brake"))
+    friction_n = _friction_brake_n(fields)
+    areas, coefficients = _tunnel_resistance(fields)
+    vehicle = Vehicle(
+        id=main.name("id"),
+        name=main.name("name"),
+        source=str(fields.source),
+        mass_kg=main.quantity("mass", "mass"),
+        rotating_mass_ratio=main.quantity("rotating_mass", "ratio", 0.0),
+        train_length_m=train_length_m(main.source, main.quantity("length", "length")),
+        max_speed_mps=main.quantity("max_speed", "speed"),
+        resistance=_resistance(fields.table("resistance")),
+        traction=_envelope(fields.table("traction")),
+        electric_brake=electric,
+        friction_brake_force_n=friction_n,
+        brake_policy=_brake_policy(fields, electric, friction_n),
+        max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf, unbounded=True),
+        max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf, unbounded=True),
+        service_brake=_service_brake(fields),
+        adhesive_mass_kg=_adhesive_mass(fields),
+        auxiliary_power_w=main.quantity("auxiliary_power", "power", 0.0),
+        comfort_power_w=main.quantity("comfort_power", "power", 0.0),
+        tunnel_area_m2=areas,
+        tunnel_resistance_n_per_mps2=coefficients,
+        default_level=Level.L0_REG,
+        loads=MappingProxyType(_loads(fields)),
+    )
+    return check_vehicle(vehicle, main.names(ACCEPTED, VEHICLE_CHECKS), insist=INSIST % "vehicle")
+
+
+def read_loss_chain(path: Path) -> LossChain:
+    """The parametric loss chain of a vehicle file; raises DasError where its level L3 is not `kind = "components"`."""
+    table = read_toml(path).table("losses").table(Level.L3)
+    if table.text("kind") != "components":
+        raise table.error("kind", table.text("kind"), "components")
+    return read_chain(table)
+
+
+def _resistance(fields: Fields) -> Resistance:
+    fields.check_keys(["source", *fields.quantity_keys(_RESISTANCE)])
+    return Resistance(
+        c0_n=fields.quantity("c0", "force"),
+        c1_n_per_mps=fields.quantity("c1", "resistance_1"),
+        c2_n_per_mps2=fields.quantity("c2", "resistance_2"),
+    )
+
+
+def _friction_brake_n(fields: Fields) -> float:
+    """Largest force of the friction brake (N); 0 where the file has none."""
+    if not fields.has("friction_brake"):
+        return 0.0
+    table = fields.table("friction_brake")
+    table.check_keys(["source", *table.quantity_keys({"max_force": "force"})])
+    return table.quantity("max_force", "force")
+
+
+def _service_brake(fields: Fields) -> ServiceBrake:
+    """How the train is braked in service; usual figures replace those that the file does not give."""
+    usual = ServiceBrake()
+    if not fields.has("service_brake"):
+        return usual
+    table = fields.table("service_brake")
+    table.check_keys(["source", *table.quantity_keys({"deceleration": "acceleration", "build_up": "time"})])
+    return ServiceBrake(
+        deceleration_mps2=table.quantity("deceleration", "acceleration", usual.deceleration_mps2),
+        build_up_s=table.quantity("build_up", "time", usual.build_up_s),
+    )
+
+
+def _adhesive_mass(fields: Fields) -> float:
+    """Mass on the driven axles (kg); inf without a table, because adhesion is then no limit."""
+    if not fields.has("adhesion"):
+        return np.inf
+    table = fields.table("adhesion")
+    table.check_keys(["source", *table.quantity_keys({"adhesive_mass": "mass"})])
+    return table.quantity("adhesive_mass", "mass", unbounded=True)
+
+
+def _loads(fields: Fields) -> dict[str, Load]:
+    if not fields.has("loads"):
+        return {}
+    loads, quantities = {}, {"mass": "mass", "c0": "force"}
+    for name in fields.table("loads").data:
+        table = fields.table("loads").table(name)
+        table.check_keys(["source", *table.quantity_keys(quantities)])
+        loads[name] = Load(
+            mass_kg=table.quantity("mass", "mass"),
+            c0_n=table.quantity("c0", "force") if table.given_keys("c0", "force") else None,
+        )
+    return loads
+
+
+def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    if not fields.has("tunnel_resistance"):
+        return (), ()
+    columns = fields.columns("tunnel_resistance", {"cross_section": "area", "coefficient": "resistance_2"})
+    return check_tunnel_resistance(fields, list(zip(*columns.values(), strict=True)))
+
+
+def _envelope(fields: Fields) -> EffortEnvelope:
+    fields.check_keys(["source", *fields.quantity_keys(_ENVELOPE)])
+    return EffortEnvelope(
+        max_force_n=fields.quantity("max_force", "force"), max_power_w=fields.quantity("max_power", "power")
+    )
+
+
+def _brake_policy(fields: Fields, electric: EffortEnvelope, friction_n: float) -> BrakePolicy:
+    has_electric = electric.max_force_n > 0
+    if not fields.has("brakes"):
+        if friction_n > 0:
+            return BrakePolicy.BLENDED if has_electric else BrakePolicy.FRICTION
+        return BrakePolicy.ELECTRIC
+    brakes = fields.table("brakes")
+    brakes.check_keys(["source", "policy"])
+    policy = brakes.choice("policy", BrakePolicy)
+    if policy is BrakePolicy.ELECTRIC and not has_electric:
+        raise brakes.error("policy", str(policy), "an [electric_brake] in the file")
+    return policy
+
+
+def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel], Level]:
+    """The loss models of a table `[losses]`, and its default level: the named one, else the first given."""
+    fields.check_keys(["source", "default", "own", "l1", "l2", "l3"])
+    losses: dict[Level, LossModel] = {}
+    for level in (Level.OWN, Level.L1, Level.L2):
+        if fields.has(level):
+            losses[level] = _efficiency_loss(fields.table(level))
+    if fields.has(Level.L3):
+        table = fields.table(Level.L3)
+        losses[Level.L3] = _loss_map(table, vehicle)
+    return losses, fields.choice("default", Level, next(iter(losses), Level.L0_REG))
+
+
+def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
+    """The loss map of a CSV file, or one made from a chain of components."""
+    kind = fields.text("kind")
+    if kind == "csv":
+        fields.check_keys(["source", "kind", "path"])
+        return read_loss_map(fields.source.parent / fields.text("path"))
+    if kind != "components":
+        raise fields.error("kind", kind, "components or csv")
+    chain = read_chain(fields)
+    traction_n, brake_n = vehicle.traction.max_force_n, vehicle.electric_brake.max_force_n
+    _check_cells(fields.source, round(vehicle.max_speed_mps / KMH), round((traction_n + brake_n) / KN) + 1)
+    with np.errstate(all="ignore"):  # A map with a loss that is no finite number is refused.
+        return chain.to_map(f"{fields.source} [losses.l3]", traction_n, brake_n, vehicle.max_speed_mps)
+
+
+def _efficiency_loss(fields: Fields) -> EfficiencyLoss:
+    idle = {"idle": "power"}
+    if fields.has("mean_efficiency_ratio"):
+        fields.check_keys(["source", "mean_efficiency_ratio", *fields.quantity_keys(idle)])
+        return EfficiencyLoss.symmetric(_efficiency(fields, "mean_efficiency"), fields.quantity("idle", "power", 0.0))
+    keys = ["traction_efficiency_ratio", "brake_efficiency_ratio"]
+    fields.check_keys(["source", *keys, *fields.quantity_keys(idle)])
+    return EfficiencyLoss.from_efficiencies(
+        _efficiency(fields, "traction_efficiency"),
+        _efficiency(fields, "brake_efficiency"),
+        fields.quantity("idle", "power", 0.0),
+    )
+
+
+def _efficiency(fields: Fields, name: str) -> float:
+    value = fields.quantity(name, "ratio")
+    if not 0 < value <= 1:
+        raise fields.error(f"{name}_ratio", value, "more than 0 and at most 1")
+    return value
+
+
+_COMPONENTS: dict[str, tuple[type[Any], dict[str, str]]] = {
+    "auxiliaries": (Auxiliaries, {"base": "power", "fan": "power", "rated_heat": "power"}),
+    "transformer": (Transformer, {"no_load": "power", "copper": "power", "rated_power": "power"}),
+    "converter": (
+        Converter,
+        {
+            "fixed": "power",
+            "line": "ratio",
+            "line_brake": "ratio",
+            "conduction": "power",
+            "switching": "power",
+            "snubber": "power",
+            "asynchronous": "frequency",
+            "stator": "frequency_per_speed",
+        },
+    ),
+    "motors": (
+        Motors,
+        {
+            "base_speed": "speed",
+            "rated_force": "force",
+            "magnetising": "ratio",
+            "pull_out": "ratio",
+            "brake_current": "ratio",
+            "copper": "power",
+            "iron": "power",
+        },
+    ),
+    "gear": (Gear, {"mesh": "ratio", "churning": "power", "churning_speed": "speed"}),
+}
+"""Component of a loss chain → its class and its quantities (name → dimension)."""
+_SI_SUFFIX = {
+    "power": "w",
+    "ratio": "ratio",
+    "frequency": "hz",
+    "frequency_per_speed": "hz_per_mps",
+    "speed": "mps",
+    "force": "n",
+}
+
+
+def read_chain(fields: Fields) -> LossChain:
+    """The parametric loss chain of a table `[losses.l3]`."""
+    fields.check_keys(["source", "kind", *_COMPONENTS])
+    return LossChain(**{name: _component(fields.table(name), name) for name in _COMPONENTS})
+
+
+def _component(fields: Fields, name: str) -> Any:
+    made, quantities = _COMPONENTS[name]
+    clock = ["clock_speeds_kmh", "clock_pulses"] if made is Converter else []
+    fields.check_keys(["source", *fields.quantity_keys(quantities), *clock])
+    values: dict[str, object] = {
+        f"{quantity}_{_SI_SUFFIX[dimension]}": fields.quantity(quantity, dimension)
+        for quantity, dimension in quantities.items()
+    }
+    if clock:
+        values["clock_speeds_mps"] = tuple(x * KMH for x in _clock_numbers(fields, "clock_speeds_kmh"))
+        values["clock_pulses"] = _clock_numbers(fields, "clock_pulses")
+    try:
+        return made(**values)
+    except InputError as error:
+        raise InputError(fields.source, fields.prefix + error.key, error.value, error.expected) from None
+
+
+def _clock_numbers(fields: Fields, key: str) -> tuple[float, ...]:
+    values = fields.data.get(key, MISSING)
+    if not isinstance(values, list):
+        raise fields.error(key, values, "a list of numbers")
+    fields.check_count(key, values)
+    return tuple(in_si(fields.source, f"{fields.prefix}{key}[{i}]", x, ("-", "ratio")) for i, x in enumerate(values))
+
+
+def read_loss_map(path: Path) -> LossMap:
+    """Read a loss map; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
+    lines = list(enumerate(read_text(path, MOST_BYTES).splitlines(), 1))
+    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
+    factors = [_factor(path, header, index, name) for index, name in enumerate(_MAP_COLUMNS)]
+    rows = {line: _row(path, line, text.split(","), factors) for line, text in lines[1:] if text.strip()}
+    if not rows:
+        raise DasError(f"{path}: empty loss map, expected rows of {', '.join(header)}")
+    return _to_map(path, rows)
+
+
+def _factor(path: Path, header: list[str], index: int, name: str) -> float:
+    dimension = _MAP_COLUMNS[name]
+    column = header[index] if index < len(header) else ""
+    unit = column[len(name) + 1 :] if column.startswith(name + "_") else ""
+    if unit not in FACTORS[dimension]:
+        names = " or ".join(f"{name}_{u}" for u in FACTORS[dimension] if u.isidentifier() and u.islower())
+        raise InputError(path, f"column {index + 1}", column, names)
+    return FACTORS[dimension][unit]
+
+
+def _row(path: Path, line: int, row: list[str], factors: list[float]) -> list[float]:
+    if len(row) != len(factors):
+        raise InputError(path, f"line {line}", ",".join(row), f"{len(factors)} numbers")
+    try:
+        values = [float(cell) for cell in row]
+    except ValueError:
+        raise InputError(path, f"line {line}", ",".join(row), f"{len(factors)} numbers") from None
+    if not np.isfinite(values).all():
+        raise InputError(path, f"line {line}", ",".join(row), "finite numbers; leave out points not covered")
+    return [value * factor for value, factor in zip(values, factors, strict=True)]
+
+
+def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
+    """The map of rows of speed, force and loss (SI), which are given by their line numbers."""
+    data = np.array(list(rows.values()))
+    speeds, i = np.unique(data[:, 0].round(9), return_inverse=True)
+    forces, j = np.unique(data[:, 1].round(6), return_inverse=True)
+    _check_cells(path, len(speeds), len(forces))
+    first: dict[tuple[int, int], int] = {}
+    for line, point in zip(rows, zip(i.tolist(), j.tolist(), strict=True), strict=True):
+        if first.setdefault(point, line) != line:
+            raise InputError(
+                path, f"line {line}", f"the point of line {first[point]}", "each speed and force only once"
+            )
+    table = np.full((len(speeds), len(forces)), np.nan)
+    table[i, j] = data[:, 2]
+    return LossMap(name=str(path), speed_mps=_evened(speeds), force_n=_evened(forces), loss_w_table=table)
+
+
+def _check_cells(path: Path, speeds: int, forces: int) -> None:
+    """Raise InputError where a loss map of so many speeds and forces would have more than `MOST_CELLS` points."""
+    if speeds * forces > MOST_CELLS:
+        raise InputError(
+            path, "size of the loss map", f"{speeds} speeds × {forces} forces", f"at most {MOST_CELLS} points"
+        )
+
+
+def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Remove the rounding of the file's decimals (under 1 % of a step) so that the axis is exactly even."""
+    even = np.linspace(axis[0], axis[-1], len(axis))
+    if len(axis) > 1 and np.abs(even - axis).max() < 0.01 * (axis[-1] - axis[0]) / (len(axis) - 1):
+        even[np.abs(even) < 1e-9 * (axis[-1] - axis[0])] = 0.0
+        return even
+    return axis
+
+
+def site_braking(fields: Fields) -> SiteBraking:
+    """How the drivers of a site brake, from a table of a scenario or of a plan of tables.
+
+    Raises InputError for an unknown key, and for a figure that is not plausible for a driver.
+    """
+    fields.check_keys(fields.quantity_keys(_SITE_BRAKING))
+    brake_mps2 = fields.within("planning_brake", "acceleration", 0.5, (0.1, 1.5))
+    return SiteBraking(
+        deceleration_mps2=brake_mps2 if fields.given_keys("planning_brake", "acceleration") else None,
+        reaction_s=fields.within("reaction", "time", REACTION_S, (0.0, 10.0)),
+        below_limit_mps=fields.within("below_limit", "speed", 0.0, (0.0, 20.0 * KMH)),
+    )
