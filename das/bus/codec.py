@@ -13,7 +13,7 @@ from das import __version__
 from das.advice.advice import Advice
 from das.advice.plan import Plan
 from das.bus import das_pb2
-from das.bus.restrictions import decoded, encoded
+from das.bus.restrictions import decode_restriction, encode_restriction
 from das.bus.topics import (
     ADVICE,
     CONTROL,
@@ -170,7 +170,7 @@ def _journey(message: Any, common: dict[str, Any]) -> JourneyHeard:
 
 
 def _restrictions(message: Any, common: dict[str, Any]) -> RestrictionsHeard:
-    restrictions = tuple(decoded(one, ToldRestriction) for one in message.restrictions)
+    restrictions = tuple(decode_restriction(one, ToldRestriction) for one in message.restrictions)
     return RestrictionsHeard(time_ns=message.time_ns, restrictions=restrictions, **common)
 
 
@@ -205,7 +205,7 @@ _ENCODERS: Mapping[type[Heard], Callable[[Any], Message]] = {
     EffortHeard: lambda value: das_pb2.Effort(**vars(value.effort)),
     JourneyHeard: _journey_message,
     RestrictionsHeard: lambda value: das_pb2.Restrictions(
-        time_ns=value.time_ns, restrictions=map(encoded, value.restrictions)
+        time_ns=value.time_ns, restrictions=map(encode_restriction, value.restrictions)
     ),
     TargetsHeard: _targets_message,
 }

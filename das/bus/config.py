@@ -17,7 +17,7 @@ from typing import Any
 
 import zenoh
 
-from das.bus.roles import Role
+from das.bus.access import Role
 from das.domain.errors import DasError, InputError
 
 LEASE_MS = 2000

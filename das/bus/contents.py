@@ -10,8 +10,7 @@ from typing import IO, Any, Final, NamedTuple
 from google.protobuf.message import DecodeError
 from mcap import records
 
-from das.bus.damage import UNCHECKED, Damage, Health, unsealed
-from das.bus.scanning import SOMEWHERE, FoundRecord, Scan
+from das.bus.scanning import SOMEWHERE, UNCHECKED, Damage, FoundRecord, Health, Scan, unsealed
 from das.bus.topics import Topic, topic_of
 from das.domain.errors import DasError
 

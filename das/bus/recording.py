@@ -14,7 +14,7 @@ from mcap import records
 from numpy.typing import NDArray
 
 from das.bus.contents import RECOVERED, Contents, read_contents
-from das.bus.damage import Health
+from das.bus.scanning import Health
 from das.bus.topics import TOPICS, Topic
 from das.domain.errors import DasError, InputError
 

@@ -10,11 +10,10 @@ from das.cab.outputs import Estimated, is_fresh
 from das.domain.conditions import Conditions
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import Calibrator, Recalibration
-from das.estimate.calibration_settings import DEFAULT
-from das.estimate.clocks import ClockDifference
 from das.estimate.fix import Quality
-from das.estimate.localisation_settings import DEFAULT as LOCALISATION
+from das.estimate.localisation import ClockDifference
 from das.estimate.ratios import Estimates, ForceDoubt
+from das.estimate.settings import CALIBRATION, LOCALISATION
 
 CLOCK = LOCALISATION.clock
 SAID_EVERY_S = 10.0
@@ -68,7 +67,7 @@ class Learning:
     @property
     def _clocks_differ(self) -> bool:
         effort, position = self._clocks[Kind.EFFORT].seconds, self._clocks[Kind.POSITION].seconds
-        return abs(effort - position) > DEFAULT.force.clocks_differ_s
+        return abs(effort - position) > CALIBRATION.force.clocks_differ_s
 
     @property
     def _found(self) -> Estimates | None:

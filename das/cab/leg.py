@@ -25,7 +25,7 @@ from das.domain.errors import DasError
 from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.section import Section
 

@@ -23,7 +23,7 @@ from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.section import Section
 

@@ -18,7 +18,7 @@ from das.cab.outputs import is_fresh
 from das.cab.situation import Situation
 from das.domain.units import KMH, KN
 from das.estimate.estimate import Estimate
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 
 SAID_EVERY_S = 30.0
 """The last word on one part of the advice is said once, and again only after so long without the same."""

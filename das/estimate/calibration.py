@@ -12,10 +12,10 @@ from das.domain.formulary import adhesion_coefficient
 from das.domain.route import Route
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ReplanSettings
 from das.estimate.effort import Effort
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.estimate.ratios import CheckedLearner, Estimates
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.settings import CALIBRATION, CalibrationSettings, ReplanSettings
 from das.estimate.window import LineIntegral, Pairing, Sample
 
 
@@ -31,7 +31,7 @@ class Calibrator:
         vehicle: Vehicle,
         *,
         point_mass: bool = False,
-        settings: CalibrationSettings = DEFAULT,
+        settings: CalibrationSettings = CALIBRATION,
     ) -> None:
         self._route, self._vehicle, self._point_mass, self._settings = route, vehicle, point_mass, settings
         train_length_m = 0.0 if point_mass else vehicle.train_length_m
@@ -123,7 +123,7 @@ class Calibrator:
 class Recalibration:
     """Holds the conditions that the plan is made with, and says when the estimates call for others."""
 
-    def __init__(self, conditions: Conditions | None = None, settings: ReplanSettings = DEFAULT.replan) -> None:
+    def __init__(self, conditions: Conditions | None = None, settings: ReplanSettings = CALIBRATION.replan) -> None:
         self._planned = self.conditions = conditions or Conditions()
         """The conditions that the plan is made with."""
         self._settings = settings

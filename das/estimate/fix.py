@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from das.estimate.localisation_settings import Deviations, SensorSettings
+from das.estimate.settings import Deviations, SensorSettings
 
 
 class Quality(IntEnum):

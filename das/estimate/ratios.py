@@ -19,7 +19,7 @@ from das.domain.conditions import Conditions
 from das.domain.route import Floats
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ForceSettings, ReplanSettings
+from das.estimate.settings import CALIBRATION, CalibrationSettings, ForceSettings, ReplanSettings
 from das.estimate.window import MeasuredWindow, Sample
 
 
@@ -86,7 +86,7 @@ class Estimates:
     doubt: ForceDoubt | None = None
     """Why the forces are not trusted."""
 
-    def differs(self, conditions: Conditions, settings: ReplanSettings = DEFAULT.replan) -> bool:
+    def differs(self, conditions: Conditions, settings: ReplanSettings = CALIBRATION.replan) -> bool:
         """Whether the train certainly differs from one under these conditions, and by enough to plan anew."""
         mass = abs(self.planned_mass_ratio - conditions.mass_ratio)
         resistance = abs(self.resistance_ratio - conditions.resistance_ratio)
@@ -95,7 +95,7 @@ class Estimates:
             or resistance >= max(settings.resistance_step, settings.certain_sds * self.resistance_sd)
         )
 
-    def remark(self, settings: ForceSettings = DEFAULT.force) -> ForceDoubt | None:
+    def remark(self, settings: ForceSettings = CALIBRATION.force) -> ForceDoubt | None:
         """Return what is to be said: the doubt, or that the mass to be used is far from the planned one."""
         near = settings.near_mass_least < self.mass_ratio < settings.near_mass_most
         return ForceDoubt.FAR_MASS if self.usable and not near else self.doubt

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix, Quality, deviations
-from das.estimate.localisation_settings import LocalisationSettings
+from das.estimate.settings import LocalisationSettings
 
 WANDER_S = 30.0
 """Time constant (s) with which the error of a receiver's position wanders (assumption)."""

@@ -15,8 +15,8 @@ import numpy as np
 from das.domain.route import NEUTRAL, Floats, Route
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration_settings import SampleSettings, WindowSettings
 from das.estimate.effort import Effort
+from das.estimate.settings import SampleSettings, WindowSettings
 from das.solver.line_profile import LineProfile
 
 NORMAL_MAD = 0.6745

@@ -10,8 +10,8 @@ import ctypes
 import sys
 import time
 
+from das.bus.access import Refusals
 from das.bus.config import BusFile, bus_options
-from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.outputs import NodeState

@@ -13,9 +13,9 @@ from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
 from das.bus.contents import read_contents
-from das.bus.damage import sealed
 from das.bus.recorder import RecordingFile
 from das.bus.recording import read_recording
+from das.bus.scanning import sealed
 from das.domain.errors import DasError
 
 START_NS = 1_800_000_000_000_000_000

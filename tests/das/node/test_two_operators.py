@@ -16,12 +16,12 @@ import pytest
 
 from das.advice.cause import Cause
 from das.bus import das_pb2
+from das.bus.access import LISTENERS, write_bus_folder
 from das.bus.config import BusFile
-from das.bus.roles import LISTENERS, write_bus_folder
 from das.bus.session import Bus, Presence, Presences, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Received, Topic, decoded
+from das.cab.guard import MOST_GONE, MOST_RIVALS, Operators
 from das.cab.heard import Kind, PublisherSeen, RestrictionsHeard
-from das.cab.operators import MOST_GONE, MOST_RIVALS, Operators
 from tests.support import node_process
 from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
 from tests.support.node_process import FLAT, a_journey, process

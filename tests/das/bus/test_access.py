@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from das.bus.refusals import Refusals
+from das.bus.access import Refusals
 from das.cab.outputs import MOST_A_SECOND
 from tests.support.driven_node import START_NS, S
 from tests.support.hand_clock import HandClock

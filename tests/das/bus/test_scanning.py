@@ -15,10 +15,9 @@ from mcap_protobuf.schema import register_schema
 
 from das.bus import chunks, das_pb2, topics
 from das.bus.contents import read_contents
-from das.bus.damage import UNCHECKED, sealed
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
-from das.bus.scanning import MAGIC, begun
+from das.bus.scanning import MAGIC, UNCHECKED, begun, sealed
 from das.domain.errors import DasError
 from tests.support.recordings import START_NS
 
