@@ -338,7 +338,7 @@ class Cab:
             return NodeState.WITHDRAWN
         if self.legs.current is None:
             return NodeState.WAITING
-        return NodeState.WITHDRAWN if self._localisation.heard else NodeState.READY
+        return NodeState.WITHDRAWN if self._localisation.received_any else NodeState.READY
 
     def _status(self, time_ns: int, state: NodeState, reason: str, cause: Cause = Cause.NONE) -> Status:
         leg = self.legs.current

@@ -37,11 +37,11 @@ class Learning:
         if self.calibrator is None:
             return
         if isinstance(heard, EffortHeard):
-            self._clocks[Kind.EFFORT].hear(heard.effort.time_ns, heard.heard_ns)
+            self._clocks[Kind.EFFORT].receive(heard.effort.time_ns, heard.heard_ns)
             self.calibrator.set_effort(heard.effort)
         elif isinstance(heard, PositionHeard):
             fix = heard.fix
-            self._clocks[Kind.POSITION].hear(fix.time_ns, heard.heard_ns)
+            self._clocks[Kind.POSITION].receive(fix.time_ns, heard.heard_ns)
             good = fix.quality in (Quality.UNKNOWN, Quality.GOOD)
             self.calibrator.set_position(fix.time_ns, fix.s_m, fix.speed_mps, usable=good)
 
@@ -61,7 +61,7 @@ class Learning:
             clock.tick(now_ns)
         doubt = ForceDoubt.TWO_PUBLISHERS if contested else ForceDoubt.CLOCKS if self._clocks_differ else None
         if doubt is not None and self._mixed is None:
-            self.calibrator = self.calibrator.afresh()
+            self.calibrator = self.calibrator.anew()
         self._mixed = doubt
 
     @property

@@ -1,6 +1,7 @@
-"""Whether a fix can be true: by itself, after what is expected, and after another fix; and whether the train stands.
+"""Whether a fix can be true: by itself, compared with the estimate, and after another fix.
 
-Rejected fixes are collected as well: enough of them that agree with each other show that the estimate was wrong.
+The module also judges whether the train stands, and whether a receiver has frozen, both by the measured speeds.
+Rejected fixes are collected: enough of them that agree with each other show that the estimate was wrong.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ STANDSTILL_MPS: Final = 0.3
 
 
 def impossible(fix: PositionFix, settings: PossibleSettings, *, fastest_mps: float, has_state: bool) -> Problem | None:
-    """Return why a fix cannot be true whatever was heard before; None where it can.
+    """Return why a fix cannot be true, whatever came before it; None where it can.
 
     A fix without a position is possible only where there is a state (`has_state`) that its speed carries on.
     """
@@ -51,10 +52,10 @@ def impossible(fix: PositionFix, settings: PossibleSettings, *, fastest_mps: flo
 def surprise(
     fix: PositionFix, sds: Deviations, *, expected: Track, before: Track, gate: GateSettings
 ) -> Problem | None:
-    """Return how a fix is further off than noise and the train can make it; None where it is not.
+    """Return how a fix deviates more than noise and the train explain; None where it does not.
 
-    `expected` is the state expected at the fix and `before` the last one; a fix that lies behind `before` is off as
-    well, because trains do not roll back. A speed or position that was not measured is never off.
+    `expected` is the state expected at the fix and `before` the last one. A fix behind `before` deviates as well,
+    because trains do not roll back. A speed or position that was not measured never deviates.
     """
     off_mps = fix.speed_mps - expected.v
     if abs(off_mps) > max(gate.sds * math.sqrt(expected.vv + sds.speed_mps**2), gate.least_mps):
@@ -86,7 +87,7 @@ def follows(before: PositionFix, fix: PositionFix, settings: LocalisationSetting
 
 
 class Doubts:
-    """Collects rejected fixes in a row that agree with each other, and says when there are enough to begin anew."""
+    """Collects rejected fixes in a row that agree with each other; enough of them make the estimate begin anew."""
 
     def __init__(self, settings: LocalisationSettings, fastest_mps: float) -> None:
         self._settings, self._fastest_mps = settings, fastest_mps
@@ -95,7 +96,7 @@ class Doubts:
         self._count = 0
 
     def outlast(self, time_ns: int) -> bool:
-        """Whether there are rejected fixes that are not yet too old at a time."""
+        """Whether there are rejected fixes, the last of them not too old at a time (ns since 1970)."""
         last = self._last
         return last is not None and (time_ns - last.time_ns) * NS <= self._settings.restart.silence_s
 
@@ -170,7 +171,7 @@ class Standstill:
 
 
 class FrozenReceiver:
-    """Notices a receiver that has frozen, by the way that the speeds make while the position stays the same."""
+    """Detects a frozen receiver: the speeds make a way while the position stays the same."""
 
     def __init__(self, settings: LocalisationSettings) -> None:
         self._settings = settings
@@ -184,7 +185,7 @@ class FrozenReceiver:
         return self._first
 
     def judge(self, fix: PositionFix) -> Problem | None:
-        """Return the problem of a fix whose position stays the same although its speeds say that it must not."""
+        """Return the problem of a fix whose position stays the same although the speeds show that the train moves."""
         first, silent_s = self._first, (fix.time_ns - self._repeated_ns) * NS
         if first is None or fix.s_m != first.s_m or silent_s > self._settings.restart.silence_s:
             self._way_m = 0.0

@@ -46,7 +46,7 @@ class PossibleSettings:
     largest_m: float = 1e7
     """A position or a stated uncertainty beyond this is a fault of the sensor, because no line is 10 000 km long."""
     largest_stated_sd_m: float = 200.0
-    """A fix that states a larger standard deviation is of no use: it could lie anywhere, and no jump could be told."""
+    """A fix that states a larger standard deviation is of no use: it could lie anywhere, and would hide any jump."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +54,12 @@ class GateSettings:
     """How far a fix may lie off what is expected; a fix that lies further off is rejected."""
 
     sds: float = 5.0
-    """A fix that is off by more than this many standard deviations is rejected: noise alone is less than
-    once in a million times."""
+    """A fix that is off by more than this many standard deviations is rejected: noise alone does so less than once in a
+    million times."""
     least_m: float = 10.0
-    """A position that is off by no more than this is never rejected, however exact the sensors say that they are."""
+    """A position that is off by no more than this is never rejected, however exact the sensors claim to be."""
     least_mps: float = 1.0
-    """A speed that is off by no more than this is never rejected, however exact the sensors say that they are."""
+    """A speed that is off by no more than this is never rejected, however exact the sensors claim to be."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,10 +78,10 @@ class MotionSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class StandstillSettings:
-    """When a train counts as standing, and when as set off."""
+    """When a train counts as standing, and when it has set off."""
 
     slow_mps: float = 0.1
-    """A measured speed up to this may be that of a standing train, however exact the odometer says that it is."""
+    """A measured speed up to this may be that of a standing train, however exact the odometer claims to be."""
     slow_sds: float = 2.5
     """A measured speed up to this many of its standard deviations may be that of a standing train."""
     expected_slow_mps: float = 0.5
@@ -107,12 +107,12 @@ class FrozenSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RestartSettings:
-    """When the estimate begins anew from what is heard."""
+    """When the estimate begins anew from the fixes received."""
 
     silence_s: float = 30.0
-    """After this long without an accepted fix nothing is left of the estimate, and the next fix begins it anew."""
+    """After this long without an accepted fix the estimate is dropped, and the next fix begins it anew."""
     fixes: int = 4
-    """This many rejected fixes in a row that agree with each other show that the estimate was wrong, not they."""
+    """This many rejected fixes in a row that agree with each other show that the estimate was wrong, not the fixes."""
     span_s: float = 2.0
     """The rejected fixes that agree must span at least this long, because at 20 Hz four of them come
     within a fifth of a second."""
@@ -141,23 +141,23 @@ class ClockSettings:
     most_fixes: int = 15
     """The difference is the median over this many fixes, so that single ones that were held up do not count."""
     memory_s: float = 30.0
-    """Fixes heard longer ago than this say nothing of the clocks of now."""
+    """Fixes received longer ago than this do not count."""
     largest_s: float = 10.0
-    """A larger difference is that of a message that was held up or replayed; it is rejected as too old or ahead."""
+    """A fix whose time stamp differs from the clock by more than this does not count: it was held up or replayed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClockStepSettings:
-    """How it is noticed that the clock of the positions was set."""
+    """How a step of the clock of the positions is detected."""
 
     rate_fixes: int = 5
-    """The usual time between two fixes is the median of so many times between them."""
+    """The usual time between two fixes is the median of this many times between them."""
     odd_fixes: int = 1
-    """A receiver sends at a steady rate if no more than this many of these times are no multiples of the usual one."""
+    """A receiver has a steady rate if at most this many of these times are not multiples of the usual one."""
     lost_fixes: int = 2
-    """So many fixes may have been lost just when the clock was set."""
+    """Up to this many fixes may have been lost just when the clock was set."""
     least_s: float = 0.25
-    """A time stamp that is off its receiver's rate by no more than this is jitter."""
+    """A time stamp that is off the rate of its receiver by no more than this is jitter."""
     largest_s: float = 5.0
     """After a larger step, the estimate begins anew instead of going on."""
 
@@ -186,9 +186,9 @@ STALE_AFTER_S: Final = LOCALISATION.use.stale_after_s
 OVERSPEED_RATIO: Final = LOCALISATION.possible.overspeed_ratio
 """A measured speed above the train's largest one times this is a fault of the sensor."""
 LEAST_SD_M: Final = LOCALISATION.sensors.least_position_sd_m
-"""No receiver is believed to state positions with a smaller standard deviation (m) than this."""
+"""The smallest standard deviation of a position (m) that a receiver is believed to have."""
 LEAST_SD_MPS: Final = LOCALISATION.sensors.least_speed_sd_mps
-"""No odometer is believed to state speeds with a smaller standard deviation (m/s) than this."""
+"""The smallest standard deviation of a speed (m/s) that an odometer is believed to have."""
 
 
 class MassAndResistance(NamedTuple):
@@ -279,9 +279,9 @@ class ForceSettings:
     clocks_differ_s: float = 0.3
     """Forces whose time stamps differ by more than this from those of the positions belong to other moments."""
     too_strong_ratio: float = 1.06
-    """A measured force above this times the train's largest one at its speed cannot be explained by noise of 2 %."""
+    """Noise of 2 % does not explain a measured force above this times the train's largest one at its speed."""
     too_strong_samples: int = 5
-    """This many samples in a row with too strong forces show that the sensor states too much."""
+    """After this many samples in a row with too strong forces the sensor is taken to measure too much."""
     idle_ratio: float = 0.005
     """Forces below this share of the train's starting force are those of a coasting train."""
     coasting_windows: int = 4
@@ -295,9 +295,10 @@ class ForceSettings:
     """If mass and resistance ratio are nearer to each other than this many standard deviations, a wrong gain of the
     force sensor may explain both."""
     near_mass_least: float = 0.7
-    near_mass_most: float = 1.4
-    """A mass ratio below `near_mass_least` or above this is reported with both explanations: another train than
+    """A mass ratio below this, or above `near_mass_most`, is reported with both explanations: another train than
     planned, or a wrong force sensor."""
+    near_mass_most: float = 1.4
+    """A mass ratio above this is reported as one below `near_mass_least` is."""
 
 
 @dataclass(frozen=True, kw_only=True)

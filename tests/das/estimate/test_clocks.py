@@ -113,7 +113,7 @@ def test_single_messages_that_were_held_up_do_not_count() -> None:
     clock = ClockDifference(LOCALISATION.clock)
     for second in range(1, 20):
         held_up_s = 2.5 if second % 5 == 0 else 0.02
-        clock.hear(ns(second), ns(second + held_up_s))
+        clock.receive(ns(second), ns(second + held_up_s))
         clock.tick(ns(second + held_up_s) + 1)
     assert clock.seconds == pytest.approx(0.02)
 
@@ -122,7 +122,7 @@ def test_a_clock_that_stands_still_between_ticks_is_no_difference() -> None:
     """A simulation hears the positions of a second by the clock of the second before."""
     clock = ClockDifference(LOCALISATION.clock)
     for second in range(1, 20):
-        clock.hear(ns(second), ns(second - 1))
+        clock.receive(ns(second), ns(second - 1))
         clock.tick(ns(second))
         assert clock.seconds == 0.0
 
@@ -132,7 +132,7 @@ def found_with(**settings: float) -> list[float]:
     clock, found = ClockDifference(replace(LOCALISATION.clock, **settings)), []
     for second in [*range(1, 80), *range(130, 150)]:
         late_s = 0.1 + 0.01 * second + (25.0 if 20 <= second < 32 else 0.0)
-        clock.hear(ns(second), ns(second + late_s))
+        clock.receive(ns(second), ns(second + late_s))
         clock.tick(ns(second + late_s) + 1)
         found.append(clock.seconds)
     return found
