@@ -266,5 +266,5 @@ class Refusals:
             say(f"bus: {text}")
 
     def _say_rest(self) -> None:
-        if unsaid := self._moderation.unsaid(self._now_ns()):
+        if unsaid := self._moderation.take_suppressed(self._now_ns()):
             say(f"bus: {unsaid} more of these")

@@ -15,22 +15,22 @@ NOW_NS = 1_800_000_000 * S
 def test_moderation_lets_few_through_and_says_how_many_it_held_back() -> None:
     moderation = Moderation()
     assert sum(moderation.allows(NOW_NS + i) for i in range(1_000)) == MOST_A_SECOND
-    assert moderation.unsaid(NOW_NS + 2_000) == 0
-    assert moderation.unsaid(NOW_NS + 2 * S) == 1_000 - MOST_A_SECOND
-    assert moderation.unsaid(NOW_NS + 2 * S) == 0
+    assert moderation.take_suppressed(NOW_NS + 2_000) == 0
+    assert moderation.take_suppressed(NOW_NS + 2 * S) == 1_000 - MOST_A_SECOND
+    assert moderation.take_suppressed(NOW_NS + 2 * S) == 0
     assert moderation.allows(NOW_NS - 100 * S)  # the clock was put back
 
 
 def test_a_second_publisher_of_the_position_is_not_heard_until_the_first_is_silent() -> None:
     publishers = Publishers()
-    assert publishers.is_heard("a", NOW_NS)
+    assert publishers.counts("a", NOW_NS)
     assert publishers.contested(NOW_NS) == ""
-    assert not publishers.is_heard("b", NOW_NS + S)
-    assert publishers.is_heard("a", NOW_NS + 2 * S)
+    assert not publishers.counts("b", NOW_NS + S)
+    assert publishers.counts("a", NOW_NS + 2 * S)
     assert publishers.contested(NOW_NS + 2 * S) == "a and b"
     assert publishers.contested(NOW_NS + 4 * S + 1) == ""  # the rival has gone
-    assert not publishers.is_heard("b", NOW_NS + 5 * S)  # the first was heard at 2 s
-    assert publishers.is_heard("b", NOW_NS + 5 * S + 1)  # now it has gone
+    assert not publishers.counts("b", NOW_NS + 5 * S)  # the first was heard at 2 s
+    assert publishers.counts("b", NOW_NS + 5 * S + 1)  # now it has gone
     assert publishers.contested(NOW_NS + 5 * S + 1) == ""
 
 

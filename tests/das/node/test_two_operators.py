@@ -205,15 +205,15 @@ def test_sessions_without_end_are_not_kept_without_end() -> None:
     def message(source: str) -> RestrictionsHeard:
         return RestrictionsHeard(time_ns=1, restrictions=(), source=source)
 
-    assert operators.heeds(message("first"))
+    assert operators.counts(message("first"))
     for i in range(3 * MOST_GONE):
-        assert not operators.heeds(message(f"rival {i}"))
+        assert not operators.counts(message(f"rival {i}"))
     assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, 0)
     assert operators.see(seen(source="first", there=False)) is not None
     for i in range(3 * MOST_GONE):
         operators.see(seen(source=f"other {i}", there=False))
     assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, MOST_GONE)
-    assert operators.heeds(message("next"))  # It is not forgotten that the first one is gone.
+    assert operators.counts(message("next"))  # It is not forgotten that the first one is gone.
     assert not operators.contested()
 
 
