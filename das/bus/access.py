@@ -1,9 +1,12 @@
-"""Roles on the bus: what each participant may say, how Zenoh's access control enforces it, and certificates for trials.
+"""Access to the bus: what each role may publish, certificates for trials, and what Zenoh has refused.
 
-Peers talk to each other directly, so each one judges for itself: what comes in (`ingress`) by the name in the
-certificate of who sends it, and what it sends itself (`egress`). The receiver's judgement is the one that counts.
+Peers talk to each other directly, so each one judges for itself: incoming messages (`ingress`) by the name in the
+sender's certificate, and its own messages (`egress`). The judgement of the receiver counts.
 
 `write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
+
+Zenoh reports refusals only in its log, which goes to standard output together with everything else. The processes that
+advise and record write nothing to standard output themselves, so `Refusals` turns it into a pipe and reads it.
 """
 
 from __future__ import annotations
@@ -31,10 +34,10 @@ from das.domain.files.writing import write_folder_whole
 
 
 class Role(StrEnum):
-    """What a process on the bus is."""
+    """The role of a process on the bus."""
 
     SIMULATOR = "simulator"
-    """All of the world at once: sensors, operator, and what only a simulation says."""
+    """All of the world at once: sensors, operator, and the messages of a simulation."""
     SENSORS = "sensors"
     """Localisation and train control: where the train is, and its forces."""
     OPERATOR = "operator"
@@ -42,26 +45,27 @@ class Role(StrEnum):
     NODE = "node"
     RECORDER = "recorder"
     CAB = "cab"
-    """A listener, which says nothing."""
+    """A listener, which publishes nothing."""
     DRIVER = "driver"
 
 
 PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control")}
-"""The publishers in the registry of topics that a role stands for, where they are not named as the role is."""
-HEARING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
-SAYING = ["put", "reply", "declare_queryable", "liveliness_token"]
-"""Zenoh's messages of who hears and of who says; a latched topic is asked for and answered as well. No delete."""
+"""The publishers in the registry of topics that a role stands for, where their names differ from that of the role."""
+SUBSCRIBING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
+"""Zenoh's messages of a subscriber, including the queries for the last message of a latched topic."""
+PUBLISHING = ["put", "reply", "declare_queryable", "liveliness_token"]
+"""Zenoh's messages of a publisher, including the answers for a latched topic, but no deletions."""
 LISTENERS = (Role.NODE, Role.SIMULATOR, Role.RECORDER)
-"""In the order of their ports, so that the node has the port it has without TLS."""
+"""The roles that listen, in the order of their ports: the node has the same port as without TLS."""
 CLOCK_SLACK = timedelta(minutes=5)
-"""Certificates are valid from so long ago: other machines' clocks may be slow."""
+"""Certificates are valid from this long before now, because the clocks of other machines may be slow."""
 AUTHORITY = "ca.pem"
 MOST_LETTERS = 64
-"""Of a common name (RFC 5280, ub-common-name-length)."""
+"""The longest common name of a certificate (RFC 5280, ub-common-name-length)."""
 LEVELS = (
     "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"
 )
-"""RUST_LOG takes their place."""
+"""The levels of Zenoh's log; the environment variable RUST_LOG replaces them."""
 ANSI = re.compile(rb"\x1b\[[0-9;]*m")
 LINE = re.compile(r"\S+Z +(?P<level>[A-Z]+) +(?:\S+ +)?ThreadId\((?P<thread>\d+)\) (?P<text>.*)")
 NAMED = r"(?P<session>[0-9a-f]{1,32})(?: on \S*CertCommonName\((?P<name>[^)]*)\)\S*)?"
@@ -75,39 +79,39 @@ LONGEST = 200
 
 
 def common_name(role: Role, train: str) -> str:
-    """The name in a certificate."""
+    """The name in the certificate of a role."""
     return f"{role}.{train}"
 
 
 def keys_of(role: Role, train: str) -> list[str]:
-    """Keys a role publishes. The simulator stands for all of the world: localisation, operator, the train itself."""
-    own = [topic for topic in TOPICS if _may_say(role, topic.publisher)]
+    """The keys that a role may publish. The simulator stands for localisation, operator and the train itself."""
+    own = [topic for topic in TOPICS if _may_publish(role, topic.publisher)]
     # A latched topic's history is found and fetched under keys of its own; `**` does not match them.
     return [key for t in own for key in (t.key(train), *([f"{t.key(train)}/@adv/**"] if t.latched else []))]
 
 
-def _may_say(role: Role, publisher: str) -> bool:
+def _may_publish(role: Role, publisher: str) -> bool:
     if role is Role.SIMULATOR:
         return publisher not in (Role.NODE, Role.RECORDER, Role.DRIVER)
     return publisher in PUBLISHERS.get(role, (role,))
 
 
 def access_control(own: Role, train: str) -> dict[str, Any]:
-    """Zenoh's `access_control` for a process: denied is what no rule allows."""
+    """Zenoh's `access_control` for a process; whatever no rule allows is denied."""
     roots = sorted({topic.root for topic in TOPICS})
-    heard = [f"{root}/{train}/{rest}" for root in (*roots, "*") for rest in ("*", "*/@adv/**")]
-    rules = [_rule("hear", ["ingress", "egress"], HEARING, heard)]
+    readable = [f"{root}/{train}/{rest}" for root in (*roots, "*") for rest in ("*", "*/@adv/**")]
+    rules = [_rule("hear", ["ingress", "egress"], SUBSCRIBING, readable)]
     policies = []
     for role in Role:
         names = ["hear"]
         if keys := keys_of(role, train):
-            rules.append(_rule(f"from-{role}", ["ingress"], SAYING, keys))
+            rules.append(_rule(f"from-{role}", ["ingress"], PUBLISHING, keys))
             names.append(f"from-{role}")
         if keys_of(own, train):
             names.append("own")
         policies.append({"id": role, "rules": names, "subjects": [role]})
     if keys := keys_of(own, train):
-        rules.append(_rule("own", ["egress"], SAYING, keys))
+        rules.append(_rule("own", ["egress"], PUBLISHING, keys))
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -122,10 +126,10 @@ def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> 
 
 
 def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: float) -> datetime:
-    """Make authority, certificates, keys (mode 0600) and one bus file per role; returns until when they are valid.
+    """Make an authority, certificates, keys (mode 0600) and a bus file for each role; returns until when they hold.
 
-    A certificate is for both sides of a connection on this machine. The key of the authority is kept nowhere.
-    `ports` are those of the roles in `LISTENERS`. DasError where the folder exists or cannot be written.
+    A certificate serves both sides of a connection on this machine. The key of the authority is kept nowhere. `ports`
+    are those of the roles in `LISTENERS`. Raises DasError where the folder exists or cannot be written.
     """
     if folder.exists():
         raise DasError(f"{folder}: exists already, expected a new folder (nothing is overwritten)")
@@ -160,7 +164,7 @@ def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: 
 
 
 def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime) -> str:
-    """The configuration of a role; paths are relative to the file."""
+    """The text of a role's bus file; its paths are relative to the file."""
     own, key = f"{role}.pem", f"{role}.key"
     config = {
         "metadata": {"das": {"train": train, "role": role}},
@@ -196,7 +200,7 @@ def _authority_of(train: str) -> str:
 
 
 class Refusals:
-    """Tells from Zenoh's log what was refused; `now_ns` is the clock of the moderation (ns since 1970)."""
+    """Finds in Zenoh's log what was refused; `now_ns` is the clock of the moderation (ns since 1970)."""
 
     def __init__(self, now_ns: Callable[[], int] = WALL_NS) -> None:
         self._now_ns = now_ns
@@ -206,35 +210,35 @@ class Refusals:
         self._names: dict[str, str] = {}
 
     def listen(self) -> Self:
-        """Read the log from now on: to be done once, before the bus is opened, by a process with no other output."""
+        """Read the log from now on. Call it once, before the bus is opened, in a process without other output."""
         pipe, output = os.pipe()
         sys.stdout.flush()
         os.dup2(output, 1)
         os.close(output)
-        threading.Thread(target=self._read, args=(pipe,), name="zenoh-log", daemon=True).start()
+        threading.Thread(target=self._follow, args=(pipe,), name="zenoh-log", daemon=True).start()
         zenoh.init_log_from_env_or(LEVELS)
         return self
 
     def take(self) -> list[str]:
-        """What was refused since the last call; all of it went to standard error as well."""
+        """The texts of refusals since the last call; all of them went to standard error as well."""
         return [self._news.popleft() for _ in range(len(self._news))]
 
-    def _read(self, pipe: int) -> None:
+    def _follow(self, pipe: int) -> None:
         rest = b""
         while block := os.read(pipe, 1 << 16):
             whole, _, rest = (rest + block).rpartition(b"\n")
-            self.hear(whole)
+            self.read(whole)
 
-    def hear(self, lines: bytes) -> None:
-        """Take whole lines of the log, or none; then say how many were left unsaid, once their second is over."""
-        # Nearly all of it says that something is in order: passed over without looking at each line.
+    def read(self, lines: bytes) -> None:
+        """Take whole lines of the log, or none, and report how many texts were held back once their second is over."""
+        # Nearly all lines report that something is in order; blocks of only such lines are skipped.
         if any(mark in lines for mark in WORTH_READING):
             for line in ANSI.sub(b"", lines).decode(errors="replace").splitlines():
                 self._line(line)
-        self._say_rest()
+        self._report_suppressed()
 
     def _line(self, line: str) -> None:
-        """One line; a denial counts only when the message was kept out: Zenoh also tries what it might deny."""
+        """Take one line. A denial counts only when a message is kept out: Zenoh also logs checks without a message."""
         match = LINE.match(line)
         if match is None:
             return
@@ -245,26 +249,26 @@ class Refusals:
                 self._denials[thread] = f"{who} may not {denial['what'].lower()} {denial['key']}"
         elif KEPT_OUT in text:
             if reason := self._denials.pop(thread, ""):
-                self._say(f"refused: {reason}")
+                self._report(f"refused: {reason}")
         elif match["level"] in ("WARN", "ERROR"):
             text = text.replace(" Hint: increase the system open file limit.", "")
-            self._say(text.replace(NOT_LET_IN, "refused: a connection, "))
+            self._report(text.replace(NOT_LET_IN, "refused: a connection, "))
 
     def _name(self, session: str, name: str | None) -> str:
-        """The name in the certificate of a session, as Zenoh said it before; it does not always."""
+        """The name in the certificate of a session. Zenoh does not log it each time, so it is remembered."""
         if name is not None:
             if len(self._names) >= MOST_NAMES:
                 self._names.clear()
             self._names[session] = name
         return self._names.get(session, session)
 
-    def _say(self, text: str) -> None:
-        # A key is the sender's to choose: it must not write on the terminal what it likes.
+    def _report(self, text: str) -> None:
+        # The sender chooses the key; it must not control the terminal.
         text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
         if self._moderation.allows(self._now_ns()):
             self._news.append(f"bus: {text}")
             say(f"bus: {text}")
 
-    def _say_rest(self) -> None:
-        if unsaid := self._moderation.take_suppressed(self._now_ns()):
-            say(f"bus: {unsaid} more of these")
+    def _report_suppressed(self) -> None:
+        if suppressed := self._moderation.take_suppressed(self._now_ns()):
+            say(f"bus: {suppressed} more of these")

@@ -1,4 +1,4 @@
-"""A restriction as a message and back: the only place that knows how one looks on the bus and in recordings."""
+"""Converts a restriction to its message and back: the only place that knows how it looks on the bus."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _Kind = TypeVar("_Kind", bound=Restriction)
 
 
 def encode_restriction(one: Restriction) -> das_pb2.Restrictions.Restriction:
-    """The message of a restriction; an open end of its window takes no byte."""
+    """The message of a restriction; an open end of its window takes no bytes."""
     return das_pb2.Restrictions.Restriction(**vars(one))
 
 
 def decode_restriction(message: Any, kind: type[_Kind]) -> _Kind:
-    """The restriction of a message, of a class that may judge its figures; Restriction raises InputError."""
+    """The restriction of a message. If `kind` checks the figures, as Restriction does, wrong ones raise InputError."""
     return kind(message.start_m, message.end_m, message.limit_mps, message.valid_from_ns, message.valid_until_ns)
 
 

@@ -1,7 +1,8 @@
-"""Walks through an MCAP file record by record. What is damaged is skipped and noted; it is never handed out.
+"""Walks through an MCAP file record by record. Damaged records are noted and skipped, never returned.
 
-A chunk and an attachment have a checksum each, a whole file has one over all of its data. Where the length of a record
-is damaged, the walk goes on at the next chunk whose checksum is right.
+Each chunk and each attachment has a checksum, and a complete file has one over all of its data. If the length of a
+record is damaged, the walk goes on at the next chunk whose checksum is right. Metadata get a checksum of their own
+here, because MCAP gives them none until the file is finished.
 """
 
 from __future__ import annotations
@@ -25,14 +26,15 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 HEAD_BYTES: Final = 9
 """Every record begins with its kind (1 byte) and its length (8 bytes)."""
 PRIVATE: Final = 0x80
-"""Kinds of records from here on are a writer's own; a reader skips them."""
+"""Record kinds from this number on belong to other programs; a reader skips them."""
 SIGNATURES: Final = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
+"""The bytes in a chunk that name its compression; a search for the next chunk looks for them."""
 SIGNATURE_AT: Final = 37
-"""Where in a chunk's record its compression is named (byte)."""
+"""The byte of a chunk's record at which its compression is named."""
 WINDOW_BYTES: Final = 1 << 20
 LARGEST_RECORD_BYTES: Final = 1 << 30
 MAGIC_BYTES_WRONG: Final = 2
-"""A file whose first bytes differ from those of an MCAP file in this many places is taken for a damaged one."""
+"""A file whose first bytes differ from those of an MCAP file in at most this many places counts as a damaged one."""
 SIMPLE: Final[dict[int, Any]] = {
     Opcode.HEADER: records.Header,
     Opcode.SCHEMA: records.Schema,
@@ -48,21 +50,21 @@ SIMPLE: Final[dict[int, Any]] = {
 }
 SOMEWHERE: Final = "wrong checksum of the data, whose messages are whole"
 OTHERS: Final = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
-MOST_SAID = 5
-"""So many places of damage are told one by one."""
+MOST_LISTED = 5
+"""At most this many places of damage are listed one by one."""
 CHECKSUM: Final = "crc32"
-"""The key of the checksum, in hexadecimal, over the record's name and its other entries."""
+"""The key of the hexadecimal checksum over the name of a metadata record and its other entries."""
 UNCHECKED: Final = "unchecked "
-"""Metadata that nothing proves are given under a name that begins so; no command uses them."""
+"""The prefix to the name of metadata without any checksum; no command uses them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Damage:
-    """A stretch of a file that is not as it was written.
+    """A damaged stretch of a file.
 
-    `what` says it in words. `lost` tells whether messages, attachments or metadata were in the stretch, which are left
-    out. `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message as far as the file says them
-    (0: it does not).
+    `what` describes it in words. `lost` says whether it held messages, attachments or metadata, which are left out.
+    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0 where the file does not state
+    them.
     """
 
     start_byte: int
@@ -78,12 +80,11 @@ class Damage:
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """What the reading of a file found out about it.
+    """The health of a file as found while reading it.
 
-    `complete`: its end is there. `checked`: every byte of its data is covered by a checksum that is right, or all of
-    what was handed out is. `cut_byte`: where a file that was cut off ends in the middle of a record (-1: it does not).
-    `missing`: so many messages are missing by their running numbers, None where they have none. `unchecked` names what
-    was written without a checksum.
+    `complete` is False for a file that was cut off. `cut_byte` is where a record begins that the cut goes through (-1:
+    none does). `missing` counts messages that are missing by their running numbers; None where these do not rise
+    through the file. `unchecked` names the parts without a checksum.
     """
 
     size_bytes: int
@@ -99,10 +100,10 @@ class Health:
         return self.complete and not self.damage and not self.missing
 
     def warnings(self) -> list[str]:
-        """What a reader must know, in lines: damage, what is missing, a cut, and what has no checksum."""
-        lines = [f"damaged: {one}{'; it is left out' if one.lost else ''}" for one in self.damage[:MOST_SAID]]
-        if len(self.damage) > MOST_SAID:
-            lines.append(f"damaged: {len(self.damage) - MOST_SAID} more places")
+        """Lines of text for a reader: damage, missing messages, a cut, and parts without a checksum."""
+        lines = [f"damaged: {one}{'; it is left out' if one.lost else ''}" for one in self.damage[:MOST_LISTED]]
+        if len(self.damage) > MOST_LISTED:
+            lines.append(f"damaged: {len(self.damage) - MOST_LISTED} more places")
         if self.missing:
             lines.append(f"{self.missing} messages are missing, by their running numbers")
         if not self.complete:
@@ -113,12 +114,12 @@ class Health:
 
 
 def sealed(name: str, data: Mapping[str, str]) -> dict[str, str]:
-    """The entries of a metadata record, and their checksum."""
+    """The entries of a metadata record with their checksum."""
     return {**data, CHECKSUM: f"{_checksum(name, data):08x}"}
 
 
 def unsealed(name: str, data: Mapping[str, str]) -> tuple[dict[str, str], bool | None]:
-    """The entries without their checksum, and whether it is right (None: there is none)."""
+    """The entries of a metadata record without their checksum, and whether it is right (None: there is none)."""
     entries = {key: value for key, value in data.items() if key != CHECKSUM}
     if CHECKSUM not in data:
         return entries, None
@@ -137,7 +138,7 @@ def begun(library: str) -> bytes:
 
 
 class FoundRecord(NamedTuple):
-    """A record, where it begins in the file, and whether a checksum of its own says that it is as written."""
+    """A record, where it begins in the file, and whether a checksum of its own proves it."""
 
     record: records.McapRecord
     start_byte: int
@@ -146,11 +147,11 @@ class FoundRecord(NamedTuple):
 
 @dataclass
 class Scan:
-    """A walk through a file; `walk` yields what is there, and the rest is known when it has ended.
+    """A walk through a file. `walk` yields the records; the attributes are complete when it has ended.
 
-    `ended`: the file has its last bytes. `data_proven`: the checksum over all data is right (None: there is none).
-    `index_proven`: that of the index at the end. `cut_byte`: where the last record of a cut file begins, -1 where it
-    ends with a whole one.
+    `ended` says whether the file has its last bytes, `data_proven` whether the checksum over all data is right (None:
+    there is none), and `index_proven` the same of the index at the end. `cut_byte` is where the last record of a cut
+    file begins; -1 where the file ends with a whole one.
     """
 
     file: IO[bytes]
@@ -188,7 +189,7 @@ class Scan:
         self._finish(at, last)
 
     def _finish(self, at: int, last: int) -> None:
-        """Note what only the whole walk can tell."""
+        """Note the damage that only the whole walk can show."""
         if self.ended and at < last:
             self._note(at, last, "bytes behind the end of the index", lost=False)
         if self.has_footer and not self.ended:
@@ -213,7 +214,7 @@ class Scan:
         self.ended = self.size >= 2 * len(MAGIC) and self._read(self.size - len(MAGIC), len(MAGIC)) == MAGIC
 
     def _record(self, at: int, kind: int, end: int, last: int) -> list[FoundRecord]:
-        """The records of a place; raises ChunkError where they are not as written."""
+        """The records at a place; raises ChunkError where they are damaged."""
         if end > last or end - at > LARGEST_RECORD_BYTES:
             raise ChunkError("a record is longer than the file")
         content = self._read(at + HEAD_BYTES, end - at - HEAD_BYTES)
@@ -223,7 +224,7 @@ class Scan:
             raise ChunkError("wrong kind of a record")
         if kind == Opcode.ATTACHMENT:
             return [self._attachment(at, content)]
-        if kind == Opcode.MESSAGE_INDEX:  # there are many; nobody reads them, but one may be a damaged chunk
+        if kind == Opcode.MESSAGE_INDEX:  # not used, but it may be a damaged chunk
             if len(content) < 6 or int.from_bytes(content[2:6], "little") != len(content) - 6 or len(content) % 16 != 6:
                 raise ChunkError("a record (MessageIndex) that cannot be read")
             return []
@@ -294,7 +295,7 @@ class Scan:
             self._note(min(start, at), self.size, "wrong checksum of the index, which is not used", lost=False)
 
     def _after_damage(self, at: int, end: int, last: int, why: ChunkError) -> Generator[FoundRecord, None, int]:
-        """Note damage at a place and return where to go on; yields the chunk that is there, or the next one."""
+        """Note damage at a place and return where to go on; yields the records of the chunk there, or of the next."""
         here = self._sound_chunk(at, last)
         if here is not None:
             self._note(at, here[0], "the head of a chunk, whose messages are whole", lost=False)
@@ -313,7 +314,7 @@ class Scan:
         return last
 
     def _sound_chunk(self, at: int, last: int) -> tuple[int, list[FoundRecord]] | None:
-        """Where the chunk at a place ends by its own words, and its records; None where there is no sound one."""
+        """The stated end of the chunk at a place, and its records; None where there is no sound chunk."""
         length = stated_length(self._read(at + HEAD_BYTES, HEAD.size + 12))
         if length is None or at + HEAD_BYTES + length > last:
             return None
@@ -340,7 +341,7 @@ class Scan:
             start += WINDOW_BYTES
 
     def _note_end(self, at: int, last: int, why: str = "a record without its end") -> None:
-        """Note that nothing more can be read: a cut where the file has no end, damage where it has one."""
+        """Note that nothing more can be read: a cut if the file has no end, damage if it has one."""
         if not self.ended:
             self.cut_byte = at
         else:

@@ -104,7 +104,7 @@ class Cab:
         self._post, self._settings = post, settings
         self._guard, self._reporting = Guard(settings.guard), Reporting()
         self._localisation = Localisation(situation.vehicle)
-        self._trust = Trust(restrictions_told=settings.no_restrictions)
+        self._trust = Trust(restrictions_received=settings.no_restrictions)
         self._now = _Now()
 
     @property
@@ -200,7 +200,7 @@ class Cab:
             self.legs.set_restrictions([judged(one) for one in message.restrictions])
             if astray := event_wording.off_route(message.restrictions, self._post.route.length_m):
                 self._reporting.complain(self._now.clock_ns, astray)
-            self._trust = dataclasses.replace(self._trust, restrictions_told=True)
+            self._trust = dataclasses.replace(self._trust, restrictions_received=True)
         elif isinstance(message, TargetsHeard):
             self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in message.targets])
 

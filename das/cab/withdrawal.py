@@ -38,7 +38,7 @@ class Trust:
     """Why the restrictions received last cannot be used; None if they can."""
     two_nodes: str = ""
     """The name of another node that advises this train as well; empty if there is none."""
-    restrictions_told: bool = True
+    restrictions_received: bool = True
     """Whether a list of restrictions was received, possibly an empty one."""
     journey_refused: str = ""
     """Why the last journey was refused; empty if it was not."""
@@ -77,7 +77,7 @@ def decide(
         return distrust
     if leg is None or not leg.is_timed:
         return Withdrawal(Cause.NO_JOURNEY)
-    if not trust.restrictions_told:
+    if not trust.restrictions_received:
         return Withdrawal(Cause.RESTRICTIONS_UNTOLD)
     found = _of_leg(here, leg, stop)
     if found is not None:

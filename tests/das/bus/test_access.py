@@ -20,18 +20,18 @@ def test_a_flood_of_warnings_is_said_in_moderation_and_the_others_are_counted(
 ) -> None:
     clock = HandClock(START_NS)
     refusals = Refusals(clock)
-    refusals.hear(WARNING * (MOST_A_SECOND + 3))
+    refusals.read(WARNING * (MOST_A_SECOND + 3))
     said = "bus: refused: a connection, no certificates"
     assert refusals.take() == [said] * MOST_A_SECOND
     clock.time_ns += S
-    refusals.hear(b"")
+    refusals.read(b"")
     assert refusals.take() == []
     assert capfd.readouterr().err.splitlines() == [said] * MOST_A_SECOND + ["bus: 3 more of these"]
 
 
 def test_a_denial_is_said_only_where_the_message_was_kept_out() -> None:
     refusals = Refusals(HandClock(START_NS))
-    refusals.hear(DENIAL.encode())
+    refusals.read(DENIAL.encode())
     assert refusals.take() == []
-    refusals.hear(KEPT_OUT.encode())
+    refusals.read(KEPT_OUT.encode())
     assert refusals.take() == ["bus: refused: cab.T1 may not put das/T1/x"]
