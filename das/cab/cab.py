@@ -15,7 +15,7 @@ from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab import event_wording
 from das.cab.fronts import Fronts
-from das.cab.guard import Guard, GuardSettings
+from das.cab.guard import Guard
 from das.cab.heard import (
     ClockSet,
     DelayHeard,
@@ -44,6 +44,8 @@ from das.estimate.calibration import Calibrator
 from das.estimate.estimate import Estimate
 from das.estimate.localisation import Localisation
 
+OVERDUE_PERIODS = 1.2
+"""An advice is valid for at least this many advice periods."""
 LONGEST_REASON = 80
 """A target's reason or the text of an error is cut to this many letters."""
 
@@ -59,8 +61,6 @@ class CabSettings:
 
     advice_period_s: float = 1.0
     """The time between two advices. If it is long, each advice is valid until the next one should have come."""
-    overdue_periods: float = 1.2
-    """An advice is valid for at least this many advice periods."""
     no_restrictions: bool = False
     """Whether the site has no temporary restrictions, so that there is advice without a list of them."""
     calibrate: bool = False
@@ -71,7 +71,6 @@ class CabSettings:
     """The clock (s) that measures the durations in the status: in real time the `WALL_STOPWATCH`. By default they are
     all 0, so that no output depends on the machine."""
     advice: AdviceSettings = field(default_factory=AdviceSettings)
-    guard: GuardSettings = field(default_factory=GuardSettings)
 
 
 @dataclass(kw_only=True)
@@ -102,7 +101,7 @@ class Cab:
         self.learning = Learning(calibrator if settings.calibrate else None)
         """The calibration of the train while driving."""
         self._post, self._settings = post, settings
-        self._guard, self._reporting = Guard(settings.guard), Reporting()
+        self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
         self._trust = Trust(restrictions_received=settings.no_restrictions)
         self._now = _Now()
@@ -323,7 +322,7 @@ class Cab:
 
     def _lasting(self, advice: Advice) -> Advice:
         """The advice, valid at least until the next one should have come."""
-        period_s = self._settings.overdue_periods * self._settings.advice_period_s
+        period_s = OVERDUE_PERIODS * self._settings.advice_period_s
         least_ns = advice.time_ns + round(period_s / NS)
         if advice.mode is Regime.NONE or advice.valid_until_ns >= least_ns:
             return advice

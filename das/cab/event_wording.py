@@ -87,14 +87,9 @@ def too_many_restrictions(count: int, most: int) -> str:
     return f"{count} of them, more than {most}"
 
 
-def too_many_targets(count: int, most: int) -> str:
-    """A list of targets that is too long to be meant."""
-    return f"one of {count} targets, more than {most}"
-
-
-def too_many_stops(count: int, most: int) -> str:
-    """A journey with too many stops to be meant."""
-    return f"one of {count} stops, more than {most}"
+def too_many(count: int, what: str, most: int) -> str:
+    """A message with too many targets or stops to be meant; `what` names them."""
+    return f"one of {count} {what}, more than {most}"
 
 
 def name_too_long(letters: int) -> str:

@@ -6,7 +6,7 @@ counts until its publisher is gone (`Operator`); of a measurement, until it has 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from das.cab import event_wording
 from das.cab.heard import (
@@ -33,38 +33,28 @@ MOST_RIVALS = 20
 """Of the sessions that wait beside the one that counts, at most this many are remembered, the newest."""
 MOST_GONE = 50
 """Of the sessions that are gone, at most this many are remembered, the newest."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class GuardSettings:
-    """Limits beyond which messages are rejected: how much they hold, how long their texts are, and their times."""
-
-    most_stops: int = 200
-    """Journeys with more stops are rejected as nonsense."""
-    most_restrictions: int = 100
-    """Messages with more restrictions are rejected as nonsense."""
-    most_targets: int = 100
-    """Messages with more targets are rejected as nonsense."""
-    longest_text: int = 200
-    """The longest name or id accepted (letters); a message with a longer one is rejected as nonsense."""
-    ahead_s: float = 60.0
-    """A message further ahead of the clock than this waits; taken at once, it would shut out all later ones."""
-    silent_s: float = STALE_AFTER_S
-    """A publisher of measurements that has been silent for this long gives way to another one. A position can be used
-    for just as long."""
-
-
-DEFAULT = GuardSettings()
+MOST_STOPS = 200
+"""A journey with more stops is rejected as nonsense."""
+MOST_RESTRICTIONS = 100
+"""A message with more restrictions is rejected as nonsense."""
+MOST_TARGETS = 100
+"""A message with more targets is rejected as nonsense."""
+LONGEST_TEXT = 200
+"""A message with a longer name or id (letters) is rejected as nonsense."""
+AHEAD_S = 60.0
+"""A message further ahead of the clock than this waits; taken at once, it would shut out all later ones."""
+SILENT_S = STALE_AFTER_S
+"""A publisher of measurements that has been silent for this long gives way to another one. A position can be used
+for just as long."""
 
 
 class Guard:
     """Judges messages before anything acts on them; feed it with every message in the order received."""
 
-    def __init__(self, settings: GuardSettings = DEFAULT) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._newest_ns: dict[Kind, int] = {}
         self._operators = Operators()
-        self._publishers = {kind: Publishers(settings.silent_s) for kind in (Kind.POSITION, Kind.EFFORT)}
+        self._publishers = {kind: Publishers() for kind in (Kind.POSITION, Kind.EFFORT)}
         self._in_force: list[Restriction] = []
         self._early: dict[Kind, Heard] = {}
         self._news: list[str] = []
@@ -127,7 +117,7 @@ class Guard:
         there = [
             (kind, one)
             for kind, one in self._early.items()
-            if isinstance(one, StateHeard) and _ahead_s(one, now_ns) <= self._settings.ahead_s
+            if isinstance(one, StateHeard) and _ahead_s(one, now_ns) <= AHEAD_S
         ]
         for kind, _ in there:
             del self._early[kind]
@@ -181,7 +171,7 @@ class Guard:
     def _problem_by_itself(self, message: Heard) -> str:
         """Why a message is of no use, whatever was received before; empty if it is of use."""
         kind, now_ns = kind_of(message), message.heard_ns
-        if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > self._settings.ahead_s:
+        if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message
             return event_wording.ahead_of_clock(_ahead_s(message, now_ns))
         found = self._problem_of_sense(message)
@@ -197,7 +187,7 @@ class Guard:
         kind, now_ns = kind_of(message), message.heard_ns
         newest_ns = self._newest_ns.get(kind, message.time_ns)
         # If the clock was set back, the newest time from before must not shut anything out.
-        was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > self._settings.ahead_s
+        was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > AHEAD_S
         if message.time_ns < newest_ns and not was_set_back:
             return event_wording.older_than_last((newest_ns - message.time_ns) * NS)
         self._newest_ns[kind] = message.time_ns
@@ -206,35 +196,33 @@ class Guard:
 
     def _problem_of_sense(self, message: Heard) -> str:
         """Why a message is nonsense; empty if it makes sense."""
-        settings = self._settings
         if isinstance(message, Unreadable):
             return message.why or event_wording.NOT_OF_ITS_KIND
         if isinstance(message, RestrictionsHeard):
-            if len(message.restrictions) > settings.most_restrictions:
-                return event_wording.too_many_restrictions(len(message.restrictions), settings.most_restrictions)
+            if len(message.restrictions) > MOST_RESTRICTIONS:
+                return event_wording.too_many_restrictions(len(message.restrictions), MOST_RESTRICTIONS)
             wrong = next((one for one in message.restrictions if not _is_restriction(one)), None)
             return event_wording.impossible_restriction(wrong) if wrong is not None else ""
         if isinstance(message, TargetsHeard):
-            if len(message.targets) > settings.most_targets:
-                return event_wording.too_many_targets(len(message.targets), settings.most_targets)
+            if len(message.targets) > MOST_TARGETS:
+                return event_wording.too_many(len(message.targets), "targets", MOST_TARGETS)
             return self._too_long(*(one.stop for one in message.targets))
         if isinstance(message, JourneyHeard):
-            if len(message.stops) > settings.most_stops:
-                return event_wording.too_many_stops(len(message.stops), settings.most_stops)
+            if len(message.stops) > MOST_STOPS:
+                return event_wording.too_many(len(message.stops), "stops", MOST_STOPS)
             texts = (message.train, message.route_id, message.vehicle_id, message.load, message.level)
             return self._too_long(*texts, *(stop.name for stop in message.stops))
         return ""
 
     def _too_long(self, *texts: str) -> str:
         longest = max(map(len, texts), default=0)
-        return event_wording.name_too_long(longest) if longest > self._settings.longest_text else ""
+        return event_wording.name_too_long(longest) if longest > LONGEST_TEXT else ""
 
 
 class Publishers:
     """Decides which session counts for one measurement; a session is known by its name in Zenoh's time stamps."""
 
-    def __init__(self, silent_s: float = DEFAULT.silent_s) -> None:
-        self._silent_s = silent_s
+    def __init__(self) -> None:
         self._source: str | None = None
         self._counted_ns = 0
         self._rival, self._rival_ns = "", 0
@@ -269,7 +257,7 @@ class Publishers:
         return self._unstamped_ns is not None and self._within(now_ns, self._unstamped_ns)
 
     def _within(self, now_ns: int, then_ns: int) -> bool:
-        return abs(now_ns - then_ns) * NS <= self._silent_s
+        return abs(now_ns - then_ns) * NS <= SILENT_S
 
 
 class Operator:
