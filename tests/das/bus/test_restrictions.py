@@ -1,4 +1,4 @@
-"""A restriction on the bus: it comes back to the last bit, and without a window it is the bytes that it always was."""
+"""A restriction on the bus: it survives its message to the last bit, and without a window it has the old bytes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_without_a_window_the_bytes_are_those_of_a_message_that_has_none() -> No
     assert windowed == by_hand + bytes([4 << 3, 1, 5 << 3, 2])
 
 
-def test_what_nobody_can_mean_is_told_as_it_is_and_left_out_of_a_recorded_list() -> None:
+def test_impossible_figures_are_decoded_as_they_are_and_left_out_of_a_recorded_list() -> None:
     wrong = [ToldRestriction(5.0, 1.0, -3.0), ToldRestriction(0.0, 1.0, math.inf), ToldRestriction(0.0, 1.0, 5.0, 9, 3)]
     right = Restriction(0.0, 1.0, 5.0, 3, NOW_NS)
     messages = [encode_restriction(one) for one in (*wrong, right)]
