@@ -22,7 +22,7 @@ from das.advice.reduced import ReducedSpeed
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.fastest import capped, fastest, least_time_s
 from das.solver.few_switch.schedule import Schedule, Scheduled
 from das.solver.front import Front

@@ -1,1 +1,1 @@
-"""The bus: messages, the registry of topics, the locked-down Zenoh session, the recorder."""
+"""The bus: messages, the registry of topics, the locked-down Zenoh session, and recordings."""

@@ -1,4 +1,4 @@
-"""Chunks of an MCAP file: unpacked within bounds, checked by their checksum, and taken apart strictly."""
+"""Chunks of an MCAP file: unpacked within bounds, checked by their checksums, and parsed strictly."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ from mcap.opcode import Opcode
 from das.domain.errors import DasError
 
 HEAD: Final = struct.Struct("<QQQII")
-"""Times of the first and the last message (ns), unpacked size (bytes), checksum, length of the compression's name."""
+"""The head of a chunk: times of the first and last message (ns), unpacked size (bytes), checksum, length of the
+compression's name."""
 MESSAGE: Final = struct.Struct("<HIQQ")
-"""Channel, running number, time recorded (ns), time sent (ns)."""
+"""The head of a message: channel, running number, time recorded (ns), time sent (ns)."""
 RECORD: Final = struct.Struct("<BQ")
+"""The head of a record: kind, length (bytes)."""
 COMPRESSIONS: Final = ("", "zstd", "lz4")
 LARGEST_CHUNK_BYTES: Final = 64 << 20
-"""A chunk that claims to be larger is not unpacked. Those of the recorder are a few kB, those of other programs some
+"""A chunk that claims to be larger is not unpacked. Chunks of the recorder have a few kB, those of other programs some
 MB."""
 MOST_EXPANSION: Final = 100
 """A file may unpack to at most this many times its size. Recordings of this project unpack to 3 to 10 times."""
@@ -43,7 +45,7 @@ class ChunkError(Exception):
 
 @dataclass
 class Budget:
-    """How much of a file may still be unpacked: a small file cannot keep its reader busy, whatever it claims."""
+    """How much of a file may still be unpacked, so that a small file cannot keep its reader busy."""
 
     left_bytes: int
     left_messages: int = MOST_MESSAGES
@@ -67,7 +69,7 @@ class Budget:
 
 
 def chunk_of(content: bytes) -> records.Chunk:
-    """The chunk in a record's content; raises ChunkError if it is no chunk, or not as long as it states."""
+    """The chunk in the content of a record; raises ChunkError if it is no chunk, or its stated length is wrong."""
     length = stated_length(content)
     if length is None:
         raise ChunkError("a chunk that cannot be read")
@@ -77,7 +79,7 @@ def chunk_of(content: bytes) -> records.Chunk:
 
 
 def stated_length(head: bytes) -> int | None:
-    """The length of a chunk's content (bytes), as its first bytes state it; None if they are not those of a chunk."""
+    """The length of a chunk's content (bytes) that its first bytes state; None if they are not those of a chunk."""
     if len(head) < HEAD.size:
         return None
     rest: int = HEAD.size + HEAD.unpack_from(head)[4]
@@ -126,7 +128,7 @@ def contents(chunk: records.Chunk, budget: Budget) -> list[records.McapRecord]:
 
 
 def message_of(content: bytes) -> records.Message:
-    """A message's record from its content; raises ChunkError where it is too short."""
+    """The message in the content of a record; raises ChunkError where it is too short."""
     if len(content) < MESSAGE.size:
         raise ChunkError("a message that is too short")
     channel, sequence, log_ns, sent_ns = MESSAGE.unpack_from(content)

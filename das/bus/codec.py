@@ -1,4 +1,4 @@
-"""Between messages and values: the only place that knows how the cab's plain values look on the bus."""
+"""Converts messages to values and back: the only place that knows how the cab's values look on the bus."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from das import __version__
 from das.advice.advice import Advice
 from das.advice.plan import Plan
 from das.bus import das_pb2
-from das.bus.restrictions import decoded, encoded
+from das.bus.restrictions import decode_restriction, encode_restriction
 from das.bus.topics import (
     ADVICE,
     CONTROL,
@@ -49,7 +49,7 @@ from das.cab.outputs import Estimated, Event, Output, Status
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix, Quality
 
-TOPICS_HEARD: Mapping[Kind, Topic] = {
+INPUT_TOPICS: Mapping[Kind, Topic] = {
     Kind.POSITION: POSITION,
     Kind.DELAY: DELAY,
     Kind.EFFORT: EFFORT,
@@ -57,11 +57,12 @@ TOPICS_HEARD: Mapping[Kind, Topic] = {
     Kind.RESTRICTION: RESTRICTION,
     Kind.TARGET: TARGET,
 }
-"""The topic of each kind of thing that the cab can be told."""
-KINDS = {topic.name: kind for kind, topic in TOPICS_HEARD.items()}
+"""The topic of each kind of message that the cab receives."""
+KINDS = {topic.name: kind for kind, topic in INPUT_TOPICS.items()}
 DELAY_FIELDS = ("time_ns", "delay_s")
+"""The fields that the value and the message of a delay share."""
 JOURNEY_FIELDS = ("time_ns", "train", "route_id", "vehicle_id", "reversed", "load", "level")
-"""The fields that a value and its message have by the same name, where they have others besides."""
+"""The fields that the value and the message of a journey share."""
 
 
 class Outgoing(NamedTuple):
@@ -72,9 +73,9 @@ class Outgoing(NamedTuple):
 
 
 def decode(received: Received, heard_ns: int) -> Heard | None:
-    """What a message says, heard at a time of the clock (ns since 1970; 0: no clock yet).
+    """The value of a message that was received at a time of the clock (ns since 1970; 0: no clock yet).
 
-    None for topics that the cab does not hear; `Unreadable` for messages that are not of their topic's type.
+    None for topics that the cab does not receive; `Unreadable` for messages that are not of their topic's type.
     """
     kind = KINDS.get(received.topic.name)
     if kind is None:
@@ -89,15 +90,15 @@ def decode(received: Received, heard_ns: int) -> Heard | None:
 
 
 def encode_input(value: Heard) -> Outgoing:
-    """The message that tells a cab something."""
-    return Outgoing(TOPICS_HEARD[value.kind], _ENCODERS[type(value)](value))
+    """The message of a value that a cab receives."""
+    return Outgoing(INPUT_TOPICS[value.kind], _ENCODERS[type(value)](value))
 
 
 def control(now_ns: int, tick: int, *, restrictions_ns: int, targets_ns: int, finish: bool = False) -> Outgoing:
-    """The message by which a simulation tells a node the time (ns since 1970) and asks for the advice of a tick.
+    """The message by which a simulation sends a node the time (ns since 1970) and asks for the advice of a tick.
 
-    `restrictions_ns` and `targets_ns` are the times of the restrictions and targets that the node must have heard
-    before it answers (0: none). `finish` says that the run is over; the node ends.
+    `restrictions_ns` and `targets_ns` are the times of the restrictions and targets that the node must have received
+    before it answers (0: none). With `finish` the simulation is over, and the node ends.
     """
     command = das_pb2.Control.COMMAND_FINISH if finish else das_pb2.Control.COMMAND_TICK
     message = das_pb2.Control(
@@ -107,12 +108,12 @@ def control(now_ns: int, tick: int, *, restrictions_ns: int, targets_ns: int, fi
 
 
 def finishes(control: Any) -> bool:
-    """Whether a Control message says that the run is over; every other one asks for advice."""
+    """Whether a Control message ends the simulation; every other one asks for advice."""
     return bool(control.command == das_pb2.Control.COMMAND_FINISH)
 
 
 def encode_output(output: Output, tick: int = 0) -> Outgoing:
-    """The message for something the cab says; `tick` is that of the Control message answered (0: none)."""
+    """The message of an output of the cab; `tick` is that of the Control message answered (0: none)."""
     if isinstance(output, Advice):
         return Outgoing(ADVICE, advice_message(output, tick))
     if isinstance(output, Status):
@@ -125,7 +126,7 @@ def encode_output(output: Output, tick: int = 0) -> Outgoing:
 
 
 def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
-    """An advice as a message; the field names are the same."""
+    """The message of an advice; the field names are the same."""
     fields = dict(vars(advice))  # A deep copy would take half of the time between a position and its advice.
     if advice.coach is not None:
         fields["coach"] = dataclasses.asdict(advice.coach)
@@ -133,21 +134,21 @@ def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
 
 
 def event_message(event: Event, name: str = "das-node") -> Log:
-    """An event as a message; `name` says which program speaks."""
+    """The message of an event; `name` is the program that reports it."""
     log = Log(level=event.severity, message=event.text, name=name)  # type: ignore[arg-type]
     log.timestamp.FromNanoseconds(event.time_ns)
     return log
 
 
 def _plan_message(plan: Plan) -> das_pb2.Plan:
-    run = plan.solution.trajectory
+    planned = plan.solution.trajectory
     return das_pb2.Plan(
-        time_ns=plan.made_ns, s_m=run.s_m, t_s=run.t_s, speed_mps=run.v_mps, force_n=[*plan.force_n, 0.0]
+        time_ns=plan.made_ns, s_m=planned.s_m, t_s=planned.t_s, speed_mps=planned.v_mps, force_n=[*plan.force_n, 0.0]
     )
 
 
 def _values(one: Any, names: Iterable[str]) -> dict[str, Any]:
-    """Fields of a message or of a value, by name: most have the same name in both."""
+    """Fields of a message or of a value by name; most have the same name in both."""
     return {name: getattr(one, name) for name in names}
 
 
@@ -170,7 +171,7 @@ def _journey(message: Any, common: dict[str, Any]) -> JourneyHeard:
 
 
 def _restrictions(message: Any, common: dict[str, Any]) -> RestrictionsHeard:
-    restrictions = tuple(decoded(one, ToldRestriction) for one in message.restrictions)
+    restrictions = tuple(decode_restriction(one, ToldRestriction) for one in message.restrictions)
     return RestrictionsHeard(time_ns=message.time_ns, restrictions=restrictions, **common)
 
 
@@ -205,7 +206,7 @@ _ENCODERS: Mapping[type[Heard], Callable[[Any], Message]] = {
     EffortHeard: lambda value: das_pb2.Effort(**vars(value.effort)),
     JourneyHeard: _journey_message,
     RestrictionsHeard: lambda value: das_pb2.Restrictions(
-        time_ns=value.time_ns, restrictions=map(encoded, value.restrictions)
+        time_ns=value.time_ns, restrictions=map(encode_restriction, value.restrictions)
     ),
     TargetsHeard: _targets_message,
 }

@@ -1,7 +1,7 @@
-"""The Zenoh configuration of a bus: locked down to this machine, or a site's own file made fit and checked.
+"""The Zenoh configuration of a bus: locked down to this machine, or a site's own file, completed and checked.
 
-Zenoh's own defaults listen on every interface and look for others by multicast; neither happens here unless a
-site's file says so, and then only over mutual TLS (or with the user's word that it may be open).
+Zenoh's own defaults listen on every interface and look for others by multicast. Neither happens here unless a site's
+file asks for it, and then only over mutual TLS (or if the user allows an open bus).
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from typing import Any
 
 import zenoh
 
-from das.bus.roles import Role
+from das.bus.access import Role
 from das.domain.errors import DasError, InputError
 
 LEASE_MS = 2000
-"""A frozen peer is noticed after this."""
+"""A peer that is silent for this long counts as gone."""
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 LARGEST_BYTES = 1 << 20
-"""Larger messages are thrown away while they arrive; the largest of ours, a plan, has some 100 kB."""
+"""Larger messages are dropped while they arrive; the largest of this project, a plan, has some 100 kB."""
 ALWAYS: dict[str, Any] = {
     "timestamping/enabled": True,
     "transport/shared_memory/enabled": False,  # a sender could alter a message after it was checked
     "transport/link/rx/max_message_size": LARGEST_BYTES,
 }
-"""What we rely on, whatever a file says."""
-UNLESS_SAID: dict[str, Any] = {
+"""Settings that replace those of every file, because the bus relies on them."""
+DEFAULTS: dict[str, Any] = {
     "mode": "peer",
     "listen/endpoints": [],
     "connect/endpoints": [],
@@ -42,7 +42,7 @@ UNLESS_SAID: dict[str, Any] = {
     "scouting/gossip/enabled": False,
     "transport/link/tx/lease": LEASE_MS,
 }
-"""What takes the place of Zenoh's own defaults where a file does not say."""
+"""Settings that replace Zenoh's own defaults where a file does not set them."""
 SECRETS = "transport/link/tls"
 FILES = (
     "root_ca_certificate",
@@ -53,27 +53,28 @@ FILES = (
 )
 ENCRYPTED, OF_THIS_MACHINE = ("tls", "quic"), ("unixsock-stream", "unixpipe")
 SOURCE_PLACE = re.compile(r" at /\S+:\d+\.")
-"""Where in Zenoh's own source an error arose; of no use to who reads it."""
+"""The place in Zenoh's source where an error arose; it is cut from messages."""
 SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+) .*= (expected .*)")
-"""A syntax error is drawn, over several lines."""
-MOST_SAID = 200
+"""A syntax error, which Zenoh draws over several lines."""
+LONGEST_ERROR = 200
+"""Errors of Zenoh are cut to this many letters."""
 DEEPEST = 64
-"""Brackets nested deeper are no configuration."""
+"""A file whose brackets are nested deeper than this is refused."""
 
 
 @dataclass(frozen=True)
 class BusFile:
-    """A site's configuration of the bus for one process; `insecure`: it may open the bus to the network."""
+    """A site's configuration file of the bus for one process; `insecure`: it may open the bus to the network."""
 
     path: Path
     insecure: bool = False
 
     def arguments(self) -> list[str]:
-        """How a process of ours is told to use it."""
+        """The command-line options that make a program of this project use the file."""
         return ["--bus", str(self.path), *(["--insecure-bus"] if self.insecure else [])]
 
     def config(self, train: str) -> zenoh.Config:
-        """The configuration, ready to open; InputError where it cannot be used, or is open without leave."""
+        """The configuration, ready to open; raises DasError where it cannot be used, or opens the bus without leave."""
         try:
             config = zenoh.Config.from_json5(self._text())
         except OSError as error:
@@ -84,7 +85,7 @@ class BusFile:
             raise DasError(f"{self.path}: not a Zenoh configuration: {one_line(error)}") from error
         self._check_train(config, train)
         default = zenoh.Config()
-        for key, value in UNLESS_SAID.items():
+        for key, value in DEFAULTS.items():
             if config.get_json(key) == default.get_json(key):
                 config.insert_json5(key, json.dumps(value))
         for key, value in ALWAYS.items():
@@ -101,26 +102,26 @@ class BusFile:
         return text
 
     def _check_train(self, config: zenoh.Config, train: str) -> None:
-        """A file that `tls-init` made is for one train; under another name everything would be refused in silence."""
+        """Check the train of a file that `tls-init` made: Zenoh would refuse that of another train in silence."""
         metadata = _read(config, "metadata")
-        of_ours = metadata.get("das") if isinstance(metadata, dict) else None
-        its = of_ours.get("train") if isinstance(of_ours, dict) else None
+        ours = metadata.get("das") if isinstance(metadata, dict) else None
+        its = ours.get("train") if isinstance(ours, dict) else None
         if its is not None and its != train:
             raise InputError(self.path, "metadata.das.train", its, f"{train!r}, the train of this process")
 
     def _find_files(self, config: zenoh.Config) -> None:
-        """Certificates and keys are looked for beside the file."""
+        """Make the paths of certificates and keys, which are relative to the file, absolute."""
         for name in FILES:
-            said = _read(config, f"{SECRETS}/{name}")
-            if said is None:
+            named = _read(config, f"{SECRETS}/{name}")
+            if named is None:
                 continue
-            path = self.path.resolve().parent / said
+            path = self.path.resolve().parent / named
             if not path.is_file():
-                raise InputError(self.path, _dotted(f"{SECRETS}/{name}"), said, "a file that is there")
+                raise InputError(self.path, _dotted(f"{SECRETS}/{name}"), named, "a file that is there")
             config.insert_json5(f"{SECRETS}/{name}", json.dumps(str(path)))
 
     def _check_closed(self, config: zenoh.Config) -> None:
-        """Whatever leaves this machine must be mutual TLS."""
+        """Refuse whatever leaves this machine without mutual TLS."""
         tls = _read(config, SECRETS)
         for key in ("listen/endpoints", "connect/endpoints"):
             for text in _texts(_read(config, key)):
@@ -145,13 +146,13 @@ class BusFile:
 
 @dataclass(frozen=True)
 class BusFolder:
-    """Bus files of all roles, `<role>.json5`, as tls-init makes them."""
+    """A folder with the bus files of all roles, `<role>.json5`, as `tls-init` makes them."""
 
     path: Path
     insecure: bool = False
 
     def file(self, role: Role) -> BusFile:
-        """The file of one role; DasError where it is missing."""
+        """The file of one role; raises DasError where it is missing."""
         file = self.path / f"{role}.json5"
         if not file.is_file():
             raise DasError(f"{file}: not there; expected a folder as das-node tls-init makes it")
@@ -159,7 +160,7 @@ class BusFolder:
 
 
 def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | None:
-    """The folder a simulation was told, the files it needs read once; DasError where one cannot be used."""
+    """The folder that a simulation uses; raises DasError where one of its files cannot be used."""
     if path is None:
         _refuse_lone_insecure(insecure)
         return None
@@ -170,7 +171,7 @@ def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | Non
 
 
 def bus_options(file: Path | None, insecure: bool, listen: str | None, connect: Sequence[str] | None) -> BusFile | None:
-    """What a process was told about its bus; DasError where the options contradict each other."""
+    """The bus file from the options of a process; raises DasError where the options contradict each other."""
     if file is None:
         _refuse_lone_insecure(insecure)
         return None
@@ -180,10 +181,10 @@ def bus_options(file: Path | None, insecure: bool, listen: str | None, connect: 
 
 
 def locked_down(listen: str | None, connect: Sequence[str]) -> zenoh.Config:
-    """The configuration of a bus that stays on this machine; the endpoints are checked before."""
+    """The configuration of a bus that stays on this machine; the caller has checked the endpoints."""
     config = zenoh.Config()
     own = {"listen/endpoints": [listen] if listen else [], "connect/endpoints": list(connect)}
-    for key, value in {**UNLESS_SAID, **ALWAYS, **own}.items():
+    for key, value in {**DEFAULTS, **ALWAYS, **own}.items():
         config.insert_json5(key, json.dumps(value))
     return config
 
@@ -194,11 +195,11 @@ def _refuse_lone_insecure(insecure: bool) -> None:
 
 
 def one_line(error: Exception) -> str:
-    """What Zenoh says, shortened to what is of use."""
-    said = " ".join(SOURCE_PLACE.sub("", str(error)).split())
-    if drawn := SYNTAX_ERROR.match(said):
+    """The useful part of an error of Zenoh, in one line."""
+    text = " ".join(SOURCE_PLACE.sub("", str(error)).split())
+    if drawn := SYNTAX_ERROR.match(text):
         return "line {}, column {}: {}".format(*drawn.groups())
-    return said[:MOST_SAID]
+    return text[:LONGEST_ERROR]
 
 
 def _read(config: zenoh.Config, key: str) -> Any:
@@ -210,13 +211,13 @@ def _dotted(key: str) -> str:
 
 
 def _depth(text: str) -> int:
-    """How deep brackets are nested, those in texts and comments counted with the others."""
+    """How deep brackets are nested, including those in texts and comments."""
     steps = ((letter in "[{") - (letter in "]}") for letter in text)
     return max(accumulate(steps), default=0)
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """All texts in nested lists and objects: endpoints may depend on the mode, or have a strategy."""
+    """All texts in nested lists and objects: endpoints may depend on Zenoh's mode, or have a strategy."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, list | dict):
@@ -225,7 +226,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _is_closed(text: str, tls: dict[str, Any]) -> bool:
-    """Whether an endpoint (`protocol/address?metadata#key=value;…`) stays here or is mutual TLS."""
+    """Whether an endpoint (`protocol/address?metadata#key=value;…`) is on this machine or uses mutual TLS."""
     protocol, _, rest = text.partition("/")
     address, _, settings = rest.partition("#")
     if protocol in OF_THIS_MACHINE or _is_loopback(address.partition("?")[0]):

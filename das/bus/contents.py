@@ -1,4 +1,4 @@
-"""What an MCAP file holds: our messages decoded, metadata and attachments, each where a checksum vouches for it."""
+"""The contents of an MCAP file: decoded messages, metadata and attachments, each if a checksum covers it."""
 
 from __future__ import annotations
 
@@ -10,23 +10,21 @@ from typing import IO, Any, Final, NamedTuple
 from google.protobuf.message import DecodeError
 from mcap import records
 
-from das.bus.damage import UNCHECKED, Damage, Health, unsealed
-from das.bus.scanning import SOMEWHERE, FoundRecord, Scan
+from das.bus.scanning import SOMEWHERE, UNCHECKED, Damage, FoundRecord, Health, Scan, unsealed
 from das.bus.topics import Topic, topic_of
 from das.domain.errors import DasError
 
 CHANNELS: Final = "channel "
-"""The recorder says again, in metadata of this name and the channel's number, what a channel holds: the chunk that
-says so may be lost, and with it all later messages of the channel."""
-
+"""Metadata whose name is this and a channel's number describe the channel a second time. Without that, the loss of the
+chunk that describes the channel would lose all later messages of it."""
 NUMBERED: Final = "numbered"
-"""The entry of such metadata by which the recorder says that it numbers all messages through the file."""
+"""The entry of such metadata that marks a file of the recorder, which numbers all messages of the file."""
 RECOVERED: Final = "recovered"
-"""The metadata record by which `das-sim recover` says where a recording comes from and what was lost."""
+"""The metadata record in which `das-sim recover` states the source of a recording and what was lost."""
 
 
 class RecordedMessage(NamedTuple):
-    """A message as recorded: its train, its topic, when it was recorded (ns), its running number, and what it says."""
+    """A recorded message with its train, its topic, the time of recording (ns) and its running number."""
 
     train: str
     topic: Topic
@@ -37,9 +35,9 @@ class RecordedMessage(NamedTuple):
 
 @dataclass
 class Contents:
-    """All that a file holds and that can be trusted, in the order of the file.
+    """The trusted contents of a file, in the order of the file.
 
-    `foreign` counts messages on channels that are not ours, by topic.
+    `foreign` counts the messages on channels of other programs, by topic.
     """
 
     path: Path
@@ -52,17 +50,17 @@ class Contents:
 
     @property
     def trains(self) -> tuple[str, ...]:
-        """The trains of the file, the one that was recorded first in front."""
+        """The trains of the file, in the order of their first messages."""
         ordered = sorted(self.messages, key=lambda one: one.log_time_ns)
         return tuple(dict.fromkeys(one.train for one in ordered))
 
 
 @dataclass
 class Raw:
-    """The records of a file as they stand, before anything is decoded.
+    """The records of a file before their messages are decoded.
 
-    `loose` are records outside of chunks, `metadata` those with whether their own checksum is right (None: there is
-    none); of both, and of attachments without a checksum, only the whole file can tell whether they are as written.
+    `loose` are records outside of chunks. `metadata` are paired with whether their own checksum is right (None: there
+    is none). Records without a checksum can be trusted only if the whole file is sound.
     """
 
     schemas: dict[int, records.Schema] = field(default_factory=dict)
@@ -73,10 +71,10 @@ class Raw:
     library: str = ""
     loose: list[FoundRecord] = field(default_factory=list)
     numbered: bool = False
-    """Whether the recorder wrote the file: it numbers the messages through the file, each once."""
+    """Whether the recorder wrote the file: it gives each message of the file a number of its own."""
 
     def take(self, found: FoundRecord) -> None:
-        """Sort a record in."""
+        """Add a record where it belongs."""
         record = found.record
         if isinstance(record, records.Metadata):
             self._take_metadata(record)
@@ -88,7 +86,7 @@ class Raw:
             self.use(record)
 
     def use(self, record: records.McapRecord) -> None:
-        """Keep a record that is as written."""
+        """Keep a record that can be trusted."""
         if isinstance(record, records.Message):
             self.messages.append(record)
         elif isinstance(record, records.Schema):
@@ -152,7 +150,7 @@ def _read(file: IO[bytes]) -> tuple[Raw, Health]:
 
 
 def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
-    """Use what stands outside of chunks where nothing says that it is altered; returns what has no checksum at all."""
+    """Keep the records outside of chunks unless they may be altered; returns the names of those without checksum."""
     trusted = scan.data_proven is True or (scan.data_proven is None and not scan.damage and scan.has_footer)
     data = [one for one in raw.loose if isinstance(one.record, records.Message | records.Attachment)]
     names = [one for one in raw.loose if isinstance(one.record, records.Schema | records.Channel)]
@@ -175,7 +173,7 @@ def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
 
 
 def _take_out_repeated(raw: Raw) -> int:
-    """Take out messages whose running number has come before, and count them; only where the recorder numbered them."""
+    """Take out messages whose running number came before, and count them; only in files of the recorder."""
     if not raw.numbered:
         return 0
     once = {message.sequence: message for message in reversed(raw.messages)}
@@ -186,7 +184,7 @@ def _take_out_repeated(raw: Raw) -> int:
 
 
 def _missing(messages: list[records.Message]) -> int | None:
-    """How many messages are missing by their running numbers; None where these do not count through the file."""
+    """How many messages are missing by their running numbers; None where these do not rise through the file."""
     numbers = [message.sequence for message in messages]
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         return None
@@ -195,9 +193,9 @@ def _missing(messages: list[records.Message]) -> int | None:
 
 
 def read_contents(path: Path) -> Contents:
-    """What a file holds, decoded; what is damaged is left out and in `health`. Raises DasError as `read_raw`.
+    """The decoded contents of a file; damaged parts are left out and noted in `health`.
 
-    Raises DasError as well where a channel of ours holds other messages than its topic's.
+    Raises DasError as `read_raw` does, and where a channel of ours holds messages of another type than its topic's.
     """
     raw, health = read_raw(path)
     result = Contents(path=path, attachments=raw.attachments, library=raw.library)
@@ -234,7 +232,7 @@ def _decode(result: Contents, message: records.Message, key: str, topic: Topic, 
 
 
 def _our_topic(path: Path, channel: records.Channel, raw: Raw) -> Topic | None:
-    """The topic of a channel, None for a foreign one; DasError for one of ours that holds other messages."""
+    """The topic of a channel, None for a foreign one; raises DasError for one of ours with messages of another type."""
     topic = topic_of(channel.topic)
     if topic is None:
         return None

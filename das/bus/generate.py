@@ -1,6 +1,6 @@
 """Generate das_pb2.py, das_pb2.pyi and das_comments.json from das.proto: python -m das.bus.generate.
 
-It needs the dev dependencies. das_comments.json has the comments of all fields; protobuf leaves them out of das_pb2.py.
+It needs the dev dependencies. das_comments.json holds the comments of all fields, which das_pb2.py does not have.
 """
 
 from __future__ import annotations

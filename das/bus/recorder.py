@@ -1,11 +1,11 @@
-"""The recorder: everything said on the bus into one MCAP file, on disk within a second.
+"""The recorder: all messages on the bus into one MCAP file, on disk within a second.
 
-The process around it is das-record (`das/recorder`).
-Log time is the run's clock (the last Control message, else the wall clock), publish time the message's own.
+The process around it is das-record (`das/recorder`). Log time is the clock of the simulation (the last Control
+message), or else the wall clock; publish time is the time that the message states.
 
 The schema of a topic holds the comment of each field, which begins with its unit in brackets. Protobuf compiles
-comments away; a recording keeps those of our messages in the place that protobuf has for them (`source_code_info`), so
-that the file itself tells the units.
+comments away. A recording keeps them in the place that protobuf has for them (`source_code_info`), so that the file
+itself states the units.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from das import __version__
 from das.bus import das_pb2
 from das.bus.contents import CHANNELS, NUMBERED
-from das.bus.damage import sealed
+from das.bus.scanning import sealed
 from das.bus.session import Bus
 from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Received, Topic
 from das.domain.clocks import WALL, Clocks
@@ -37,26 +37,27 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""What was heard is on the disk after this time (s), and after the 0.1 s for which the recorder listens at a time: so a
-kill loses at most 1.0 s, also where a write takes a while."""
+"""Messages are on disk this long (s) after the recorder received them, or 0.1 s later. So a kill loses at most 1.0 s,
+even if a write takes a while."""
 CHUNK_BYTES = 1 << 18
-"""A chunk is written at the latest when it has so many bytes before it is packed: of a damaged one, no more is lost."""
+"""A chunk is written at the latest when it has this many bytes unpacked; damage to one loses no more than that."""
 LIBRARY = f"driver-advisory-system {__version__}"
+"""The program that wrote a recording, as the file states it."""
 REPORT_EVERY_S = 1.0
-"""The recorder says at least this often how far it is, also while there are no ticks."""
+"""The recorder reports its progress at least this often (s), also while there are no ticks."""
 LAST_NS = 2**63 - 1
-"""The file holds times from 1970 on; those that a message may state beyond it are in the message alone."""
+"""The latest time that the file can hold (ns since 1970); times beyond it stay in the message alone."""
 COMMENTS: Final = "das_comments.json"
-"""Comments of the fields of das.proto by the field's full name; das/bus/generate.py writes it."""
+"""The file with the comments of das.proto by full field name; das/bus/generate.py writes it."""
 SPAN: Final = (0, 0, 0)
-"""A place in das.proto, which protobuf wants with each comment; nobody needs it in a recording."""
+"""The place of a comment in das.proto, which protobuf requires; recordings do not need it."""
 
 
 class RecordingFile:
-    """An MCAP file under way: protobuf messages of our topics, metadata, attachments; CRCs on."""
+    """An MCAP file that is being written, with checksums: messages of our topics, metadata, attachments."""
 
     def __init__(self, path: Path, clocks: Clocks = WALL) -> None:
-        """Begin a file in the place of what is there; from the first moment on it can be read. A link is refused."""
+        """Begin a file, replacing an existing one; it is readable from the first moment. A symbolic link is refused."""
         self.path = path
         self.messages = 0
         self._clocks = clocks
@@ -78,7 +79,7 @@ class RecordingFile:
             raise DasError(f"{path}: cannot be written ({error.strerror})") from error
 
     def add(self, topic: Topic, key: str, message: Message, log_time_ns: int) -> None:
-        """Write one message (to disk with the next flush)."""
+        """Write one message, which is on disk after the next flush."""
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = self._register(topic, key)
@@ -89,21 +90,23 @@ class RecordingFile:
         self.messages += 1
 
     def flush_if_due(self) -> None:
-        """Put what was written on disk, at most every `FLUSH_EVERY_S`."""
+        """Flush, if the last flush was `FLUSH_EVERY_S` ago."""
         if self._clocks.seconds() - self._flushed_s >= FLUSH_EVERY_S:
             self.flush()
 
     def flush(self) -> None:
+        """Put everything written so far on disk."""
         self._writer.flush()
         self._file.flush()
         os.fsync(self._file.fileno())
         self._flushed_s = self._clocks.seconds()
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Write texts, with a checksum of their own."""
+        """Write a metadata record with a checksum of its own."""
         self._writer.add_metadata(name, sealed(name, data))
 
     def add_attachment(self, name: str, media_type: str, content: bytes) -> None:
+        """Attach a file, stamped with the present time."""
         now_ns = self._clocks.now_ns()
         self._writer.add_attachment(now_ns, now_ns, name, media_type, content)
 
@@ -128,7 +131,7 @@ class RecordingFile:
 
 
 def _begin(path: Path) -> tuple[IO[bytes], Path | None]:
-    """An open file for a recording, and where it stands until it has its first bytes (None: in its place)."""
+    """An open file for a recording, and its temporary path until it has its first bytes (None: it is in place)."""
     refuse_link(path)
     try:
         if path.exists() and not path.is_file():  # a device or a pipe is written to, not replaced
@@ -141,7 +144,7 @@ def _begin(path: Path) -> tuple[IO[bytes], Path | None]:
 
 
 def message_time_ns(message: Any) -> int:
-    """The time a message states (ns since 1970), 0 where it has none."""
+    """The time that a message states (ns since 1970); 0 where it has none."""
     if hasattr(message, "time_ns"):
         return int(message.time_ns)
     if hasattr(message, "timestamp"):
@@ -150,49 +153,49 @@ def message_time_ns(message: Any) -> int:
 
 
 class Recorder:
-    """Writes what it hears, and says how far it is at every tick, so that a fast sender can wait.
+    """Writes the messages it receives, and reports its progress at every tick, so that a fast sender can wait.
 
-    With the clock of a run (`clock_ns`, before its first Control) what a node says without a time of that run, while
-    it starts, is left out: how often it does depends on the machine.
+    `clock_ns` is the time of a simulation before its first Control message (None: the wall clock counts). In a
+    simulation, messages without a time are left out: how many a starting node sends depends on the machine.
     """
 
     def __init__(self, bus: Bus, file: RecordingFile, clock_ns: int | None, clocks: Clocks = WALL) -> None:
         self.bus, self.file, self._clocks = bus, file, clocks
-        self._clock_ns, self._by_run = clock_ns, clock_ns is not None
-        self._how = das_pb2.RecorderStatus(file=file.path.name)
+        self._clock_ns, self._simulated = clock_ns, clock_ns is not None
+        self._status = das_pb2.RecorderStatus(file=file.path.name)
         self._reported_s = -math.inf
 
     def take(self, received: Received) -> None:
-        """Write one message as heard; a payload that is not of its topic's type is left out."""
+        """Write one message; a payload that is not of its topic's type is left out."""
         message, topic = received.message, received.topic
         if message is None:
             return
         if topic is CONTROL and message.time_ns >= 0:
             self._clock_ns = message.time_ns
-        if not self._by_run or message_time_ns(message) != 0:
+        if not self._simulated or message_time_ns(message) != 0:
             log_time_ns = self._clock_ns if self._clock_ns is not None else self._clocks.now_ns()
             self.file.add(topic, received.key, message, log_time_ns)
         if self._noted(topic, message):
             self.report()
 
     def _noted(self, topic: Topic, message: Any) -> bool:
-        """Note how far we are; whether somebody may wait to hear it."""
-        how, state = self._how, self._how.node_state
+        """Take note of the progress; returns whether another process may wait for a report of it."""
+        status, state = self._status, self._status.node_state
         if topic is CONTROL:
-            how.tick = message.tick
+            status.tick = message.tick
         elif topic is ADVICE:
-            how.advice_tick = message.tick
+            status.advice_tick = message.tick
         elif topic is STATUS:
-            how.node_state = message.state
-        return topic is CONTROL or topic is ADVICE or how.node_state != state
+            status.node_state = message.state
+        return topic is CONTROL or topic is ADVICE or status.node_state != state
 
     def report(self) -> None:
-        """Say how many messages are written, and up to which tick."""
-        self._how.time_ns, self._how.messages = self._clocks.now_ns(), self.file.messages
-        self.bus.publish(RECORDER, self._how)
+        """Report how many messages are written, and up to which tick."""
+        self._status.time_ns, self._status.messages = self._clocks.now_ns(), self.file.messages
+        self.bus.publish(RECORDER, self._status)
 
     def report_if_due(self) -> None:
-        """Say how many messages are written once every `REPORT_EVERY_S`, also while no messages come."""
+        """Report the progress once every `REPORT_EVERY_S`, also while no messages come."""
         if self._clocks.seconds() - self._reported_s > REPORT_EVERY_S:
             self.report()
             self._reported_s = self._clocks.seconds()

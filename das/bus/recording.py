@@ -1,4 +1,4 @@
-"""Reads an MCAP recording that the recorder wrote: whole, cut off or damaged, in one pass, every checksum checked."""
+"""Reads an MCAP recording, whole, cut off or damaged, in one pass, and checks every checksum."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mcap import records
 from numpy.typing import NDArray
 
 from das.bus.contents import RECOVERED, Contents, read_contents
-from das.bus.damage import Health
+from das.bus.scanning import Health
 from das.bus.topics import TOPICS, Topic
 from das.domain.errors import DasError, InputError
 
@@ -27,7 +27,7 @@ UNKNOWN: Final = Health(size_bytes=0, complete=True)
 
 
 class Stamped(NamedTuple):
-    """A message and when it was recorded."""
+    """A message and the time at which it was recorded (ns since 1970)."""
 
     log_time_ns: int
     message: Any
@@ -35,12 +35,12 @@ class Stamped(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
-    """What a recording holds of one train.
+    """The contents of a recording for one train.
 
-    `messages` holds the messages by topic name, each topic's in the order of their log times. `train` is the train
-    that was asked for, `trains` are all of the file. `metadata` holds texts by record name and key, `attachments` the
-    names of the attached files and `attached` the files themselves. `complete` is False for a file without its end: it
-    was cut off. `health` says what the reading found out about the file.
+    `messages` holds the messages by topic name, those of a topic in the order of their log times. `train` is the chosen
+    train, `trains` are all trains of the file. `metadata` holds texts by record name and key, `attachments` the names
+    of the attached files, `attached` the files themselves. `complete` is False for a file that was cut off. `health`
+    states damage and gaps of the file.
     """
 
     path: Path
@@ -55,13 +55,13 @@ class Recording:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Names of the topics of which there are messages, sorted."""
+        """The sorted names of the topics that have messages."""
         return tuple(sorted(self.messages))
 
     def of(self, topic: Topic | str) -> tuple[Stamped, ...]:
-        """The messages of a topic, which is empty if the topic was not recorded.
+        """The messages of a topic, given as a Topic or by its name ("position"); empty if it was not recorded.
 
-        A topic is given by itself or by its name ("position"). Raises InputError for a name that no topic has.
+        Raises InputError for a name that no topic has.
         """
         return self.messages.get(self._topic(topic).name, ())
 
@@ -154,10 +154,10 @@ def _as_dict(message: Message) -> dict[str, Any]:
 
 
 def read_recording(path: str | Path, *, train: str | None = None, skip_damage: bool = False) -> Recording:
-    """Read a recording; of one that was cut off, all that was written before.
+    """Read a recording; of one that was cut off, everything before the cut.
 
-    `train` says which train of a recording that holds several. `skip_damage`: leave out what is damaged and say so in
-    `health`; otherwise a damaged file is refused.
+    `train` chooses the train of a recording that holds several. With `skip_damage`, damaged parts are left out and
+    noted in `health`; otherwise a damaged file is refused.
 
     Raises DasError for a file that is missing, not MCAP, damaged, without a message of a train, or of several trains
     where none is named.
@@ -173,7 +173,7 @@ def read_recording(path: str | Path, *, train: str | None = None, skip_damage: b
 
 
 def recording_of(found: Contents, train: str | None = None) -> Recording:
-    """The recording of one train from what a file holds; raises DasError as `read_recording` does for its trains."""
+    """The recording of one train from the contents of a file; raises DasError as `read_recording` does for trains."""
     trains = found.trains
     chosen = _chosen(found, trains, train)
     messages: dict[str, list[Stamped]] = {}
@@ -194,7 +194,7 @@ def recording_of(found: Contents, train: str | None = None) -> Recording:
 
 
 def refuse_damage(found: Contents) -> None:
-    """Raise DasError for a file in which something is damaged or missing that `das-sim recover` has not dealt with."""
+    """Raise DasError for a file with damage, or with missing messages that `das-sim recover` has not noted."""
     path, health = found.path, found.health
     if health.damage:
         more = f", and {len(health.damage) - 1} more places" if len(health.damage) > 1 else ""
@@ -204,7 +204,7 @@ def refuse_damage(found: Contents) -> None:
 
 
 def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
-    """The train to read; DasError where there is none, or several and none is named."""
+    """The train to read; raises DasError where there is none, or where there are several and none is named."""
     path = found.path
     if not trains:
         if found.health.damage:

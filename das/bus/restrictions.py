@@ -1,4 +1,4 @@
-"""A restriction as a message and back: the only place that knows how one looks on the bus and in recordings."""
+"""Converts a restriction to its message and back: the only place that knows how it looks on the bus."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from das.domain.restriction import Restriction
 _Kind = TypeVar("_Kind", bound=Restriction)
 
 
-def encoded(one: Restriction) -> das_pb2.Restrictions.Restriction:
-    """The message of a restriction; an open end of its window takes no byte."""
+def encode_restriction(one: Restriction) -> das_pb2.Restrictions.Restriction:
+    """The message of a restriction; an open end of its window takes no bytes."""
     return das_pb2.Restrictions.Restriction(**vars(one))
 
 
-def decoded(message: Any, kind: type[_Kind]) -> _Kind:
-    """The restriction of a message, of a class that may judge its figures; Restriction raises InputError."""
+def decode_restriction(message: Any, kind: type[_Kind]) -> _Kind:
+    """The restriction of a message. If `kind` checks the figures, as Restriction does, wrong ones raise InputError."""
     return kind(message.start_m, message.end_m, message.limit_mps, message.valid_from_ns, message.valid_until_ns)
 
 
-def meant(messages: Iterable[Any]) -> tuple[Restriction, ...]:
+def valid_restrictions(messages: Iterable[Any]) -> tuple[Restriction, ...]:
     """The restrictions of a recorded list; entries that no node accepts as a restriction are left out."""
     found = []
     for message in messages:
         try:
-            found.append(decoded(message, Restriction))
+            found.append(decode_restriction(message, Restriction))
         except InputError:
             continue
     return tuple(found)

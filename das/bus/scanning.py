@@ -1,14 +1,16 @@
-"""Walks through an MCAP file record by record. What is damaged is skipped and noted; it is never handed out.
+"""Walks through an MCAP file record by record. Damaged records are noted and skipped, never returned.
 
-A chunk and an attachment have a checksum each, a whole file has one over all of its data. Where the length of a record
-is damaged, the walk goes on at the next chunk whose checksum is right.
+Each chunk and each attachment has a checksum, and a complete file has one over all of its data. If the length of a
+record is damaged, the walk goes on at the next chunk whose checksum is right. Metadata get a checksum of their own
+here, because MCAP gives them none until the file is finished.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import zlib
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import IO, Any, Final, NamedTuple
@@ -18,21 +20,21 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from das.bus.chunks import HEAD, Budget, ChunkError, chunk_of, contents, message_of, stated_length
-from das.bus.damage import Damage
 from das.domain.errors import DasError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 HEAD_BYTES: Final = 9
 """Every record begins with its kind (1 byte) and its length (8 bytes)."""
 PRIVATE: Final = 0x80
-"""Kinds of records from here on are a writer's own; a reader skips them."""
+"""Record kinds from this number on belong to other programs; a reader skips them."""
 SIGNATURES: Final = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")
+"""The bytes in a chunk that name its compression; a search for the next chunk looks for them."""
 SIGNATURE_AT: Final = 37
-"""Where in a chunk's record its compression is named (byte)."""
+"""The byte of a chunk's record at which its compression is named."""
 WINDOW_BYTES: Final = 1 << 20
 LARGEST_RECORD_BYTES: Final = 1 << 30
 MAGIC_BYTES_WRONG: Final = 2
-"""A file whose first bytes differ from those of an MCAP file in this many places is taken for a damaged one."""
+"""A file whose first bytes differ from those of an MCAP file in at most this many places counts as a damaged one."""
 SIMPLE: Final[dict[int, Any]] = {
     Opcode.HEADER: records.Header,
     Opcode.SCHEMA: records.Schema,
@@ -48,6 +50,84 @@ SIMPLE: Final[dict[int, Any]] = {
 }
 SOMEWHERE: Final = "wrong checksum of the data, whose messages are whole"
 OTHERS: Final = (Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE, Opcode.MESSAGE_INDEX)
+MOST_LISTED = 5
+"""At most this many places of damage are listed one by one."""
+CHECKSUM: Final = "crc32"
+"""The key of the hexadecimal checksum over the name of a metadata record and its other entries."""
+UNCHECKED: Final = "unchecked "
+"""The prefix to the name of metadata without any checksum; no command uses them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damage:
+    """A damaged stretch of a file.
+
+    `what` describes it in words. `lost` says whether it held messages, attachments or metadata, which are left out.
+    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0 where the file does not state
+    them.
+    """
+
+    start_byte: int
+    end_byte: int
+    what: str
+    lost: bool = True
+    from_ns: int = 0
+    to_ns: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.what} (bytes {self.start_byte} to {self.end_byte})" if self.end_byte else self.what
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """The health of a file as found while reading it.
+
+    `complete` is False for a file that was cut off. `cut_byte` is where a record begins that the cut goes through (-1:
+    none does). `missing` counts messages that are missing by their running numbers; None where these do not rise
+    through the file. `unchecked` names the parts without a checksum.
+    """
+
+    size_bytes: int
+    complete: bool
+    damage: tuple[Damage, ...] = ()
+    cut_byte: int = -1
+    missing: int | None = None
+    unchecked: tuple[str, ...] = ()
+
+    @property
+    def sound(self) -> bool:
+        """Whether the file is whole, undamaged and without holes."""
+        return self.complete and not self.damage and not self.missing
+
+    def warnings(self) -> list[str]:
+        """Lines of text for a reader: damage, missing messages, a cut, and parts without a checksum."""
+        lines = [f"damaged: {one}{'; it is left out' if one.lost else ''}" for one in self.damage[:MOST_LISTED]]
+        if len(self.damage) > MOST_LISTED:
+            lines.append(f"damaged: {len(self.damage) - MOST_LISTED} more places")
+        if self.missing:
+            lines.append(f"{self.missing} messages are missing, by their running numbers")
+        if not self.complete:
+            lines.append("it was cut off: it holds what was written before")
+        if self.unchecked:
+            lines.append(f"damage would not be seen, for there is no checksum, in: {', '.join(self.unchecked)}")
+        return lines
+
+
+def sealed(name: str, data: Mapping[str, str]) -> dict[str, str]:
+    """The entries of a metadata record with their checksum."""
+    return {**data, CHECKSUM: f"{_checksum(name, data):08x}"}
+
+
+def unsealed(name: str, data: Mapping[str, str]) -> tuple[dict[str, str], bool | None]:
+    """The entries of a metadata record without their checksum, and whether it is right (None: there is none)."""
+    entries = {key: value for key, value in data.items() if key != CHECKSUM}
+    if CHECKSUM not in data:
+        return entries, None
+    return entries, data[CHECKSUM] == f"{_checksum(name, entries):08x}"
+
+
+def _checksum(name: str, data: Mapping[str, str]) -> int:
+    return zlib.crc32(json.dumps([name, sorted(data.items())], ensure_ascii=True).encode())
 
 
 def begun(library: str) -> bytes:
@@ -58,7 +138,7 @@ def begun(library: str) -> bytes:
 
 
 class FoundRecord(NamedTuple):
-    """A record, where it begins in the file, and whether a checksum of its own says that it is as written."""
+    """A record, where it begins in the file, and whether a checksum of its own proves it."""
 
     record: records.McapRecord
     start_byte: int
@@ -67,11 +147,11 @@ class FoundRecord(NamedTuple):
 
 @dataclass
 class Scan:
-    """A walk through a file; `walk` yields what is there, and the rest is known when it has ended.
+    """A walk through a file. `walk` yields the records; the attributes are complete when it has ended.
 
-    `ended`: the file has its last bytes. `data_proven`: the checksum over all data is right (None: there is none).
-    `index_proven`: that of the index at the end. `cut_byte`: where the last record of a cut file begins, -1 where it
-    ends with a whole one.
+    `ended` says whether the file has its last bytes, `data_proven` whether the checksum over all data is right (None:
+    there is none), and `index_proven` the same of the index at the end. `cut_byte` is where the last record of a cut
+    file begins; -1 where the file ends with a whole one.
     """
 
     file: IO[bytes]
@@ -109,7 +189,7 @@ class Scan:
         self._finish(at, last)
 
     def _finish(self, at: int, last: int) -> None:
-        """Note what only the whole walk can tell."""
+        """Note the damage that only the whole walk can show."""
         if self.ended and at < last:
             self._note(at, last, "bytes behind the end of the index", lost=False)
         if self.has_footer and not self.ended:
@@ -134,7 +214,7 @@ class Scan:
         self.ended = self.size >= 2 * len(MAGIC) and self._read(self.size - len(MAGIC), len(MAGIC)) == MAGIC
 
     def _record(self, at: int, kind: int, end: int, last: int) -> list[FoundRecord]:
-        """The records of a place; raises ChunkError where they are not as written."""
+        """The records at a place; raises ChunkError where they are damaged."""
         if end > last or end - at > LARGEST_RECORD_BYTES:
             raise ChunkError("a record is longer than the file")
         content = self._read(at + HEAD_BYTES, end - at - HEAD_BYTES)
@@ -144,7 +224,7 @@ class Scan:
             raise ChunkError("wrong kind of a record")
         if kind == Opcode.ATTACHMENT:
             return [self._attachment(at, content)]
-        if kind == Opcode.MESSAGE_INDEX:  # there are many; nobody reads them, but one may be a damaged chunk
+        if kind == Opcode.MESSAGE_INDEX:  # not used, but it may be a damaged chunk
             if len(content) < 6 or int.from_bytes(content[2:6], "little") != len(content) - 6 or len(content) % 16 != 6:
                 raise ChunkError("a record (MessageIndex) that cannot be read")
             return []
@@ -215,7 +295,7 @@ class Scan:
             self._note(min(start, at), self.size, "wrong checksum of the index, which is not used", lost=False)
 
     def _after_damage(self, at: int, end: int, last: int, why: ChunkError) -> Generator[FoundRecord, None, int]:
-        """Note damage at a place and return where to go on; yields the chunk that is there, or the next one."""
+        """Note damage at a place and return where to go on; yields the records of the chunk there, or of the next."""
         here = self._sound_chunk(at, last)
         if here is not None:
             self._note(at, here[0], "the head of a chunk, whose messages are whole", lost=False)
@@ -234,7 +314,7 @@ class Scan:
         return last
 
     def _sound_chunk(self, at: int, last: int) -> tuple[int, list[FoundRecord]] | None:
-        """Where the chunk at a place ends by its own words, and its records; None where there is no sound one."""
+        """The stated end of the chunk at a place, and its records; None where there is no sound chunk."""
         length = stated_length(self._read(at + HEAD_BYTES, HEAD.size + 12))
         if length is None or at + HEAD_BYTES + length > last:
             return None
@@ -261,7 +341,7 @@ class Scan:
             start += WINDOW_BYTES
 
     def _note_end(self, at: int, last: int, why: str = "a record without its end") -> None:
-        """Note that nothing more can be read: a cut where the file has no end, damage where it has one."""
+        """Note that nothing more can be read: a cut if the file has no end, damage if it has one."""
         if not self.ended:
             self.cut_byte = at
         else:

@@ -1,11 +1,11 @@
-"""The locked-down Zenoh session: loopback only, no scouting, explicit peers; one ordered stream of messages in.
+"""The locked-down Zenoh session: loopback only, no scouting, explicit peers, and one ordered stream of messages.
 
-Zenoh's default session listens on every interface and multicasts. It is never opened here: config.py says what is
-opened instead, and what a site's own file may say. Messages arrive through one subscriber, so that each sender's
-messages come in the order of sending. Only latched topics (journey, restrictions, targets, status) come by subscribers
-of their own, which also fetch the last message that was sent before.
+Zenoh's default session listens on every interface and multicasts. It is never opened here; config.py makes the
+configuration instead, also from a site's own file. Messages arrive through one subscriber, so that the messages of each
+sender keep their order. Only latched topics (journey, restrictions, targets, status) have subscribers of their own,
+which also fetch the last message that was sent before.
 
-Messages wait in a bounded inbox, in order: a flood costs the oldest positions, never the newest journey.
+Messages wait in order in a bounded inbox. A flood costs the oldest positions, never the newest journey.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from das.cab.heard import UNSTAMPED
 from das.domain.errors import DasError
 
 CAPACITY = 1_000
-"""Messages that may wait: at 50 µs each the newest is answered within 50 ms."""
+"""At most this many messages wait: at 50 µs each, the newest is answered within 50 ms."""
 BYTES_EACH = 8_000
-"""On average a message may have so many; a few large ones still fit."""
+"""The mean size of a message for which the inbox has room; a few large ones fit as well."""
 CONTROL_FACTOR = 10
-"""Where nothing may be dropped for it, a control may wait beyond the capacity, up to this many times."""
+"""Messages that must not be dropped may fill the inbox up to this many times its capacity."""
 MOST_SENDERS = 100
-"""The newest state of at most so many senders is known by name."""
+"""The newest state of at most this many senders is remembered."""
 HEARTBEAT_S = 1.0
-"""So often a latched topic says which message was its last: one lost with a link that was closing is fetched again."""
+"""A latched topic announces its last message this often (s), so that one lost with a closing link is fetched again."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
 TOKENS = "/@adv/pub/"
-"""A token's key is `<topic key>/@adv/pub/<session>/<publisher>/…`; the session is named as in the time stamps it makes
-(`Received.source`). Zenoh takes the tokens of a session back when it is closed, killed, or not heard for its lease."""
+"""A liveliness token has the key `<topic key>/@adv/pub/<session>/<publisher>/…`, with the session's name as in its time
+stamps (`Received.source`). Zenoh withdraws the tokens of a session that is closed, killed, or silent for its lease."""
 
 
 class Inbox:
-    """Messages waiting, from the threads of Zenoh to the one that answers; `dropped` counts what a flood cost.
+    """The messages that wait between the threads of Zenoh and the one that answers; `dropped` counts lost messages.
 
-    When full, the oldest message gives way that a newer one of its kind outdates (position, delay, what a node says);
-    then of each latched topic (journey, restrictions) all but the newest. Controls are kept up to `CONTROL_FACTOR`
-    times the capacity: whoever sends more is no simulation, which waits for its answers.
+    When it is full, the oldest message of a topic that is neither latched nor Control is dropped (position, delay, the
+    messages of a node); then those of each latched topic (journey, restrictions) but the newest. Control messages are
+    kept up to `CONTROL_FACTOR` times the capacity; a simulation waits for its answers and never sends as many.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -68,7 +68,7 @@ class Inbox:
         return len(self._waiting)
 
     def put(self, received: Received) -> None:
-        """Add a message; makes room when full."""
+        """Add a message; if the inbox is full, make room for it or drop it."""
         with self._news:
             while self._is_full():
                 if not self._make_room(received):
@@ -89,10 +89,10 @@ class Inbox:
             self._news.notify()
 
     def get(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
-        """The oldest message, or None after `timeout_s`.
+        """The oldest message; None after `timeout_s` without one.
 
-        `skip_outdated` leaves out what its sender has outdated: a journey, restrictions or targets that are followed
-        by others which are not older. To act on each of a flood of them would take longer than the flood lasts.
+        `skip_outdated` leaves out a journey, restrictions or targets if a later message of the same sender replaces
+        them and is not older. To act on each of a flood of them would take longer than the flood lasts.
         """
         deadline = time.monotonic() + timeout_s
         with self._news:
@@ -110,7 +110,7 @@ class Inbox:
                     return received
 
     def _is_outdated(self, received: Received) -> bool:
-        """Whether a later message of the same sender waits that says the same kind of thing anew."""
+        """Whether a later message of the same topic and sender waits, which is not older."""
         if not received.topic.latched or received.message is None:
             return False
         later = self._waiting.get(self._newest.get((received.topic.name, received.source), 0))
@@ -121,7 +121,7 @@ class Inbox:
         return len(self._waiting) >= self.capacity or self._bytes >= BYTES_EACH * self.capacity
 
     def _make_room(self, coming: Received) -> bool:
-        """Drop one message for one that comes, if there is one to drop."""
+        """Drop one message for a coming one; returns whether there was one to drop."""
         number = self._outdated.popleft() if self._outdated else self._latched.get(coming.topic.name, 0)
         if number not in self._waiting:
             return False
@@ -153,7 +153,7 @@ def endpoint(port: int) -> str:
 
 
 def check_endpoint(text: str) -> str:
-    """An endpoint on this machine, `tcp/127.0.0.1:PORT`; DasError for anything else."""
+    """The endpoint, if it is on this machine (`tcp/127.0.0.1:PORT`); raises DasError otherwise."""
     match = ENDPOINT.fullmatch(text)
     if not match or not 0 < int(match[1]) < 65536:
         raise DasError(f"endpoint {text!r}: expected tcp/127.0.0.1:PORT (the bus stays on this machine)")
@@ -162,7 +162,7 @@ def check_endpoint(text: str) -> str:
 
 @dataclass(frozen=True)
 class Presence:
-    """A session has begun to publish a topic (`there`), or can do so no more."""
+    """A session has begun to publish a topic (`there` is True), or no longer can."""
 
     topic: Topic
     source: str
@@ -170,9 +170,9 @@ class Presence:
 
 
 class Presences:
-    """Collects the liveliness tokens of those who publish latched topics, from the threads of Zenoh.
+    """Collects the liveliness tokens of the publishers of latched topics from the threads of Zenoh.
 
-    `take` hands out for each session what it has come to since.
+    `take` returns the newest presence of each session.
     """
 
     def __init__(self) -> None:
@@ -181,7 +181,7 @@ class Presences:
         self._lock = threading.Lock()
 
     def note(self, topic: Topic, token: str, *, there: bool) -> None:
-        """Take note of a token that has appeared, or was taken back; a key that is no token's is ignored."""
+        """Take note of a token that has appeared or was withdrawn; a key that is not a token's is ignored."""
         source = token.partition(TOKENS)[2].partition("/")[0]
         if not source:
             return
@@ -197,18 +197,18 @@ class Presences:
             self._news[place] = Presence(topic, source, bool(tokens))
 
     def take(self) -> list[Presence]:
-        """What is new since this was last asked, the newest of each session."""
+        """The changes since this was last asked, the newest of each session."""
         with self._lock:
             news, self._news = list(self._news.values()), {}
         return news
 
 
 class Bus:
-    """A session for one train; use with `with`, for a session left open hangs at exit.
+    """A session for one train; use it with `with`, because a session left open hangs at exit.
 
-    `listen` is this process's endpoint, `connect` those of the others (tried again until they are there), or a site's
-    `file` says both. `hear` names the topics to receive; none of them: receive nothing. So many messages wait to be
-    received at most (`waiting`, see `Inbox`).
+    `listen` is the endpoint of this process, `connect` are those of the others, tried again until they are there; or a
+    site's `file` states both. `hear` names the topics to receive (none: receive nothing). `waiting` is the capacity of
+    the `Inbox`.
     """
 
     def __init__(
@@ -236,7 +236,7 @@ class Bus:
             self._session = self._stack.enter_context(zenoh.open(self._config))
         except zenoh.ZError as error:
             raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
-        # Asked for once: a session that is being closed answers nothing, and messages may still come meanwhile.
+        # Asked for once: a session that is being closed does not answer, while messages may still come.
         self._own = str(self._session.zid())
         try:
             self._subscribe()
@@ -246,7 +246,7 @@ class Bus:
         return self
 
     def _subscribe(self) -> None:
-        """Latched topics with their last message, all others in one ordered stream."""
+        """Subscribe to latched topics with their last message, and to all others in one ordered stream."""
         for topic in TOPICS:
             if topic.latched and topic.name in self._hear:
                 subscriber = zenoh.ext.declare_advanced_subscriber(
@@ -270,18 +270,18 @@ class Bus:
         self._stack.close()
 
     def publish(self, topic: Topic, message: Message) -> None:
-        """Send a message, reliably; blocks rather than drops when a receiver is slow."""
+        """Send a message reliably; it waits rather than drop the message when a receiver is slow."""
         publisher = self._publishers.get(topic.name)
         if publisher is None:
             publisher = self._publishers[topic.name] = self._declare(topic)
         publisher.put(message.SerializeToString())
 
     def receive(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
-        """The next message, or None after `timeout_s`; `skip_outdated`: without states that their sender outdated."""
+        """The next message; None after `timeout_s` without one. `skip_outdated` is that of `Inbox.get`."""
         return self._inbox.get(timeout_s, skip_outdated=skip_outdated)
 
     def watch(self, topics: Sequence[Topic]) -> None:
-        """Look out for the publishers of latched topics, those that are there already and those that come and go."""
+        """Watch the publishers of latched topics: those that are present already, and those that come and go."""
         for topic in topics:
 
             def noted(sample: zenoh.Sample, topic: Topic = topic) -> None:
@@ -291,14 +291,12 @@ class Bus:
             self._declared.append(self._session.liveliness().declare_subscriber(tokens, noted, history=True))
 
     def presences(self) -> list[Presence]:
-        """Publishers of the topics that are watched which have come or gone since this was last asked, but for this
-        session itself.
-        """
+        """The publishers of watched topics that came or went since this was last asked, except this session itself."""
         return [one for one in self._presences.take() if one.source != self._own]
 
     @property
     def dropped(self) -> int:
-        """Messages a flood has cost so far."""
+        """How many messages were lost in floods so far."""
         return self._inbox.dropped
 
     def _declare(self, topic: Topic) -> Any:
@@ -325,9 +323,9 @@ class Bus:
             self._on_sample(sample)
 
     def _source(self, sample: zenoh.Sample) -> str:
-        """The session that said something; `UNSTAMPED` where its stamp is missing, or is ahead of our clock by 0.5 s.
+        """The session that sent a message; `UNSTAMPED` where its stamp is missing, or over 0.5 s ahead of our clock.
 
-        Zenoh puts our own stamp on such a message; what we send ourselves is not heard here.
+        Zenoh puts our own stamp on such a message. Messages of this session itself do not come here.
         """
         stamp = sample.timestamp
         source = str(stamp.get_id()) if stamp is not None else UNSTAMPED
@@ -341,5 +339,5 @@ class Bus:
         source = self._source(sample)
         if key == topic.key(self.train) and sample.kind == zenoh.SampleKind.PUT:
             self._inbox.put(decoded(topic, key, sample.payload.to_bytes(), source))
-        else:  # to many trains at once, or a deletion: none of our senders does that
+        else:  # for many trains at once, or a deletion: no sender of this project does that
             self._inbox.put(Received(topic, key, None, source))

@@ -1,4 +1,4 @@
-"""The registry of topics (key, message, rate, publisher, recorded), and a message of one as received from the bus.
+"""The registry of topics, each with its message type and publisher, and the messages received on them.
 
 Publishing, recording and viewing read the registry.
 """
@@ -21,10 +21,10 @@ TRAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """One topic: its key is `<root>/<train>/<name>`.
+    """One topic, with the key `<root>/<train>/<name>`.
 
-    `latched` topics keep their last message for subscribers that come late. All topics are reliable and block rather
-    than drop.
+    A `latched` topic keeps its last message for subscribers that come late. All topics are reliable: publishers wait
+    rather than lose a message.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Topic:
     latched: bool = False
 
     def key(self, train: str) -> str:
-        """Zenoh key, and channel name in a recording."""
+        """The key in Zenoh, and the name of the channel in a recording."""
         return f"{self.root}/{train}/{self.name}"
 
 
@@ -92,14 +92,14 @@ RECORDED: Final = tuple(topic for topic in TOPICS if topic.recorded)
 
 
 def check_train_name(train: str) -> str:
-    """The name, if it can be part of a key; DasError otherwise."""
+    """The name of a train, if it can be part of a key; raises DasError otherwise."""
     if not TRAIN_NAME.fullmatch(train):
         raise DasError(f"train name {train!r}: expected 1 to 64 letters, digits, '.', '_' or '-'")
     return train
 
 
 def topic_of(key: str) -> Topic | None:
-    """The topic of a key or channel name, None if it is not one of ours."""
+    """The topic of a key or of a channel's name; None if it is not one of ours."""
     root, _, rest = key.partition("/")
     _, _, name = rest.partition("/")
     return next((topic for topic in TOPICS if topic.root == root and topic.name == name), None)
@@ -107,9 +107,9 @@ def topic_of(key: str) -> Topic | None:
 
 @dataclass(frozen=True)
 class Received:
-    """A message as heard. `message` is None where the payload is not of the topic's type.
+    """A received message; `message` is None where the payload is not of the topic's type.
 
-    `source` is the session that stamped it with its time: the sender's, where that stamps; `size` in bytes.
+    `source` is the session that put the time stamp on it, normally the sender's; `size` is in bytes.
     """
 
     topic: Topic
@@ -120,7 +120,7 @@ class Received:
 
 
 def decoded(topic: Topic, key: str, payload: bytes, source: str = "") -> Received:
-    """A message of a topic from what was sent."""
+    """The received message of a topic from its payload."""
     message: Message | None = topic.message()
     try:
         message.ParseFromString(payload)  # type: ignore[union-attr]

@@ -1,1 +1,1 @@
-"""The brain of the on-board system: everything except sockets and clocks."""
+"""The on-board system without sockets and clocks: it decides whether there is advice, and which."""

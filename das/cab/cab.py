@@ -1,4 +1,4 @@
-"""The cab: all of the on-board system except sockets and clocks. It takes frozen messages and answers every tick."""
+"""The cab: all of the on-board system except sockets and clocks. It takes frozen messages and answers each tick."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab import event_wording
 from das.cab.fronts import Fronts
-from das.cab.guard import Guard, GuardSettings
+from das.cab.guard import Guard
 from das.cab.heard import (
     ClockSet,
     DelayHeard,
@@ -44,8 +44,10 @@ from das.estimate.calibration import Calibrator
 from das.estimate.estimate import Estimate
 from das.estimate.localisation import Localisation
 
+OVERDUE_PERIODS = 1.2
+"""An advice is valid for at least this many advice periods."""
 LONGEST_REASON = 80
-"""At most this many letters of a target's reason, or of an error's text, are repeated with the advice."""
+"""A target's reason or the text of an error is cut to this many letters."""
 
 
 def no_stopwatch() -> float:
@@ -55,28 +57,25 @@ def no_stopwatch() -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class CabSettings:
-    """How a cab is set up."""
+    """The settings of a cab."""
 
     advice_period_s: float = 1.0
-    """The time between two advices; where it is long, each advice is valid until the next should have come."""
-    overdue_periods: float = 1.2
-    """An advice is valid for at least this many advice periods."""
+    """The time between two advices. If it is long, each advice is valid until the next one should have come."""
     no_restrictions: bool = False
-    """Whether the site has no temporary restrictions, so that no list of them needs to be heard."""
+    """Whether the site has no temporary restrictions, so that there is advice without a list of them."""
     calibrate: bool = False
-    """Whether mass and running resistance are estimated from the measured efforts, and planned with."""
+    """Whether mass and running resistance are estimated from the measured efforts and used in plans."""
     background: bool = False
-    """Whether fronts are looked for in a thread of their own; else each tick waits for what it needs."""
+    """Whether fronts are searched for in a thread of their own; otherwise each tick waits for what it needs."""
     stopwatch: Callable[[], float] = no_stopwatch
-    """The clock (s) that measures the durations in the status. By default none are measured, so that nothing depends on
-    them; in real time it is the `WALL_STOPWATCH`."""
+    """The clock (s) that measures the durations in the status: in real time the `WALL_STOPWATCH`. By default they are
+    all 0, so that no output depends on the machine."""
     advice: AdviceSettings = field(default_factory=AdviceSettings)
-    guard: GuardSettings = field(default_factory=GuardSettings)
 
 
 @dataclass(kw_only=True)
 class _Now:
-    """What changes from moment to moment: the clock, the last journey received, whether an answer is due or failed."""
+    """The present moment: the clock, the last journey received, whether an answer is due, or the last one failed."""
 
     clock_ns: int = 0
     journey: JourneyHeard | None = None
@@ -87,7 +86,7 @@ class _Now:
 class Cab:
     """One train's on-board system: `hear` takes a message, `tick` gives the advice.
 
-    Both return what is to be sent, in order. The same messages in the same order give the same answers, bit for bit,
+    Both return the outputs to send, in order. The same messages in the same order give the same answers, bit for bit,
     unless fronts are solved in the background. Call `close` at the end.
     """
 
@@ -100,59 +99,58 @@ class Cab:
         """The state of the train behind the last advice."""
         calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
         self.learning = Learning(calibrator if settings.calibrate else None)
-        """What is learned about the train while driving."""
+        """The calibration of the train while driving."""
         self._post, self._settings = post, settings
-        self._guard, self._reporting = Guard(settings.guard), Reporting()
+        self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
-        self._trust = Trust(restrictions_told=settings.no_restrictions)
+        self._trust = Trust(restrictions_received=settings.no_restrictions)
         self._now = _Now()
 
     @property
     def urgent(self) -> bool:
-        """Whether the world has changed, or a front was found, since the last advice."""
+        """Whether restrictions or targets have changed, or a front was found, since the last advice."""
         return self._now.news_pending or (self.legs.preparation.has_answer and not self._now.failing)
 
     @property
     def searching(self) -> bool:
-        """Whether a front is being looked for."""
+        """Whether a search for a front is under way."""
         return self.legs.preparation.searching
 
     @property
     def has_journey(self) -> bool:
-        """Whether a journey was heard, be it accepted or refused."""
+        """Whether a journey was received, accepted or refused."""
         return bool(self.legs.legs) or bool(self._trust.journey_refused)
 
     def close(self) -> None:
-        """End the thread that looks for fronts."""
+        """End the threads that search for fronts."""
         self.legs.preparation.close()
 
-    def hear(self, heard: Heard | PublisherSeen | NodeSeen | ClockSet) -> list[Output]:
+    def hear(self, message: Heard | PublisherSeen | NodeSeen | ClockSet) -> list[Output]:
         """Act on a message, or report why not.
 
-        Any unforeseen error is reported as well, and the next advice is withdrawn: a cab that crashed could report
-        nothing.
+        An unforeseen error is reported as well, and it withdraws the next advice: a cab that crashed could not do that.
         """
-        if isinstance(heard, NodeSeen):
-            self._guard.see_node(heard)
+        if isinstance(message, NodeSeen):
+            self._guard.see_node(message)
             return []
-        if isinstance(heard, ClockSet):
-            self._localisation.set_clock(heard.step_s)
-            self._reporting.complain(heard.heard_ns, event_wording.clock_set(heard.step_s))
+        if isinstance(message, ClockSet):
+            self._localisation.set_clock(message.step_s)
+            self._reporting.complain(message.heard_ns, event_wording.clock_set(message.step_s))
             return self._reporting.take()
-        if isinstance(heard, PublisherSeen):
-            waiting = self._guard.see(heard)
-            return self.hear(dataclasses.replace(waiting, heard_ns=heard.heard_ns)) if waiting is not None else []
-        self._now.clock_ns = heard.heard_ns or self._now.clock_ns
-        if isinstance(heard, JourneyHeard) and not heard.heard_ns:  # Nothing else tells the time yet.
-            self._now.clock_ns = max(self._now.clock_ns, heard.time_ns)
-        kind = kind_of(heard)
+        if isinstance(message, PublisherSeen):
+            waiting = self._guard.see(message)
+            return self.hear(dataclasses.replace(waiting, heard_ns=message.heard_ns)) if waiting is not None else []
+        self._now.clock_ns = message.heard_ns or self._now.clock_ns
+        if isinstance(message, JourneyHeard) and not message.heard_ns:  # There is no other time yet.
+            self._now.clock_ns = max(self._now.clock_ns, message.time_ns)
+        kind = kind_of(message)
         try:
-            if self._guard.heeds(heard):
-                problem = self._guard.problem(heard)
+            if self._guard.counts(message):
+                problem = self._guard.problem(message)
                 if problem:
                     self._reporting.complain(self._now.clock_ns, problem)
                 else:
-                    self._act(heard)
+                    self._act(message)
             for news in self._guard.take_news():
                 self._reporting.complain(self._now.clock_ns, news)
         except (ArithmeticError, ValueError) as error:
@@ -163,14 +161,13 @@ class Cab:
         return self._reporting.take()
 
     def tick(self, now_ns: int, *, dropped: int = 0) -> list[Output]:
-        """Report the status and advise once; if anything goes wrong, report why there is no advice.
+        """Advise once and report the status; if anything goes wrong, report why there is no advice.
 
-        `dropped` counts the messages lost in floods since the start. The advice comes last: whoever has received it has
-        received all of this tick.
+        `dropped` counts the messages lost in floods since the start. The advice is the last output of a tick.
         """
-        for heard in self._guard.due(now_ns):
-            for output in self.hear(dataclasses.replace(heard, heard_ns=now_ns)):
-                self._reporting.say(output)
+        for message in self._guard.due(now_ns):
+            for output in self.hear(dataclasses.replace(message, heard_ns=now_ns)):
+                self._reporting.add(output)
         self._now.clock_ns = now_ns
         self._now.news_pending = self._now.failing = False
         try:
@@ -181,33 +178,33 @@ class Cab:
         return self._reporting.take()
 
     def fail(self, now_ns: int, error: Exception) -> list[Output]:
-        """Report that a tick failed, here or where its answer was to be used: no advice, and the reason."""
+        """Withdraw the advice because a tick failed, here or where its answer was used, and report the reason."""
         self._now.failing = True
         self._reporting.note_internal_error()
         text = self._unforeseen(error)
-        self._reporting.say(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
-        self._reporting.say(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=text))
+        self._reporting.add(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
+        self._reporting.add(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=text))
         return self._reporting.take()
 
-    def _act(self, heard: Heard) -> None:
-        self.learning.hear(heard)
-        if isinstance(heard, JourneyHeard):
-            self._begin(heard)
-        elif isinstance(heard, PositionHeard):
-            self._localisation.take(heard.fix, heard.heard_ns)
+    def _act(self, message: Heard) -> None:
+        self.learning.receive(message)
+        if isinstance(message, JourneyHeard):
+            self._begin(message)
+        elif isinstance(message, PositionHeard):
+            self._localisation.take(message.fix, message.heard_ns)
             self.legs.place(self._localisation.moment)
-        elif isinstance(heard, DelayHeard):
-            self.legs.set_delay(heard.delay_s)
-        elif isinstance(heard, RestrictionsHeard):
-            self.legs.set_restrictions([judged(one) for one in heard.restrictions])
-            if astray := event_wording.off_route(heard.restrictions, self._post.route.length_m):
+        elif isinstance(message, DelayHeard):
+            self.legs.set_delay(message.delay_s)
+        elif isinstance(message, RestrictionsHeard):
+            self.legs.set_restrictions([judged(one) for one in message.restrictions])
+            if astray := event_wording.off_route(message.restrictions, self._post.route.length_m):
                 self._reporting.complain(self._now.clock_ns, astray)
-            self._trust = dataclasses.replace(self._trust, restrictions_told=True)
-        elif isinstance(heard, TargetsHeard):
-            self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in heard.targets])
+            self._trust = dataclasses.replace(self._trust, restrictions_received=True)
+        elif isinstance(message, TargetsHeard):
+            self.legs.set_targets([one._replace(reason=one.reason[:LONGEST_REASON]) for one in message.targets])
 
     def _begin(self, journey: JourneyHeard) -> None:
-        """Take over a journey, or refuse it; after that there is no journey, and no advice, until another one comes."""
+        """Take over a journey or refuse it; after a refusal there is no advice until another journey comes."""
         self._now.journey = journey
         try:
             order = self._post.accept(journey)
@@ -221,17 +218,17 @@ class Cab:
             self._localisation = Localisation(order.vehicle)
         self._trust = dataclasses.replace(self._trust, journey_refused="")
         self.learning.set_vehicle(order.vehicle)
-        if not self._reporting.may_tell(self._now.clock_ns):
+        if not self._reporting.may_report(self._now.clock_ns):
             return
         names = [stop.name for stop in order.stops]
         self._reporting.event(journey.time_ns, Severity.INFO, event_wording.journey(names))
-        self._reporting.say(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
+        self._reporting.add(self._status(journey.time_ns, NodeState.READY, event_wording.ready(names)))
 
     def _judge_day(self, now_ns: int) -> None:
-        """Judge the journey again if the clock has entered or left its day since it was last judged."""
-        told = self._now.journey
-        if told is not None and is_of_another_day(told, now_ns) != is_of_another_day(told, told.heard_ns):
-            self._begin(dataclasses.replace(told, heard_ns=now_ns))
+        """Judge the journey again if the clock has entered or left its day since the last judgement."""
+        journey = self._now.journey
+        if journey is not None and is_of_another_day(journey, now_ns) != is_of_another_day(journey, journey.heard_ns):
+            self._begin(dataclasses.replace(journey, heard_ns=now_ns))
 
     def _refuse(self, time_ns: int, why: str) -> None:
         known = self._trust.journey_refused == why
@@ -239,17 +236,17 @@ class Cab:
         self.legs.end()
         text = event_wording.journey_refused(why)
         self._reporting.complain(self._now.clock_ns, text, Severity.ERROR)
-        if not known or self._reporting.may_tell(self._now.clock_ns):
-            self._reporting.say(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
+        if not known or self._reporting.may_report(self._now.clock_ns):
+            self._reporting.add(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
     def _ignore(self, kind: Kind, why: str) -> None:
-        """Say that something was ignored; while restrictions in force are not known, there is no advice."""
+        """Report that a message was ignored; an ignored list of restrictions withdraws the advice."""
         self._reporting.complain(self._now.clock_ns, event_wording.about(kind, why))
         if kind is Kind.RESTRICTION:
             self._guard.lose_restrictions(why)
 
     def _lose(self, kind: Kind, fault: str) -> None:
-        """Withdraw the next advice because of an unforeseen error while a message of this kind was taken over."""
+        """Withdraw the next advice because a message of this kind caused an unforeseen error."""
         self._trust = dataclasses.replace(self._trust, internal_error=fault)
         if kind is Kind.JOURNEY:
             self._refuse(self._now.clock_ns, fault)
@@ -257,7 +254,7 @@ class Cab:
             self._guard.lose_restrictions(fault)
 
     def _unforeseen(self, error: Exception) -> str:
-        """Report an unforeseen error and where it occurred; returns the text."""
+        """Report an unforeseen error and where it occurred; returns the reported text."""
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
         text = event_wording.internal_error(what, Path(place.filename).name, place.lineno)
@@ -266,7 +263,7 @@ class Cab:
 
     def _answer(self, now_ns: int, dropped: int) -> None:
         began = self._settings.stopwatch()
-        self.learning.contest(now_ns, contested=self._guard.has_rival_efforts(now_ns))
+        self.learning.tick(now_ns, contested=self._guard.has_rival_efforts(now_ns))
         conditions = self.learning.due(now_ns)
         if conditions is not None:
             self.legs.set_conditions(conditions)
@@ -280,23 +277,23 @@ class Cab:
                 reporting.complain(now_ns, text)
             else:
                 reporting.event(now_ns, Severity.INFO, text)
-        if doubted := self.learning.news(now_ns):
-            reporting.complain(now_ns, doubted)
+        if text := self.learning.news(now_ns):
+            reporting.complain(now_ns, text)
         reporting.changes(advice)
         reporting.rejections(self.here)
         reporting.clocks(self.here)
         leg = self.legs.current
         reporting.plan(leg.planner.plan if leg is not None else None, now_ns)
-        estimated = self.learning.say(now_ns)
+        estimated = self.learning.report(now_ns)
         if estimated is not None:
-            reporting.say(estimated)
+            reporting.add(estimated)
         reporting.advices += 1
         status = self._status(now_ns, self._state(advice), advice.reason, advice.cause)
-        reporting.say(dataclasses.replace(status, last_advice_s=took_s))
-        reporting.say(advice)
+        reporting.add(dataclasses.replace(status, last_advice_s=took_s))
+        reporting.add(advice)
 
     def _advise(self, now_ns: int) -> Advice:
-        """The advice for a moment, or why there is none."""
+        """The advice for a moment (ns since 1970); without advice, one that states the cause."""
         self.here = self._localisation.at(now_ns)
         leg, facts = self.legs.current, None
         if leg is not None:
@@ -324,8 +321,8 @@ class Cab:
         return leg.withdraw(self.here, why)
 
     def _lasting(self, advice: Advice) -> Advice:
-        """The advice, valid until the next one should have come, however long the period is."""
-        period_s = self._settings.overdue_periods * self._settings.advice_period_s
+        """The advice, valid at least until the next one should have come."""
+        period_s = OVERDUE_PERIODS * self._settings.advice_period_s
         least_ns = advice.time_ns + round(period_s / NS)
         if advice.mode is Regime.NONE or advice.valid_until_ns >= least_ns:
             return advice
@@ -338,7 +335,7 @@ class Cab:
             return NodeState.WITHDRAWN
         if self.legs.current is None:
             return NodeState.WAITING
-        return NodeState.WITHDRAWN if self._localisation.heard else NodeState.READY
+        return NodeState.WITHDRAWN if self._localisation.received_any else NodeState.READY
 
     def _status(self, time_ns: int, state: NodeState, reason: str, cause: Cause = Cause.NONE) -> Status:
         leg = self.legs.current

@@ -1,4 +1,4 @@
-"""The words of the cab's events, and of the refusals and faults that events repeat. Programs never go by these texts.
+"""The texts of the cab's events, and of the refusals and faults that events repeat. No program depends on them.
 
 The words of advice and of withdrawals are in `das.advice.wording`; an event that says the same takes them from there.
 """
@@ -22,7 +22,7 @@ from das.estimate.estimate import Problem
 from das.estimate.ratios import ForceDoubt
 
 MOST_NAMED = 3
-"""So many of the targets that are agreed to are named."""
+"""At most this many of the accepted targets are named."""
 
 # --- messages that are ignored ---------------------------------------------------------------------------------------
 
@@ -38,7 +38,7 @@ def about(kind: Kind, what: str) -> str:
 
 
 def failed(error: Exception) -> str:
-    """A message whose figures the program could not compute with."""
+    """A message with whose figures the program could not compute."""
     return f"a message was ignored ({error})"
 
 
@@ -47,13 +47,13 @@ def restrictions_unheeded(why: str) -> str:
     return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
 
 
-def unsaid(count: int) -> str:
-    """Complaints that were left unsaid because there were too many."""
+def suppressed(count: int) -> str:
+    """Complaints that were held back because there were too many."""
     return f"{count} more messages were ignored"
 
 
 def dropped(count: int) -> str:
-    """Messages that a flood has cost."""
+    """Messages that were lost in a flood."""
     return f"{count} messages were dropped: too many at once"
 
 
@@ -63,7 +63,7 @@ NOT_OF_ITS_KIND: Final = "a message that cannot be read"
 
 
 def unreadable(error: Exception) -> str:
-    """A message of its kind with a value that cannot be."""
+    """A message of the right type with an impossible value."""
     return f"one that cannot be read ({error})"
 
 
@@ -73,7 +73,7 @@ def ahead_of_clock(ahead_s: float) -> str:
 
 
 def older_than_last(behind_s: float) -> str:
-    """A message that was said before the one that holds."""
+    """A message that is older than the one that holds."""
     return f"one {behind_s:.0f} s older than the last"
 
 
@@ -83,34 +83,29 @@ def older_and_different(older: str) -> str:
 
 
 def too_many_restrictions(count: int, most: int) -> str:
-    """A list of restrictions that nobody can mean."""
+    """A list of restrictions that is too long to be meant."""
     return f"{count} of them, more than {most}"
 
 
-def too_many_targets(count: int, most: int) -> str:
-    """A list of targets that nobody can mean."""
-    return f"one of {count} targets, more than {most}"
-
-
-def too_many_stops(count: int, most: int) -> str:
-    """A journey that nobody can mean."""
-    return f"one of {count} stops, more than {most}"
+def too_many(count: int, what: str, most: int) -> str:
+    """A message with too many targets or stops to be meant; `what` names them."""
+    return f"one of {count} {what}, more than {most}"
 
 
 def name_too_long(letters: int) -> str:
-    """A message with a name that nobody can mean."""
+    """A message with a name that is too long to be meant."""
     return f"one with a name of {letters} letters"
 
 
 def impossible_restriction(one: Restriction) -> str:
-    """A restriction whose ends, limit or window cannot be."""
+    """A restriction with impossible ends, limit or window."""
     window = f", valid from {one.valid_from_ns} to {one.valid_until_ns} ns" if one.has_window else ""
     return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m{window}"
 
 
-def off_route(told: Sequence[Restriction], length_m: float) -> str:
-    """Restrictions wholly beside a route of this length, which bind nowhere: somebody may count from elsewhere."""
-    astray = [one for one in told if one.end_m <= 0 or one.start_m >= length_m]
+def off_route(received: Sequence[Restriction], length_m: float) -> str:
+    """Restrictions wholly off a route of this length: their sender may count from elsewhere. Empty if none."""
+    astray = [one for one in received if one.end_m <= 0 or one.start_m >= length_m]
     if not astray:
         return ""
     more = f" and {len(astray) - 1} more" if len(astray) > 1 else ""
@@ -119,7 +114,7 @@ def off_route(told: Sequence[Restriction], length_m: float) -> str:
     )
 
 
-# --- who says it -----------------------------------------------------------------------------------------------------
+# --- publishers ------------------------------------------------------------------------------------------------------
 
 
 NOT_STAMPED: Final = "one without its sender's time stamp, or with one that is ahead of the clock,"
@@ -131,28 +126,28 @@ def second_publisher(source: str) -> str:
 
 
 def two_publishers(source: str | None, rival: str) -> str:
-    """The two publishers that both say where the train is."""
+    """The two publishers that both state the position of the train."""
     return f"{source or 'unnamed'} and {rival}"
 
 
 def two_operators(source: str | None, rival: str) -> str:
-    """The two publishers that say different restrictions."""
+    """The two publishers that state different restrictions."""
     return f"{_named(source)} and {_named(rival)}"
 
 
 def takes_over(kind: Kind, source: str | None, before: str, *, joined: bool) -> str:
-    """A publisher whose word counts now that the one before is gone; `joined`: what that one said holds as well."""
+    """A publisher that counts now that the one before is gone; `joined`: the restrictions of that one hold as well."""
     also = f"; what both said holds until {_named(source)} tells a list anew" if joined else ""
     return about(kind, f"{_named(source)} counts from now on, {_named(before)} is gone{also}")
 
 
 def not_heeded(kind: Kind, source: str, before: str | None) -> str:
-    """A publisher whose word does not count while the one before is there."""
+    """A publisher that does not count while the one before is present."""
     return about(kind, f"two publishers: what {_named(source)} says is not heeded while {_named(before)} is there")
 
 
 def _named(source: str | None) -> str:
-    """A session by its name."""
+    """The name of a session; words for one without a name."""
     return source or "one without a name"
 
 
@@ -178,45 +173,45 @@ def journey_refused(why: str) -> str:
     return wording.withdrawal(Withdrawal(Cause.JOURNEY_REFUSED, why))
 
 
-def other_route(told: str, own: str) -> str:
+def other_route(ordered: str, own: str) -> str:
     """A journey for another line."""
-    return f"it is for route {told!r}, this node has {own!r}"
+    return f"it is for route {ordered!r}, this node has {own!r}"
 
 
-def other_train(told: str, own: str) -> str:
+def other_train(ordered: str, own: str) -> str:
     """A journey for another train."""
-    return f"it is for train {told!r}, this node is for {own!r}"
+    return f"it is for train {ordered!r}, this node is for {own!r}"
 
 
-def other_direction(*, told_reverse: bool, own_reverse: bool) -> str:
-    """A journey that drives the route the other way."""
+def other_direction(*, ordered_reverse: bool, own_reverse: bool) -> str:
+    """A journey in the other direction of the route."""
     way = ("forwards", "in reverse")
-    return f"it drives the route {way[told_reverse]}, this node has it {way[own_reverse]}"
+    return f"it drives the route {way[ordered_reverse]}, this node has it {way[own_reverse]}"
 
 
 def other_day(departure_ns: int, now_ns: int) -> str:
-    """A journey of another day than the clock shows."""
+    """A journey of another day than that of the clock."""
     departs, now = (f"{datetime.fromtimestamp(at_ns * NS, UTC):%Y-%m-%d %H:%M} UTC" for at_ns in (departure_ns, now_ns))
     return f"it departs on {departs}, more than a day from the node's clock ({now})"
 
 
-def unknown_vehicle(told: str, known: Iterable[str]) -> str:
-    """A journey for a vehicle that this node has no file of."""
-    return f"it is for vehicle {told!r}, this node knows {', '.join(known)}"
+def unknown_vehicle(ordered: str, known: Iterable[str]) -> str:
+    """A journey for a vehicle of which this node has no file."""
+    return f"it is for vehicle {ordered!r}, this node knows {', '.join(known)}"
 
 
 def too_few_stops(count: int) -> str:
-    """A journey that goes nowhere."""
+    """A journey with fewer than two stops."""
     return f"it has {count} stops, expected at least 2"
 
 
-def unknown_level(told: str) -> str:
-    """A journey with a level of loss modelling that there is not."""
-    return f"level {told!r}: expected one of {', '.join(Level)}"
+def unknown_level(ordered: str) -> str:
+    """A journey with an unknown level of loss modelling."""
+    return f"level {ordered!r}: expected one of {', '.join(Level)}"
 
 
 def time_before_1970(stop: int, name: str, time_ns: int) -> str:
-    """A journey with a time that cannot be; `name`: arrival or departure at the stop of this number."""
+    """A journey with an impossible time; `name`: arrival or departure at the stop of this number."""
     return f"stop {stop} has the {name} {time_ns} ns, expected nanoseconds since 1970"
 
 
@@ -225,17 +220,17 @@ NO_ARRIVAL: Final = "the last stop has no arrival"
 
 
 def departs_before_arrival(stop: int) -> str:
-    """A journey that leaves the stop of this number before it is there."""
+    """A journey that leaves the stop of this number before it arrives there."""
     return f"timetable: the departure from stop {stop} is before the arrival there"
 
 
 # --- targets of traffic management -----------------------------------------------------------------------------------
 
 
-def targets(agreed: Sequence[Target]) -> str:
-    """The targets that are kept to from now on; the first few are named."""
-    more = [f"{len(agreed) - MOST_NAMED} more"] if len(agreed) > MOST_NAMED else []
-    return "targets: " + ("; ".join([*map(_target, agreed[:MOST_NAMED]), *more]) or "none any more")
+def targets(accepted: Sequence[Target]) -> str:
+    """The targets that hold from now on; the first few are named."""
+    more = [f"{len(accepted) - MOST_NAMED} more"] if len(accepted) > MOST_NAMED else []
+    return "targets: " + ("; ".join([*map(_target, accepted[:MOST_NAMED]), *more]) or "none any more")
 
 
 def _target(target: Target) -> str:
@@ -246,17 +241,17 @@ def _target(target: Target) -> str:
 
 
 def target_ignored(why: str) -> str:
-    """A target that does not belong to the journey."""
+    """A target that was not accepted."""
     return f"target ignored: {why}"
 
 
 def target_unsolved(why: str) -> str:
-    """A target whose point no front was found for."""
+    """A target for whose point no front was found."""
     return f"target: {why}"
 
 
 def no_arrival_given(stop: str) -> str:
-    """A target at a stop without the time to be there."""
+    """A target at a stop without an arrival time."""
     return f"{stop}: no arrival is given"
 
 
@@ -265,7 +260,7 @@ def not_on_the_way(target: Target) -> str:
     return f"{target.stop or f'{target.s_m:.0f} m'} is not on the way to a stop of this journey"
 
 
-# --- fronts, and why they are looked for anew ------------------------------------------------------------------------
+# --- fronts, and why they are searched anew --------------------------------------------------------------------------
 
 OTHER_TRAIN: Final = "another train or load"
 OTHER_LEVEL: Final = "another level"
@@ -274,7 +269,7 @@ RESTRICTION_SET: Final = "restriction set"
 
 
 def other_conditions(found: Conditions) -> str:
-    """Mass and resistance that were found while driving."""
+    """The estimated mass and resistance."""
     return f"mass × {found.mass_ratio:.2f} and resistance × {found.resistance_ratio:.2f} of the plan's"
 
 
@@ -290,12 +285,12 @@ _FORCE_DOUBTS: Final = {
 
 
 def calibration_off(doubt: ForceDoubt) -> str:
-    """Measured forces that are not trusted: nothing is planned with them."""
+    """Measured forces that are not trusted, so that plans do not use them."""
     return f"calibration off: {_FORCE_DOUBTS[doubt]}"
 
 
 def far_mass(ratio: float) -> str:
-    """A mass that is used, although it is so far from the planned one that something else may be wrong."""
+    """An estimated mass that is used, but is so far from the planned one that something may be wrong."""
     return (
         f"calibration: the mass found is {ratio:.2f} of the file's: either another train than planned runs, or "
         "the force sensor is wrong"
@@ -306,43 +301,43 @@ CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measur
 
 
 def calibration_ignored(error: Exception) -> str:
-    """Mass and resistance that were found, but with which the train could not drive."""
+    """An estimate of mass and resistance with which the train could not drive."""
     return f"calibration ignored: {error}"
 
 
 def front_found(start: str, end: str, source: Source, why: str) -> str:
-    """A leg whose front is there, where it comes from, and why it was looked for anew (nothing: it was not)."""
+    """A leg whose front was found, its source, and why it was searched anew (empty: it was not)."""
     how = "from a table" if source is Source.TABLE else "solved"
     return f"{start} – {end}: {how}" + (f" ({why})" if why else "")
 
 
 def no_front(section: str, why: str) -> str:
-    """A section that no front was found for."""
+    """A section for which no front was found."""
     return f"{section}: no plan: {why}"
 
 
 def solving_failed(error: Exception) -> str:
-    """A search for a front that failed for a reason nobody foresaw."""
+    """A search for a front that failed for an unforeseen reason."""
     return f"solving failed ({type(error).__name__}: {error})"
 
 
 def no_coach(why: str) -> str:
-    """A section on which the driver is advised, but not led."""
+    """A section on which there is advice but no coach."""
     return f"no coach: {why}"
 
 
 def impossible_now(why: str, error: Exception) -> str:
-    """A section that cannot be driven since something has changed (`why`)."""
+    """A section that cannot be driven after a change (`why`)."""
     return f"{why}: {error}"
 
 
 def table_broken(error: Exception) -> str:
-    """A table that turned out to be of no use when it was read."""
+    """A table that proved unusable when it was read."""
     return f"{error}; solved instead"
 
 
 def table_unfit(folder: object, why: str) -> str:
-    """A table that was made for a section like this one, but not for this one."""
+    """A table for these ends that does not fit the section."""
     return f"{folder}: {why}; solved instead"
 
 
@@ -352,25 +347,25 @@ def table_not_used(error: Exception) -> str:
 
 
 def tables_not_used(folder: object, error: Exception) -> str:
-    """Tables that cannot be compared with the solver, because its source is not there."""
+    """Tables that cannot be compared with the solver, because its source is missing."""
     return f"{folder}: nobody can tell which solver code made the tables ({error}); none is used"
 
 
 # --- advice, position and faults -------------------------------------------------------------------------------------
 
 
-def shown(mode: Regime, reason: str) -> str:
-    """Advice of another mode, or withdrawn for another cause, than before."""
-    return reason if mode is Regime.DEPART else f"{mode_name(mode)}: {reason}"
+def shown(regime: Regime, reason: str) -> str:
+    """Advice of another driving regime than before, or withdrawn for another cause."""
+    return reason if regime is Regime.DEPART else f"{mode_name(regime)}: {reason}"
 
 
 def position_restarted(s_m: float) -> str:
-    """A position that was rejected for so long that the train is taken to be there."""
+    """A position at which the estimate begins anew, because rejected fixes agree on it."""
     return f"position: taken up anew at {s_m:.0f} m"
 
 
 def clocks_differ(off_s: float) -> str:
-    """Time stamps of positions that are not those of the clock here (> 0: they are behind, or heard late)."""
+    """Time stamps of positions that differ from the clock here (> 0: they are behind, or come late)."""
     what = "are heard late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
     return f"position: its time stamps {what} {abs(off_s):.1f} s; the train may be anywhere on the way of that time"
 
@@ -379,16 +374,16 @@ CLOCKS_AGREE: Final = "position: its time stamps agree with the clock again"
 
 
 def clock_set(step_s: float) -> str:
-    """A clock of the node that somebody set (> 0: forward)."""
+    """The clock of the node was set (> 0: forward)."""
     way = "forward" if step_s > 0 else "back"
     return f"the clock was set {way} by {abs(step_s):.1f} s; until the next position, the train may be as far off"
 
 
 def position_rejected(what: Problem) -> str:
-    """The first position that is rejected after one that was not."""
+    """The first rejected position after an accepted one."""
     return f"position: rejected, {wording.problem(what)}"
 
 
 def internal_error(what: str, file: str, line: int | None) -> str:
-    """Something that nobody foresaw, and the line of the program where it went wrong."""
+    """An unforeseen error, and the line of the program where it occurred."""
     return f"internal error: {what} ({file}:{line})"

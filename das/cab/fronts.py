@@ -1,4 +1,4 @@
-"""Where the front of a section comes from: a table on disk, one solved before, or one solved now."""
+"""Provides the front of a section: from a table on disk, kept from before, or solved now."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from das.table.hashes import combined, differing_parts, hashes_of, solver_code_s
 from das.table.reading import Table, read_front, why_not
 
 KEPT_BYTES = 60_000_000
-"""Fronts found before are kept up to this size (30 km take 18 MB), the last one always."""
+"""Fronts are kept up to this size in all (30 km take 18 MB); the last one always is."""
 EVERY_MULTIPLIER = 3
-"""On board every so many-th of the solver's multipliers is solved: 0.4 of the memory for 0.003 to 0.03 % of
-the energy in the mean, 0.15 % at worst (buffers of 0.5 to 40 %); the time is nearly the same."""
+"""On board only every third of the solver's multipliers is solved. That takes 0.4 of the memory and costs 0.003 to
+0.03 % of the energy in the mean, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
 SAME_ENDS_M = 1.0
-"""A table whose ends are this near to those of a section was meant for it: why it cannot be used is said."""
+"""A table counts as made for a section if their ends are this near; if it does not fit, the reason is reported."""
 
 
 T = TypeVar("T")
@@ -41,7 +41,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """A front, where it comes from, and why no table served where one was meant to."""
+    """A front, its source, and why tables made for the section could not be used."""
 
     front: Front
     source: Source
@@ -49,7 +49,7 @@ class Found:
 
 
 class _Kept(Generic[T]):
-    """What was found before, by key: up to a size, the one used last longest; may be asked from several threads."""
+    """Keeps results by key up to a size in all; the least recently used go first. Several threads may use it."""
 
     def __init__(self, most_bytes: int, size: Callable[[T], int]) -> None:
         self._most_bytes, self._size = most_bytes, size
@@ -64,7 +64,7 @@ class _Kept(Generic[T]):
         return known
 
     def put(self, key: str, found: T) -> T:
-        """Keep something, and let go of what was not used for longest where that is too much; returns it."""
+        """Keep a result, drop the least recently used ones where the size is exceeded, and return the result."""
         with self._lock:
             self._known[key] = found
             while len(self._known) > 1 and sum(map(self._size, self._known.values())) > self._most_bytes:
@@ -73,10 +73,10 @@ class _Kept(Generic[T]):
 
 
 class Fronts:
-    """Finds the front of a section; may be asked from several threads."""
+    """Finds the fronts of sections; several threads may use it."""
 
     def __init__(self, tables: Path | None = None, *, threads: int = 2, kept_bytes: int = KEPT_BYTES) -> None:
-        """Look through a folder of tables; `notes` says which of them cannot be used. Raises DasError for no folder."""
+        """List a folder of tables; `notes` says which cannot be used. Raises DasError where there is no such folder."""
         self.notes: list[str] = []
         self._threads = threads
         self._known = _Kept(kept_bytes, _size)
@@ -84,9 +84,9 @@ class Fronts:
         self._tables = self._listed(tables) if tables is not None else ()
 
     def find(self, section: Section, s_m: float | None = None) -> Found:
-        """The front of a section: from a table, one found before, or solved now; raises as `solve_front` does.
+        """The front of a section: kept, from a table, or solved now; raises as `solve_front` does.
 
-        For a train at a position (m) the way behind it is not solved; the answers are the same.
+        For a train at a position (m), the way behind it is not solved; the answers are the same.
         """
         hashes = hashes_of(section)
         key = combined(hashes)
@@ -98,10 +98,9 @@ class Fronts:
         return self._known.put(key, self._from_tables(section, hashes, s_m))
 
     def find_few_switch(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> FewSwitchFront:
-        """The few-switch trajectories of a section for the coach: found before, or solved now; raises as
-        `solve_few_switch` does.
+        """The few-switch trajectories for the coach on a section: kept, or solved now; raises as `solve_few_switch`.
 
-        For a train at a position (m) the way behind it is not solved; the answers are the same.
+        For a train at a position (m), the way behind it is not solved; the answers are the same.
         """
         key = f"{combined(hashes_of(section))} {settings.few_switch}"
         known = self._few_switch.get(key)
@@ -123,7 +122,7 @@ class Fronts:
             elif table.is_meant_for(section):
                 others.append((table, differing))
         if others and not notes:
-            # The nearest one says it all: a folder may hold tables of many trains, loads and levels.
+            # One reason is enough: a folder may hold tables of many trains, loads and levels.
             nearest, differing = min(others, key=lambda other: len(other[1]))
             notes.append(event_wording.table_unfit(nearest.folder, why_not(section, differing)))
         front = solve_ahead(section, s_m, threads=self._threads, lambda_w=onboard_ladder(section))
@@ -148,7 +147,7 @@ class Fronts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Listed:
-    """A table of the folder, known by its manifest alone."""
+    """A table of the folder, of which only the manifest was read."""
 
     folder: Path
     inputs: Mapping[str, str]

@@ -1,8 +1,12 @@
-"""The guard of the cab: it admits messages of sensible size and order, and only one publisher of each kind."""
+"""The guard of the cab: it admits messages of sensible size and order, and of each kind those of one publisher only.
+
+A publisher is a session on the bus, known by its name. Of a state (journey, restrictions, targets) the first session
+counts until its publisher is gone (`Operator`); of a measurement, until it has gone silent (`Publishers`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 from das.cab import event_wording
 from das.cab.heard import (
@@ -20,69 +24,63 @@ from das.cab.heard import (
     judged,
     kind_of,
 )
-from das.cab.operators import MOST_RIVALS, Operators
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import NS
-from das.estimate.localisation_settings import STALE_AFTER_S
+from das.estimate.settings import STALE_AFTER_S
 
-
-@dataclass(frozen=True, kw_only=True)
-class GuardSettings:
-    """Limits beyond which messages are rejected: how much they hold, how long their texts are, and their times."""
-
-    most_stops: int = 200
-    """Journeys with more stops are rejected as nonsense."""
-    most_restrictions: int = 100
-    """Messages with more restrictions are rejected as nonsense."""
-    most_targets: int = 100
-    """Messages with more targets are rejected as nonsense."""
-    longest_text: int = 200
-    """Longest name, id or remark (letters); a message with a longer one is rejected as nonsense."""
-    ahead_s: float = 60.0
-    """A message further ahead of the clock than this is put off: it would shut out those that come after it."""
-    silent_s: float = STALE_AFTER_S
-    """A publisher of positions that has been silent for this long gives way to another one. A position can be used for
-    as long."""
-
-
-DEFAULT = GuardSettings()
+MOST_RIVALS = 20
+"""Of the sessions that wait beside the one that counts, at most this many are remembered, the newest."""
+MOST_GONE = 50
+"""Of the sessions that are gone, at most this many are remembered, the newest."""
+MOST_STOPS = 200
+"""A journey with more stops is rejected as nonsense."""
+MOST_RESTRICTIONS = 100
+"""A message with more restrictions is rejected as nonsense."""
+MOST_TARGETS = 100
+"""A message with more targets is rejected as nonsense."""
+LONGEST_TEXT = 200
+"""A message with a longer name or id (letters) is rejected as nonsense."""
+AHEAD_S = 60.0
+"""A message further ahead of the clock than this waits; taken at once, it would shut out all later ones."""
+SILENT_S = STALE_AFTER_S
+"""A publisher of measurements that has been silent for this long gives way to another one. A position can be used
+for just as long."""
 
 
 class Guard:
     """Judges messages before anything acts on them; feed it with every message in the order received."""
 
-    def __init__(self, settings: GuardSettings = DEFAULT) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._newest_ns: dict[Kind, int] = {}
         self._operators = Operators()
-        self._publishers = {kind: Publishers(settings.silent_s) for kind in (Kind.POSITION, Kind.EFFORT)}
+        self._publishers = {kind: Publishers() for kind in (Kind.POSITION, Kind.EFFORT)}
         self._in_force: list[Restriction] = []
         self._early: dict[Kind, Heard] = {}
         self._news: list[str] = []
         self._nodes: list[str] = []
         self.unheeded: str | None = None
-        """Why the restrictions received last cannot be heeded; None: they can."""
+        """Why the restrictions received last cannot be used; None where they can."""
 
-    def heeds(self, heard: Heard) -> bool:
+    def counts(self, message: Heard) -> bool:
         """Whether the sender of a message is the publisher that counts for its kind; `take_news` reports the others."""
-        kind, before = kind_of(heard), self._operators.source(kind_of(heard))
-        if kind in STATES and heard.source == UNSTAMPED:
+        kind, before = kind_of(message), self._operators.source(kind_of(message))
+        if kind in STATES and message.source == UNSTAMPED:
             self._refuse_unstamped(kind)
             return False
-        counts = self._operators.heeds(heard)
+        is_counted = self._operators.counts(message)
         if before is not None and self._operators.source(kind) != before:
             # The times of a publisher that is gone say nothing about the age of this one's messages.
             self._newest_ns.pop(kind, None)
             self._early.pop(kind, None)
-        return counts
+        return is_counted
 
     def see(self, seen: PublisherSeen) -> Heard | None:
-        """Take note of a publisher that came or went; returns the message to be taken again because it counts now."""
+        """Take note of a publisher that came or went; returns the message that counts now because of that, if any."""
         return self._operators.see(seen)
 
     def see_node(self, seen: NodeSeen) -> None:
-        """Take note of another node of this train that came or went; if there are very many, only of the first ones."""
+        """Take note of another node of this train that came or went; of very many, only the first are remembered."""
         if not seen.there:
             self._nodes = [one for one in self._nodes if one != seen.source]
         elif seen.source not in self._nodes and len(self._nodes) < MOST_RIVALS:
@@ -93,33 +91,33 @@ class Guard:
         return self._nodes[0] if self._nodes else ""
 
     def take_news(self) -> list[str]:
-        """What has happened to the publishers since this was last asked, in words."""
+        """The texts about publishers since this was last asked."""
         news, self._news = self._news, []
         return news + self._operators.take_news()
 
-    def problem(self, heard: Heard) -> str:
-        """Why a message is to be ignored; empty if it is not."""
-        kind, now_ns = kind_of(heard), heard.heard_ns
+    def problem(self, message: Heard) -> str:
+        """Why a message has to be ignored; empty if it is accepted."""
+        kind, now_ns = kind_of(message), message.heard_ns
         if kind is Kind.RESTRICTION:
-            return self._problem_of_restrictions(heard)
-        found = self._problem_by_itself(heard)
+            return self._problem_of_restrictions(message)
+        found = self._problem_by_itself(message)
         measured = self._publishers.get(kind)
-        if not found and measured is not None and not measured.is_heard(heard.source, now_ns):
-            unstamped = heard.source == UNSTAMPED
-            found = event_wording.NOT_STAMPED if unstamped else event_wording.second_publisher(heard.source)
-        if not found and isinstance(heard, StateHeard):
-            found = self._replayed(heard)
+        if not found and measured is not None and not measured.counts(message.source, now_ns):
+            unstamped = message.source == UNSTAMPED
+            found = event_wording.NOT_STAMPED if unstamped else event_wording.second_publisher(message.source)
+        if not found and isinstance(message, StateHeard):
+            found = self._replayed(message)
         return event_wording.ignored(kind, found) if found else ""
 
     def due(self, now_ns: int) -> list[Heard]:
-        """The messages that were ahead of the clock and no longer are; they are to be judged again.
+        """The messages that were ahead of the clock and no longer are; the caller has to judge them again.
 
-        Each sender sends a message only once, so the newest of each kind is kept until the clock has reached it.
+        A sender does not repeat its message, so the newest of each kind waits here until the clock has reached it.
         """
         there = [
             (kind, one)
             for kind, one in self._early.items()
-            if isinstance(one, StateHeard) and _ahead_s(one, now_ns) <= self._settings.ahead_s
+            if isinstance(one, StateHeard) and _ahead_s(one, now_ns) <= AHEAD_S
         ]
         for kind, _ in there:
             del self._early[kind]
@@ -143,97 +141,95 @@ class Guard:
         return self._operators.contested()
 
     def lose_restrictions(self, why: str) -> None:
-        """Treat what is in force as unknown until restrictions are received that can be heeded."""
+        """Treat the restrictions in force as unknown until a list is received that can be used."""
         self.unheeded = why
 
     def _refuse_unstamped(self, kind: Kind) -> None:
-        """Refuse a state without its sender's time stamp: of two such senders, nobody could tell which is wrong."""
+        """Refuse a state without its sender's time stamp: two such senders could not be told apart."""
         if kind is Kind.RESTRICTION:
             self.lose_restrictions(event_wording.NOT_STAMPED)
             self._news.append(event_wording.restrictions_unheeded(event_wording.NOT_STAMPED))
         else:
             self._news.append(event_wording.ignored(kind, event_wording.NOT_STAMPED))
 
-    def _problem_of_restrictions(self, heard: Heard) -> str:
-        """Like `problem`, for restrictions: unless there are some that can be heeded, there must be no advice."""
-        found = self._problem_by_itself(heard)
-        if found or not isinstance(heard, RestrictionsHeard):
+    def _problem_of_restrictions(self, message: Heard) -> str:
+        """Like `problem`, for restrictions: there must be no advice until a list is received that can be used."""
+        found = self._problem_by_itself(message)
+        if found or not isinstance(message, RestrictionsHeard):
             self.lose_restrictions(found)
             return event_wording.restrictions_unheeded(found)
-        told = list(heard.restrictions)
-        if found := self._replayed(heard):
-            if told != self._in_force:  # A replay, or an operator whose clock was set back: nobody can tell.
+        received = list(message.restrictions)
+        if found := self._replayed(message):
+            if received != self._in_force:  # A replay, or an operator whose clock was set back: nobody can tell.
                 why = event_wording.older_and_different(found)
                 self.lose_restrictions(why)
                 return event_wording.restrictions_unheeded(why)
             return event_wording.ignored(Kind.RESTRICTION, found)
-        self._in_force, self.unheeded = told, None
+        self._in_force, self.unheeded = received, None
         return ""
 
-    def _problem_by_itself(self, heard: Heard) -> str:
+    def _problem_by_itself(self, message: Heard) -> str:
         """Why a message is of no use, whatever was received before; empty if it is of use."""
-        kind, now_ns = kind_of(heard), heard.heard_ns
-        if isinstance(heard, StateHeard) and now_ns > 0 and _ahead_s(heard, now_ns) > self._settings.ahead_s:
-            self._early[kind] = heard
-            return event_wording.ahead_of_clock(_ahead_s(heard, now_ns))
-        found = self._problem_of_sense(heard)
+        kind, now_ns = kind_of(message), message.heard_ns
+        if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
+            self._early[kind] = message
+            return event_wording.ahead_of_clock(_ahead_s(message, now_ns))
+        found = self._problem_of_sense(message)
         if found:
             self._early.pop(kind, None)
         return found
 
-    def _replayed(self, heard: StateHeard) -> str:
+    def _replayed(self, message: StateHeard) -> str:
         """Why a state is older than the newest of its kind; else empty, and it becomes the newest.
 
         The bus repeats the newest, so an equal time is no reason.
         """
-        kind, now_ns = kind_of(heard), heard.heard_ns
-        newest_ns = self._newest_ns.get(kind, heard.time_ns)
+        kind, now_ns = kind_of(message), message.heard_ns
+        newest_ns = self._newest_ns.get(kind, message.time_ns)
         # If the clock was set back, the newest time from before must not shut anything out.
-        was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > self._settings.ahead_s
-        if heard.time_ns < newest_ns and not was_set_back:
-            return event_wording.older_than_last((newest_ns - heard.time_ns) * NS)
-        self._newest_ns[kind] = heard.time_ns
+        was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > AHEAD_S
+        if message.time_ns < newest_ns and not was_set_back:
+            return event_wording.older_than_last((newest_ns - message.time_ns) * NS)
+        self._newest_ns[kind] = message.time_ns
         self._early.pop(kind, None)
         return ""
 
-    def _problem_of_sense(self, heard: Heard) -> str:
+    def _problem_of_sense(self, message: Heard) -> str:
         """Why a message is nonsense; empty if it makes sense."""
-        settings = self._settings
-        if isinstance(heard, Unreadable):
-            return heard.why or event_wording.NOT_OF_ITS_KIND
-        if isinstance(heard, RestrictionsHeard):
-            if len(heard.restrictions) > settings.most_restrictions:
-                return event_wording.too_many_restrictions(len(heard.restrictions), settings.most_restrictions)
-            wrong = next((one for one in heard.restrictions if not _is_restriction(one)), None)
+        if isinstance(message, Unreadable):
+            return message.why or event_wording.NOT_OF_ITS_KIND
+        if isinstance(message, RestrictionsHeard):
+            if len(message.restrictions) > MOST_RESTRICTIONS:
+                return event_wording.too_many_restrictions(len(message.restrictions), MOST_RESTRICTIONS)
+            wrong = next((one for one in message.restrictions if not _is_restriction(one)), None)
             return event_wording.impossible_restriction(wrong) if wrong is not None else ""
-        if isinstance(heard, TargetsHeard):
-            if len(heard.targets) > settings.most_targets:
-                return event_wording.too_many_targets(len(heard.targets), settings.most_targets)
-            return self._too_long(*(one.stop for one in heard.targets))
-        if isinstance(heard, JourneyHeard):
-            if len(heard.stops) > settings.most_stops:
-                return event_wording.too_many_stops(len(heard.stops), settings.most_stops)
-            texts = (heard.train, heard.route_id, heard.vehicle_id, heard.load, heard.level)
-            return self._too_long(*texts, *(stop.name for stop in heard.stops))
+        if isinstance(message, TargetsHeard):
+            if len(message.targets) > MOST_TARGETS:
+                return event_wording.too_many(len(message.targets), "targets", MOST_TARGETS)
+            return self._too_long(*(one.stop for one in message.targets))
+        if isinstance(message, JourneyHeard):
+            if len(message.stops) > MOST_STOPS:
+                return event_wording.too_many(len(message.stops), "stops", MOST_STOPS)
+            texts = (message.train, message.route_id, message.vehicle_id, message.load, message.level)
+            return self._too_long(*texts, *(stop.name for stop in message.stops))
         return ""
 
     def _too_long(self, *texts: str) -> str:
         longest = max(map(len, texts), default=0)
-        return event_wording.name_too_long(longest) if longest > self._settings.longest_text else ""
+        return event_wording.name_too_long(longest) if longest > LONGEST_TEXT else ""
 
 
 class Publishers:
-    """The one publisher of a measurement that the cab heeds: a session, known by its name in Zenoh's time stamps."""
+    """Decides which session counts for one measurement; a session is known by its name in Zenoh's time stamps."""
 
-    def __init__(self, silent_s: float = DEFAULT.silent_s) -> None:
-        self._silent_s = silent_s
+    def __init__(self) -> None:
         self._source: str | None = None
-        self._heard_ns = 0
+        self._counted_ns = 0
         self._rival, self._rival_ns = "", 0
         self._unstamped_ns: int | None = None
 
-    def is_heard(self, source: str, now_ns: int) -> bool:
-        """Whether a publisher's measurement counts; a new publisher counts once the previous one has gone silent.
+    def counts(self, source: str, now_ns: int) -> bool:
+        """Whether a measurement of this session counts; a new session counts once the previous one has gone silent.
 
         A measurement without its sender's time stamp never counts: two such senders could not be told apart.
         """
@@ -242,17 +238,17 @@ class Publishers:
             if self._source is not None:
                 self._rival, self._rival_ns = source, now_ns
             return False
-        if self._source is None or not self._within(now_ns, self._heard_ns):
+        if self._source is None or not self._within(now_ns, self._counted_ns):
             self._source, self._rival = source, ""
         if source != self._source:
             self._rival, self._rival_ns = source, now_ns
             return False
-        self._heard_ns = now_ns
+        self._counted_ns = now_ns
         return True
 
     def contested(self, now_ns: int) -> str:
         """The two publishers that both measure now, so that neither can be trusted; else empty."""
-        if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._heard_ns):
+        if self._rival and self._within(now_ns, self._rival_ns) and self._within(now_ns, self._counted_ns):
             return event_wording.two_publishers(self._source, self._rival)
         return ""
 
@@ -261,16 +257,178 @@ class Publishers:
         return self._unstamped_ns is not None and self._within(now_ns, self._unstamped_ns)
 
     def _within(self, now_ns: int, then_ns: int) -> bool:
-        return abs(now_ns - then_ns) * NS <= self._silent_s
+        return abs(now_ns - then_ns) * NS <= SILENT_S
 
 
-def _ahead_s(heard: StateHeard, now_ns: int) -> float:
-    return float((heard.time_ns - now_ns) * NS)
+class Operator:
+    """Decides which session counts for one state.
+
+    The first session counts until its publisher is gone. Until then the newest message of every other session that is
+    present waits. Without reports of who is present, every session is taken to be present.
+
+    If the first session is gone while two sessions state different restrictions, both lists hold together until the
+    other session sends a list that it made after the conflict was reported.
+    """
+
+    def __init__(self) -> None:
+        self.source: str | None = None
+        """The session that counts."""
+        self._newest: Heard | None = None
+        self._rivals: dict[str, Heard] = {}
+        self._gone: dict[str, Heard | None] = {}
+        self._informed: set[str] = set()
+        self._joined: RestrictionsHeard | None = None
+
+    @property
+    def joined(self) -> bool:
+        """Whether the restrictions of a session that is gone hold together with those of the one that counts."""
+        return self._joined is not None and self._joined.is_same(self._newest)
+
+    def counts(self, message: Heard) -> bool:
+        """Whether a message counts; one that does not waits while its publisher is present.
+
+        A message that cannot be read does not make its session the one that counts.
+        """
+        source = message.source
+        if source != self.source and (self.source is None or self.source in self._gone):
+            if isinstance(message, Unreadable):
+                return True
+            self._rivals.pop(source, None)
+            if self.source is not None:
+                self._gone[self.source] = self._newest
+            self.source = source
+        if source == self.source:
+            if self._repeats(message):
+                return False
+            self._newest = message
+            self._informed.clear()
+            return True
+        before = self._rivals.get(source) or self._gone.get(source)
+        if before is not None and _places(before) != _places(self._newest):
+            self._informed.add(source)
+        if source in self._gone:
+            self._gone[source] = message
+        else:
+            self._wait(source, message)
+        return False
+
+    def _repeats(self, message: Heard) -> bool:
+        """Whether the bus has repeated the message whose restrictions were joined."""
+        if not self.joined or self._joined is None or not isinstance(message, RestrictionsHeard):
+            return False
+        return message.time_ns <= self._joined.time_ns and not self._joined.is_same(message)
+
+    def _stricter(self, rival: Heard | None) -> Heard | None:
+        """The message that counts when a rival takes over: its restrictions, and those that it may not know of."""
+        newest = self._newest
+        if not isinstance(rival, RestrictionsHeard) or not isinstance(newest, RestrictionsHeard):
+            return rival
+        if rival.source in self._informed or _places(rival) == _places(newest):
+            return rival
+        both = tuple(dict.fromkeys((*newest.restrictions, *rival.restrictions)))
+        self._joined = replace(rival, restrictions=both)
+        return self._joined
+
+    def _wait(self, source: str, message: Heard) -> None:
+        """Keep a message until the session that counts is gone."""
+        if source not in self._rivals and len(self._rivals) >= MOST_RIVALS:
+            self._rivals.pop(next(iter(self._rivals)))
+        self._rivals[source] = message
+
+    @property
+    def remembered(self) -> tuple[int, int]:
+        """How many sessions wait, and how many are remembered although they are gone."""
+        return len(self._rivals), len(self._gone)
+
+    def is_rival(self, source: str) -> bool:
+        """Whether a message of this session waits."""
+        return source in self._rivals
+
+    def see(self, seen: PublisherSeen) -> Heard | None:
+        """Take note of a publisher that came or went; returns the message that counts now because of that, if any.
+
+        The last message of a publisher that comes back still holds.
+        """
+        source = seen.source
+        if seen.there:
+            last = self._gone.pop(source, None)
+            if last is None or source == self.source:
+                return None
+            if self.source in self._gone:
+                return self._stricter(last)
+            self._wait(source, last)
+            return None
+        self._gone[source] = self._rivals.pop(source, self._gone.get(source))
+        if len(self._gone) > MOST_GONE:
+            self._gone.pop(next(one for one in self._gone if one != self.source))
+        return self._stricter(next(iter(self._rivals.values()), None)) if source == self.source else None
+
+    def contradiction(self) -> str | None:
+        """A session that states other restrictions than the one that counts; None where no session does."""
+        places = _places(self._newest)
+        return next((source for source, rival in self._rivals.items() if _places(rival) != places), None)
 
 
-def _is_restriction(told: Restriction) -> bool:
+class Operators:
+    """Decides which session counts for journey, restrictions and targets; feed it all messages and presences."""
+
+    def __init__(self) -> None:
+        self._of = {kind: Operator() for kind in STATES}
+        self._news: list[str] = []
+
+    def counts(self, message: Heard) -> bool:
+        """Whether a message counts; the first one of a session that does not count is reported (`take_news`)."""
+        kind = kind_of(message)
+        operator = self._of.get(kind)
+        if operator is None:
+            return True
+        known, before = operator.is_rival(message.source), operator.source
+        if operator.counts(message):
+            if before is not None and operator.source != before:
+                self._news.append(event_wording.takes_over(kind, operator.source, before, joined=operator.joined))
+            return True
+        if not known and operator.is_rival(message.source):
+            self._news.append(event_wording.not_heeded(kind, message.source, before))
+        return False
+
+    def source(self, kind: Kind) -> str | None:
+        """The session that counts for a state; None while there is none."""
+        operator = self._of.get(kind)
+        return operator.source if operator is not None else None
+
+    def remembered(self, kind: Kind) -> tuple[int, int]:
+        """How many sessions of a state wait, and how many are remembered although they are gone."""
+        return self._of[kind].remembered
+
+    def see(self, seen: PublisherSeen) -> Heard | None:
+        """Take note of a publisher that came or went; returns the message that counts now because of that, if any."""
+        operator = self._of.get(seen.kind)
+        return operator.see(seen) if operator is not None else None
+
+    def contested(self) -> str:
+        """The two publishers that state different restrictions, so that nobody can tell which hold; else empty."""
+        operator = self._of[Kind.RESTRICTION]
+        other = operator.contradiction()
+        return event_wording.two_operators(operator.source, other) if other is not None else ""
+
+    def take_news(self) -> list[str]:
+        """The texts about sessions since this was last asked."""
+        news, self._news = self._news, []
+        return news
+
+
+def _places(message: Heard | None) -> list[tuple[float, ...]] | None:
+    """The sorted figures of a message's restrictions; None for another message."""
+    return sorted(one.figures for one in message.restrictions) if isinstance(message, RestrictionsHeard) else None
+
+
+def _ahead_s(message: StateHeard, now_ns: int) -> float:
+    return float((message.time_ns - now_ns) * NS)
+
+
+def _is_restriction(one: Restriction) -> bool:
     try:
-        judged(told)
+        judged(one)
     except DasError:
         return False
     return True

@@ -46,16 +46,16 @@ class ToldRestriction(Restriction):
     """A restriction as received, before the guard has judged it: its figures may be anything."""
 
     def __post_init__(self) -> None:
-        """The guard judges the figures, not the value itself."""
+        """Accept any figures: the guard judges them."""
 
 
-def judged(told: Restriction) -> Restriction:
-    """A restriction that was received, with its figures checked; raises InputError if they are impossible."""
-    return Restriction(*told.figures)
+def judged(received: Restriction) -> Restriction:
+    """A received restriction with its figures checked; raises InputError if they are impossible."""
+    return Restriction(*received.figures)
 
 
 class Target(NamedTuple):
-    """What traffic management wants: a new arrival at a stop, or a window for a point to pass (ns; 0: open)."""
+    """A target of traffic management: a new arrival at a stop, or a window for a point to pass (ns; 0: open)."""
 
     stop: str = ""
     s_m: float = 0.0
@@ -76,7 +76,7 @@ class Heard:
 
 @dataclass(frozen=True, kw_only=True)
 class PositionHeard(Heard):
-    """Where the train is, as its sensors say."""
+    """The position and speed of the train as its sensors measure them."""
 
     kind: ClassVar[Kind] = Kind.POSITION
     fix: PositionFix
@@ -108,7 +108,7 @@ class StateHeard(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class JourneyHeard(StateHeard):
-    """The journey that the train is to make. An empty text stands for what the cab was started with."""
+    """The journey that the train has to make. An empty text stands for what the cab was started with."""
 
     kind: ClassVar[Kind] = Kind.JOURNEY
     route_id: str
@@ -142,7 +142,7 @@ class TargetsHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class Unreadable(Heard):
-    """A message that could not be read; `why` is the reason in words (empty: the message is not of its kind at all)."""
+    """A message that could not be read. `told` is its kind by its topic, `why` the reason (empty: another type)."""
 
     told: Kind
     why: str = ""
@@ -174,6 +174,6 @@ class ClockSet:
     heard_ns: int = 0
 
 
-def kind_of(heard: Heard) -> Kind:
+def kind_of(message: Heard) -> Kind:
     """The kind of a message, also of one that could not be read."""
-    return heard.told if isinstance(heard, Unreadable) else heard.kind
+    return message.told if isinstance(message, Unreadable) else message.kind

@@ -27,7 +27,7 @@ from das.domain.errors import DasError
 from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.section import Section
 
@@ -36,13 +36,13 @@ LEAST_WAY_M = 2.0
 
 
 class NoPlanError(DasError):
-    """From this state the section cannot be finished."""
+    """No plan finishes the section from the state of the train."""
 
 
 class Leg:
-    """One section of the journey under way. It is told by attributes and methods, and advises for a known state.
+    """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state.
 
-    The `coach_worker` makes the coach's references.
+    The `coach_worker` makes the references of the coach.
     """
 
     def __init__(
@@ -57,24 +57,24 @@ class Leg:
         self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
         self._coach = Coach(section, None, settings.coach, coach_worker) if settings.coach.enabled else None
         self.arrival_ns: int | None = None
-        """When to arrive, as traffic management says (None: by the timetable)."""
+        """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []
-        """The points to be passed in windows of time, in the order of the line."""
+        """The points to pass within windows of time, in the order of the line."""
         self.goal = Goal()
-        """What the train has to keep to now; `refresh_goal` brings it up to date."""
+        """The times that the train has to keep now; `refresh_goal` brings it up to date."""
         self.here: Estimate | None = None
-        """The last usable state seen on this leg; None where the last one seen was of no use."""
+        """The last state of the train on this leg; None if that one cannot be used."""
         self._settings = settings
         self._arrived_ns: int | None = None
         self._reached_m = -math.inf
 
     @property
     def section(self) -> Section:
-        """The section, as it is planned now."""
+        """The section with which the leg is planned now."""
         return self.planner.section
 
     def facts(self, refusal: str) -> LegFacts:
-        """What the decision on advice needs to know; `refusal` says why the section cannot be driven, if so."""
+        """The facts on which `decide` rests; `refusal` says why the section cannot be driven, if it cannot."""
         section, goal = self.section, self.goal
         return LegFacts(
             start_m=section.start_m,
@@ -94,12 +94,12 @@ class Leg:
         self._lead(front)
 
     def _lead(self, front: FewSwitchFront | None) -> None:
-        """Another coach goes on where the one before ended."""
+        """Replace the coach by one that goes on where it ended; without a front, it has no reference."""
         if self._coach is not None:
             self._coach = self._coach.successor(self.section, front)
 
     def use_meanwhile(self, section: Section, why: str) -> None:
-        """The world has changed and no front for it is known yet: the plan of before holds below what is safe now."""
+        """Plan for a changed section without a front yet: the last plan holds, capped by the speeds safe now."""
         self.use(PlanBasis(section=section, before=self.planner.last_plan, meanwhile=why))
 
     def set_timetable(self, timetable: Timetable) -> None:
@@ -110,7 +110,7 @@ class Leg:
         self.goal = replace(self.goal, departure_ns=timetable.departure_ns, due_ns=timetable.arrival_ns)
 
     def set_delay(self, delay_s: float) -> None:
-        """Take over the operator's word on the delay (s): the reason repeats it, the time left is the timetable's."""
+        """Take over the delay that the operator states (s): it appears in the reason; plans follow the timetable."""
         self.goal = replace(self.goal, operator_delay_s=delay_s if math.isfinite(delay_s) else None)
 
     def see(self, here: Estimate) -> None:
@@ -118,7 +118,7 @@ class Leg:
         self.here = here if here.usable else None
 
     def refresh_goal(self) -> None:
-        """Bring the goal up to date: the arrival, and the next point ahead of where the train was seen last."""
+        """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""
         if self.here is not None:
             self._reached_m = self.here.s_m
         passing = next((point for point in self.points if point.s_m > self._reached_m), None)
@@ -131,15 +131,12 @@ class Leg:
         self.goal = replace(before, target_ns=self.arrival_ns, passing=passing)
 
     def _is_behind(self, passing: PassingTarget | None) -> bool:
-        """Whether the only change is that the train has passed its point: the plan that passed it goes on."""
+        """Whether the point of the goal is merely passed now: then the plan goes on."""
         before = self.goal.passing
         return passing is None and before is not None and self.here is not None and self.here.s_m >= before.s_m
 
     def advise(self, here: Estimate) -> Advice:
-        """The advice for a state that advice can rest on, at its time.
-
-        Raises NoPlanError where the section cannot be finished from it.
-        """
+        """The advice for a usable state, at its time; raises NoPlanError where no plan finishes the section from it."""
         stop, planner = self._settings.stop, self.planner
         state = self._state(here)
         scene = Scene(state, here, planner, self.goal)
@@ -166,7 +163,7 @@ class Leg:
             raise NoPlanError(str(error)) from error
 
     def _state(self, here: Estimate) -> TrainState:
-        """The train as it is advised: with how much further ahead it may be than the deviation that is planned with."""
+        """The state to advise for, with how much further ahead the train may be than the plan allows for already."""
         section, stop = self.section, self._settings.stop
         s_m = max(here.s_m, section.start_m)
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m
@@ -174,12 +171,12 @@ class Leg:
         return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
-        """No advice: the plan does not hold any more."""
+        """Withdraw the advice: the plan is forgotten, and the answer states the cause."""
         self._forget()
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: str, needed: float = math.inf) -> Advice:
-        """Full brakes without a plan; the coach's are those shown, or as much as `needed` (an effort)."""
+        """Advise full brakes without a plan; the coach keeps the brakes it shows, or shows the `needed` effort."""
         shown = 0.0 if self._coach is None else self._coach.shown_effort
         if self._coach is not None and math.isfinite(needed) and self._coach.stands_at_mark(scene.state):
             needed = shown
@@ -195,13 +192,13 @@ class Leg:
         return replace(advice, coach=self._coach.brakes(effort, force_n, reason))
 
     def _forget(self) -> None:
-        """Neither the plan nor the coach's reference holds any more."""
+        """Forget the plan and the reference of the coach."""
         self.planner.forget()
         if self._coach is not None:
             self._coach.forget()
 
     def _coaching(self, kept: Kept | None, state: TrainState, plan: Plan, *, stands: bool) -> Coaching | None:
-        """What the coach says of its reference to a train under way, or to one that stands and has to go on."""
+        """The coach's instruction to a train that runs, or that stands and has to go on; None without a coach."""
         if self._coach is None:
             return None
         planner = self.planner
@@ -212,31 +209,31 @@ class Leg:
         return show(kept, state, self.goal, place, late_s)
 
     def _standing(self, state: TrainState) -> Coaching | None:
-        """What the coach says to a train that stands and is right to."""
+        """The coach's instruction to a train that has to stand; None without a coach."""
         if self._coach is None:
             return None
         return self._coach.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
 
     def _arrival_late_s(self, now_ns: int) -> float:
-        """How late the train arrived; it is not later every second that it stands."""
+        """How late the train arrived (s); the value stays while the train stands."""
         self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
         return (self._arrived_ns - self.goal.arrival_ns) * NS
 
 
 def assign_targets(targets: Sequence[Target], legs: Sequence[Leg]) -> tuple[tuple[Target, ...], list[str]]:
-    """Hand every target to its leg; those of before are gone. Returns those agreed to, and why others are not."""
+    """Give each target to its leg and drop all earlier ones; returns the accepted targets, and why others are not."""
     for leg in legs:
         leg.arrival_ns, leg.points = None, []
-    agreed, refused = [], []
+    accepted, refused = [], []
     for target in targets if legs else ():
         try:
             _assign(target, legs)
-            agreed.append(target)
+            accepted.append(target)
         except DasError as error:
             refused.append(str(error))
     for leg in legs:
         leg.points.sort(key=lambda point: point.s_m)
-    return tuple(agreed), refused
+    return tuple(accepted), refused
 
 
 def _assign(target: Target, legs: Sequence[Leg]) -> None:

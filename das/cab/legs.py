@@ -1,4 +1,4 @@
-"""The legs of the journey under way: what has been told of it, and which leg the train is on. No bus, no clock."""
+"""The legs of the journey under way, their restrictions and targets, and which leg the train is on."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
 Moment = tuple[float, bool] | None
-"""Where the train is (m) and whether it stands there; None where nobody knows."""
+"""The position of the train (m) and whether it stands there; None where it is not known."""
 
 
 class Legs:
-    """Takes what is told of the journey, prepares the legs, and knows which one the train is on.
+    """Takes over journey, restrictions and targets, prepares the legs, and knows which one the train is on.
 
-    A leg ends when the train stands at its stop. A train heard for the first time is on the leg its position says.
+    A leg ends when the train stands at its stop. The first position of the train alone decides which leg it is on.
     """
 
     def __init__(self, situation: Situation, preparation: Preparation, settings: AdviceSettings = DEFAULT) -> None:
@@ -40,10 +40,10 @@ class Legs:
         self._started, self._settings = situation, settings
         self._index: int | None = None
         self._targets: tuple[Target, ...] = ()
-        self._agreed: tuple[Target, ...] = ()
-        self._agreed_said: tuple[Target, ...] = ()
+        self._accepted: tuple[Target, ...] = ()
+        self._accepted_reported: tuple[Target, ...] = ()
         self._now_ns = 0
-        self._told = False
+        self._changed = False
 
     @property
     def index(self) -> int:
@@ -56,15 +56,15 @@ class Legs:
         return self.legs[self.index] if self.legs else None
 
     def take_news(self) -> list[News]:
-        """What has happened since this was last asked."""
+        """The news since this was last asked."""
         news = self.preparation.take_news() + [News(text, True) for text in self.last_words.take_news()]
-        if self._agreed != self._agreed_said:
-            self._agreed_said = self._agreed
-            news.append(News(event_wording.targets(self._agreed)))
+        if self._accepted != self._accepted_reported:
+            self._accepted_reported = self._accepted
+            news.append(News(event_wording.targets(self._accepted)))
         return news
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:
-        """An advice of the leg under way after the last word on it: the same, or what is safe."""
+        """An advice after the last word on it: unchanged, or with safe values in place of unsafe ones."""
         leg = self.current
         if leg is None:
             return advice
@@ -72,12 +72,12 @@ class Legs:
         return self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
 
     def check(self, stops_m: Sequence[float]) -> None:
-        """Look at the sections between stops before there is a journey; raises DasError where one cannot be driven."""
+        """Check the sections between stops (m) before there is a journey; raises DasError if one cannot be driven."""
         for a, b in pairwise(stops_m):
             self.situation.between(a, b).section(a, b)
 
     def rehearse(self, stops_m: Sequence[float]) -> None:
-        """Prepare the first section before there is a journey; raises DasError."""
+        """Find the front of the first section before there is a journey; raises DasError where there is none."""
         first_m, second_m = stops_m[:2]
         self.preparation.rehearse(self.situation.between(first_m, second_m).section(first_m, second_m))
 
@@ -90,26 +90,26 @@ class Legs:
         level: Level | None = None,
         moment: Moment = None,
     ) -> None:
-        """Take over a journey, by default with train and level of the start; `moment`: where the train is.
+        """Take over a journey, by default with the train and the level of the start.
 
-        Raises DasError where the journey cannot be driven on this line; what was begun before goes on then.
+        Raises DasError where the journey cannot be driven on this line; the journey before goes on then.
         """
         started, before = self._started, self.situation
         situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
         if situation.vehicle is not before.vehicle:
-            # What was found of the train before says nothing of this one.
+            # The estimates of the train before say nothing about this one.
             situation = replace(situation, conditions=AS_PLANNED)
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
         free = replace(situation, restrictions=())
         legs = [known.get((a.position_m, b.position_m)) or self._new_leg(free, a, b) for a, b in pairwise(stops)]
         _set_timetables(legs, timetables)
         for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
-            leg.start, leg.end = start, end  # At the same places, perhaps by other names.
+            leg.start, leg.end = start, end  # The places are the same, the names may differ.
         self.preparation.drop(leg for leg in self.legs if leg not in legs)
         for leg in legs:
             if leg not in self.legs:
                 self.preparation.add(leg, free)
-        # A journey told again, or changed elsewhere, does not take the train off the leg that it has not ended.
+        # A journey that is repeated, or changed elsewhere, does not take the train off a leg that it has not ended.
         current = self.current
         self._index = legs.index(current) if self._index is not None and current in legs else None
         self.situation, self.legs = situation, tuple(legs)
@@ -117,22 +117,22 @@ class Legs:
         self.set_targets(self._targets)
 
     def end(self) -> None:
-        """There is no journey any more."""
+        """End the journey: there are no legs any more."""
         self.preparation.drop(self.legs)
         self.legs, self._index = (), None
 
     def _new_leg(self, free: Situation, start: Stop, end: Stop) -> Leg:
-        """A leg that is not prepared yet. Raises DasError where it cannot be driven even without restrictions."""
+        """A leg that is not prepared yet; raises DasError where it cannot be driven even without restrictions."""
         section = free.section(start.position_m, end.position_m)
         return Leg(start, end, section, self._settings, self.preparation.coach_worker)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
-        """Take over all restrictions known; those that count now are planned with, the others when they do."""
+        """Take over all restrictions known; plans keep to each of them as soon as it counts."""
         self.situation = replace(self.situation, restrictions=tuple(restrictions))
-        self._heed()
+        self._note_change()
 
     def set_conditions(self, conditions: Conditions) -> None:
-        """Take over what differs from the files; where the train could not drive then, say so and go on as before."""
+        """Take over what differs from the files; if the train could not drive then, report that and change nothing."""
         situation = replace(self.situation, conditions=conditions)
         now = situation.at(self._now_ns)
         try:
@@ -140,44 +140,44 @@ class Legs:
                 start_m, end_m = leg.start.position_m, leg.end.position_m
                 now.between(start_m, end_m).section(start_m, end_m)
         except DasError as error:
-            self.preparation.say(News(event_wording.calibration_ignored(error), True))
+            self.preparation.report(News(event_wording.calibration_ignored(error), True))
             return
         self.situation = situation
-        self._heed()
+        self._note_change()
 
     def set_targets(self, targets: Sequence[Target]) -> None:
-        """Take over all targets in force; one that is not on this journey is ignored and said."""
+        """Take over all targets in force; one that does not belong to this journey is ignored and reported."""
         self._targets = tuple(targets)
-        self._agreed, refused = assign_targets(self._targets, self.legs)
+        self._accepted, refused = assign_targets(self._targets, self.legs)
         for why in refused:
-            self.preparation.say(News(event_wording.target_ignored(why), True))
-        self._heed()
+            self.preparation.report(News(event_wording.target_ignored(why), True))
+        self._note_change()
 
     def set_delay(self, delay_s: float) -> None:
-        """Take over the operator's word on the delay (s)."""
+        """Take over the delay that the operator states (s)."""
         for leg in self.legs:
             leg.set_delay(delay_s)
 
     def place(self, moment: Moment) -> None:
-        """Take over where the train is: the leg follows from it."""
+        """Take over the position of the train; it decides which leg the train is on."""
         if moment is not None and self.legs:
             self._index = _leg_of(self.legs, self._index, moment, self._settings.stop)
 
     def prepare(self, now_ns: int) -> None:
-        """Bring the legs that are near to the situation of now."""
+        """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""
         self._now_ns = now_ns
-        told, self._told = self._told, False
-        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, told=told)
+        changed, self._changed = self._changed, False
+        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
 
-    def _heed(self) -> None:
-        """Something is new: look at once for what it needs; without a thread, when all is told and advice is due."""
-        self._told = True
+    def _note_change(self) -> None:
+        """Take note of a change. In the background its search begins at once; without a thread, when advice is due."""
+        self._changed = True
         if self.preparation.in_background and self.legs:
             self.prepare(self._now_ns)
 
 
 def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> None:
-    """One timetable a leg; raises DasError where a leg has no time or begins before the last has ended."""
+    """Give each leg its timetable; raises DasError where a leg has no time, or begins before the last has ended."""
     for i, (before, after) in enumerate(pairwise(timetables), 1):
         if after.departure_ns < before.arrival_ns:
             raise DasError(event_wording.departs_before_arrival(i + 1))
@@ -188,10 +188,10 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
 
 
 def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool], settings: StopSettings) -> int:
-    """The leg by position; at a stop the leg that ends there until the train stands, then the one that begins there.
+    """The index of the leg by position. At a stop it is the leg that ends there until the train stands, then the next.
 
-    A train that runs through its stop stays on the leg it has not ended, until it stands or is far away; a train that
-    has begun a leg is not put back by a position that scatters.
+    A train that runs through its stop stays on the leg it has not ended, until it stands or is far away. A scattering
+    position does not put a train back that has begun a leg.
     """
     s_m, stands = moment
     ends_m = [leg.section.end_m for leg in legs[:-1]]

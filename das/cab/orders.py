@@ -1,4 +1,4 @@
-"""A journey as ordered: whether it is for this train and this line, and what the legs need of it."""
+"""Checks whether a journey is for this train and this line, and takes from it what the legs need."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """What the legs need of a journey: stops, a timetable for each leg, the train, the level (None: that at start)."""
+    """An accepted journey: stops, a timetable for each leg, the train, and the level (None: that of the start)."""
 
     stops: tuple[Stop, ...]
     timetables: tuple[Timetable, ...]
@@ -37,7 +37,7 @@ class Order:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Post:
-    """What this on-board system is for: the train by name, the route, its direction, and the trains it knows."""
+    """The assignment of this on-board system: the train by name, the route and its direction, and the known trains."""
 
     train: str
     route: Route
@@ -51,7 +51,7 @@ class Post:
         if journey.train and journey.train != self.train:
             raise DasError(event_wording.other_train(journey.train, self.train))
         if journey.reversed != self.reverse:
-            raise DasError(event_wording.other_direction(told_reverse=journey.reversed, own_reverse=self.reverse))
+            raise DasError(event_wording.other_direction(ordered_reverse=journey.reversed, own_reverse=self.reverse))
         if len(journey.stops) < 2:
             raise DasError(event_wording.too_few_stops(len(journey.stops)))
         _check_times(journey.stops)

@@ -1,7 +1,7 @@
 """Fronts for the legs of a journey: looked up or solved when they are needed, in the background or at once.
 
-A leg whose situation changes (a restriction, another train, load or level, a new target) is advised on at once by the
-plan of before under the new limits. Its front is looked up or solved in a thread, or, where time stands still
+If the situation of a leg changes (a restriction, another train, load or level, a new target), the advice follows the
+last plan under the new limits until the new front is found. The search runs in a thread, or, where time stands still
 meanwhile, at once.
 """
 
@@ -24,24 +24,24 @@ from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.section import Section
 
 NO_COACH = CoachSettings(enabled=False)
 TRY_AGAIN_S = 10.0
-"""A search that failed for a reason nobody foresaw is made again after so long, and whenever something is told."""
+"""A search that failed for an unforeseen reason is repeated after this time, and whenever something changes."""
 
 
 class News(NamedTuple):
-    """Something that happened, for people to read; `bad`: something is not as it should be."""
+    """A text about something that happened; `bad`: something is not as it should be."""
 
     text: str
     bad: bool = False
 
 
 class _Answer(NamedTuple):
-    """What a search for a front came to; `refusal`: why there is none; `failed`: for a reason nobody foresaw."""
+    """The result of a search for a front; `refusal`: why there is none; `failed`: whether that was unforeseen."""
 
     found: Found | None
     passing: PassingFronts | None
@@ -52,23 +52,26 @@ class _Answer(NamedTuple):
 
 @dataclass(kw_only=True, eq=False)
 class _Prepared:
-    """What a leg was prepared for and why anew, the search under way, and why the leg cannot be driven."""
+    """The state of a leg's preparation.
+
+    `situation` is the one prepared for, `why` the reason for preparing anew, `refusal` why the leg cannot be driven.
+    """
 
     situation: Situation
     refusal: str = ""
     why: str = ""
     served: PassingTarget | None = None
-    """The point that the front, or the search under way, serves."""
+    """The point to pass for which the front was found, or is being searched."""
     ready: bool = False
     search: Future[_Answer] | None = None
     few_switch: Future[FewSwitchFront | str] | None = None
-    """The search for the coach's few-switch trajectories, after that for the front; it answers with why there are
-    none, if so."""
+    """The search for the coach's few-switch trajectories, which follows that for the front; a text says why there are
+    none."""
     failed_ns: int | None = None
     """When the last search failed, if it did."""
 
     def give_up(self) -> None:
-        """What was prepared or is looked for is not what is wanted any more."""
+        """Give up the searches under way: the leg has to be prepared anew."""
         for search in (self.search, self.few_switch):
             if search is not None:
                 search.cancel()
@@ -81,11 +84,11 @@ class _Prepared:
 
 
 class Preparation:
-    """Keeps the legs that are near prepared for the situation of now.
+    """Keeps the legs that are near prepared for the present situation.
 
-    `background`: searches for fronts go on in a thread of their own, and all work for the coach in another one; else
-    each is over when the call returns, so that what is advised depends on what was told alone. `stopwatch` gives
-    seconds; what it measures goes into `solve_s` only. Use `close` at the end.
+    With `background`, searches for fronts run in a thread of their own, and all work for the coach in another one;
+    otherwise each is over when the call returns, so that the advice depends on the messages alone. `stopwatch` gives
+    seconds, which go into `solve_s` only. Call `close` at the end.
     """
 
     def __init__(
@@ -94,54 +97,54 @@ class Preparation:
         self._fronts, self._stopwatch, self._coach = fronts, stopwatch, coach
         self._solver = Worker("solve", background=background)
         self.coach_worker = Worker("coach", background=background)
-        """Does what the coach need not be waited for: few-switch trajectories and new references."""
+        """Finds few-switch trajectories and makes references, for which the advice does not wait."""
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
         self.solve_s = 0.0
-        """What the last search for a front took (s)."""
+        """The duration of the last search for a front (s)."""
 
     @property
     def in_background(self) -> bool:
-        """Whether searches go on in a thread of their own."""
+        """Whether searches run in a thread of their own."""
         return self._solver.in_background
 
     @property
     def searching(self) -> bool:
-        """Whether a front is being looked for."""
+        """Whether a search is under way."""
         return any(one.searches for one in self._prepared.values())
 
     @property
     def has_answer(self) -> bool:
-        """Whether something has been found that the last advice did not know."""
+        """Whether a search has ended whose result the last advice did not use."""
         return any(search.done() for one in self._prepared.values() for search in one.searches)
 
     def refusal(self, leg: Leg) -> str:
-        """Why a leg cannot be driven, or nothing."""
+        """Why a leg cannot be driven; empty if it can."""
         return self._prepared[leg].refusal
 
-    def say(self, news: News) -> None:
-        """Add something that happened."""
+    def report(self, news: News) -> None:
+        """Add news."""
         self._news.append(news)
 
     def take_news(self) -> list[News]:
-        """What has happened since this was last asked."""
+        """The news since this was last asked."""
         news, self._news = self._news, []
         return news
 
     def add(self, leg: Leg, situation: Situation) -> None:
-        """A leg is new; it is not prepared yet."""
+        """Add a new leg, which is not prepared yet."""
         self._prepared[leg] = _Prepared(situation=situation)
 
     def drop(self, legs: Iterable[Leg]) -> None:
-        """Nobody waits any more for what is looked for on these legs."""
+        """Remove legs and give up their searches."""
         for leg in legs:
             self._prepared.pop(leg).give_up()
 
     def rehearse(self, section: Section) -> None:
-        """Look for the front of a section before there is a journey; raises DasError.
+        """Find the front of a section before there is a journey; raises DasError where there is none.
 
-        With searches in the background the coach's few-switch trajectories are found there, as they are for a
-        leg under way: the front alone is enough to advise.
+        In the background the search for the coach's few-switch trajectories goes on afterwards, as for a leg under way:
+        the front alone is enough to advise.
         """
         began = self._stopwatch()
         self._fronts.find(section)
@@ -152,20 +155,20 @@ class Preparation:
                 few_switch.result()
 
     def close(self) -> None:
-        """End the threads; what they are solving is given up."""
+        """End the threads and give up what they are solving."""
         self._solver.close()
         self.coach_worker.close()
 
-    def prepare(self, legs: Sequence[Leg], index: int, situation: Situation, now_ns: int, *, told: bool) -> None:
-        """Have fronts for the leg of number `index`, on which the train is, and for the next leg; look for no others.
+    def prepare(self, legs: Sequence[Leg], index: int, situation: Situation, now_ns: int, *, changed: bool) -> None:
+        """Prepare the leg of number `index`, on which the train is, and the next one, and no others.
 
-        The leg before keeps what it has. Where something is `told`, a search that failed may go well now.
+        The leg before keeps its front. If something has `changed`, a search that failed is repeated.
         """
         for i, leg in enumerate(legs):
             leg.refresh_goal()
             one = self._prepared[leg]
             if index <= i <= index + 1:
-                if one.failed_ns is not None and (told or abs(now_ns - one.failed_ns) * NS >= TRY_AGAIN_S):
+                if one.failed_ns is not None and (changed or abs(now_ns - one.failed_ns) * NS >= TRY_AGAIN_S):
                     one.ready = False
                 self._ensure(leg, one, situation, now_ns)
             elif i != index - 1:
@@ -174,24 +177,24 @@ class Preparation:
                 one.give_up()
 
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
-        """Bring a leg to the situation of now: at once what is safe, then its front."""
+        """Bring a leg up to date with the situation: its safe limits at once, then its front."""
         wanted = situation.between(leg.start.position_m, leg.end.position_m)
         if not wanted.is_like(one.situation):
-            _heed(leg, one, wanted)
+            _change_situation(leg, one, wanted)
         point = leg.goal.passing
         if point is not None and point != one.served:
             one.give_up()
         if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
             one.served = point
             question = _Question.of(leg)
-            one.search = self._solver.submit(lambda: _answered(self._fronts, question, self._stopwatch))
+            one.search = self._solver.submit(lambda: _search_front(self._fronts, question, self._stopwatch))
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.few_switch is not None and one.few_switch.done():
             self._take_few_switch(leg, one, one.few_switch.result())
 
     def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
-        """Use what a search has found; where it failed, for now."""
+        """Use the result of a search, or keep why it failed."""
         one.search, one.ready = None, True
         one.failed_ns = now_ns if answer.failed else None
         self.solve_s = answer.took_s
@@ -210,11 +213,12 @@ class Preparation:
         self._news.append(News(event_wording.front_found(leg.start.name, leg.end.name, found.source, why)))
         if self._coach.enabled:
             s_m = _Question.of(leg).s_m
-            one.few_switch = self.coach_worker.submit(lambda: _few_switch(self._fronts, section, self._coach, s_m))
+            one.few_switch = self.coach_worker.submit(
+                lambda: _search_few_switch(self._fronts, section, self._coach, s_m)
+            )
 
     def _take_few_switch(self, leg: Leg, one: _Prepared, answer: FewSwitchFront | str) -> None:
-        """Lead by the few-switch trajectories that were found; where there are none, the leg goes on without a
-        coach."""
+        """Let the coach lead by the few-switch trajectories found; without any, the leg goes on without a coach."""
         one.few_switch = None
         if isinstance(answer, str):
             self._news.append(News(event_wording.no_coach(answer), True))
@@ -222,27 +226,27 @@ class Preparation:
             leg.use_few_switch(answer)
 
 
-def _heed(leg: Leg, one: _Prepared, wanted: Situation) -> None:
-    """Another situation: what is safe in it holds at once."""
+def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
+    """Take over another situation: its safe limits hold at once."""
     why, refusal = difference(one.situation, wanted), ""
     one.give_up()
     try:
         leg.use_meanwhile(wanted.section(leg.start.position_m, leg.end.position_m), why)
     except DasError as error:
         refusal = event_wording.impossible_now(why, error)
-    # Only now that the leg has it: whatever else goes wrong, it is not taken for prepared.
+    # Only after the leg has taken it over: if that fails, the leg does not count as prepared.
     one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
 
 
 def _release(leg: Leg, one: _Prepared) -> None:
-    """Let go of the front of a leg that is far off."""
+    """Drop the front of a leg that is far away."""
     if one.ready:
         leg.use(PlanBasis(section=leg.section))
     one.give_up()
 
 
 class _Question(NamedTuple):
-    """What a search is for, as it was when it began: a section, a point, and the state the point is planned from."""
+    """What a search has to find, as of its beginning: a section, a point to pass, and the state to plan it from."""
 
     section: Section
     point: PassingTarget | None
@@ -262,8 +266,8 @@ class _Question(NamedTuple):
         return cls(section, goal.passing, now_ns, goal.arrival_ns, here.s_m, here.speed_mps)
 
 
-def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
-    """Look for a front, and for those of a point; whatever goes wrong is the answer."""
+def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], float]) -> _Answer:
+    """Search for a front, and for those of a point to pass; any error becomes part of the answer."""
     began = stopwatch()
     found, passing, refusal, failed = None, None, "", False
     try:
@@ -271,21 +275,21 @@ def _answered(fronts: Fronts, question: _Question, stopwatch: Callable[[], float
         passing = _passing(question, found.front.section)
     except DasError as error:
         refusal = str(error)
-    except Exception as error:  # No advice is better than a thread that died in silence.
+    except Exception as error:  # No advice is better than a thread that dies in silence.
         refusal, failed = event_wording.solving_failed(error), True
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
-def _few_switch(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> FewSwitchFront | str:
-    """Look for the few-switch trajectories of a section; whatever goes wrong is the answer."""
+def _search_few_switch(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> FewSwitchFront | str:
+    """Search for the few-switch trajectories of a section; the answer to any error is its text."""
     try:
         return fronts.find_few_switch(section, coach, s_m)
-    except Exception as error:  # Advice without a coach is better than a thread that died in silence.
+    except Exception as error:  # Advice without a coach is better than a thread that dies in silence.
         return str(error) if isinstance(error, DasError) else event_wording.solving_failed(error)
 
 
 def _passing(question: _Question, section: Section) -> PassingFronts | None:
-    """The fronts of a point on a section as it is planned; None where the point asks for nothing."""
+    """The fronts of a point to pass on a section; None where the point sets no time or is already reached."""
     point = question.point
     if point is None or point.s_m < question.s_m + LEAST_WAY_M:
         return None

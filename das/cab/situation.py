@@ -1,4 +1,4 @@
-"""The situation a section is planned in: line, train, level, what is in force, and what differs from the files."""
+"""The situation in which a section is planned: line, train, level, restrictions, and what differs from the files."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Situation:
     restrictions: tuple[Restriction, ...] = ()
     conditions: Conditions = AS_PLANNED
     braking: SiteBraking = USUAL
-    """How the drivers of the site brake."""
+    """How the drivers of this site brake."""
 
     def at(self, now_ns: int) -> Situation:
-        """This situation at a moment (ns since 1970; 0: not known): with the restrictions that count then, for good.
+        """This situation at a moment (ns since 1970; 0: not known), with only the restrictions that count then.
 
-        Where it is not known what time it is, all of them count.
+        Their windows of time are taken off. Where the time is not known, all restrictions count.
         """
         counting = tuple(one.unlimited for one in self.restrictions if not now_ns or one.counts_at(now_ns))
         return self if counting == self.restrictions else replace(self, restrictions=counting)
@@ -64,8 +64,8 @@ class Situation:
     def section(self, start_m: float, end_m: float) -> Section:
         """A section in this situation, planned with the service braking; raises as `build_section` does.
 
-        What was found of mass and resistance while driving may make braking curves lower, never higher: forces measured
-        too small make a train look light and its brakes good.
+        Estimated mass and resistance may lower the braking curves but never raise them: forces that are measured too
+        small make a train look light and its brakes good.
         """
         section = self._section(self.conditions, start_m, end_m)
         careful = replace(
@@ -97,7 +97,7 @@ class Situation:
 
 
 def difference(before: Situation, after: Situation) -> str:
-    """What makes two situations differ, in words."""
+    """The first difference between two situations, in words."""
     if before.vehicle is not after.vehicle:
         return event_wording.OTHER_TRAIN
     if before.level != after.level:

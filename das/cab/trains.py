@@ -1,4 +1,4 @@
-"""The trains a node may be told it is: the one it was started with, others by file, and the bundled ones."""
+"""The trains that a journey may name: the one at the start of the node, others by file, and the bundled ones."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from das.domain.vehicle import Vehicle
 
 
 class Trains:
-    """Finds a train by its id and load; what it has found once stays the same object.
+    """Finds a train by its id and load state, and gives the same object each time.
 
-    `started` is the train as started, `base` the same without a load state; `others` are names or files. Raises
-    DasError for a file that cannot be used.
+    `started` is the train at the start, `base` the same train without a load state; `others` are names or files of
+    further trains. Raises DasError for a file that cannot be used.
     """
 
     def __init__(self, started: Vehicle, base: Vehicle, others: Sequence[str] = ()) -> None:
@@ -29,7 +29,7 @@ class Trains:
         return list(self._found.values())
 
     def find(self, vehicle_id: str, load: str = "") -> Vehicle:
-        """The train of an id in a load state (none: as its file gives it); DasError where there is none."""
+        """The train of an id in a load state (empty: that of its file); DasError where there is none."""
         if (vehicle_id, load) not in self._found:
             self._found[vehicle_id, load] = self._read(vehicle_id, load)
         return self._found[vehicle_id, load]

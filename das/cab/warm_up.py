@@ -1,4 +1,4 @@
-"""Compile, or load from the cache, all that lies between a position and an advice, before time matters."""
+"""Compiles, or loads from the cache, all kernels between a position and an advice before time matters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from das.table.format import ARRAYS, packed, unpacked
 
 
 def warm_up() -> None:
-    """Advise on a tiny section, under way and braking for the stop, and have it judged."""
+    """Run planner, coach and last word on a tiny section, under way and braking for the stop."""
     front = solve_tiny()
     section = front.section
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
@@ -44,7 +44,7 @@ def warm_up() -> None:
 
 
 def warm_up_tables() -> None:
-    """Compile (or load from the cache) what answers from the arrays of a table; some 6 s the first time."""
+    """Compile, or load from the cache, the kernels that read the arrays of a table; some 6 s the first time."""
     section = build_section(tiny_route(), tiny_vehicle())
     front = solve_front(section, lambda_w=np.array([0.0, 1e4, 1e5, 1e6]))
     read = {  # read-only, as the arrays of a file are

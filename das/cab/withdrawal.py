@@ -1,6 +1,6 @@
-"""Whether there is advice: decided here and nowhere else, in one order, by facts that the cab and the leg know.
+"""Decides whether there is advice: here and nowhere else, in one order, from facts of the cab and of the leg.
 
-An advice that is given still has to pass the last word (`LastWords`), which replaces what is not safe.
+Every advice then passes the last word (`LastWords`), which replaces what is not safe.
 """
 
 from __future__ import annotations
@@ -18,39 +18,39 @@ from das.cab.outputs import is_fresh
 from das.cab.situation import Situation
 from das.domain.units import KMH, KN
 from das.estimate.estimate import Estimate
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 
-SAID_EVERY_S = 30.0
-"""The last word on one part of the advice is said once, and again only after so long without the same."""
+REPORT_EVERY_S = 30.0
+"""A replaced part of the advice is reported once, and again only if it was not replaced for this long."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trust:
-    """What makes the cab distrust what it was told, whatever the leg; the default: nothing does."""
+    """Reasons for the cab to distrust its messages, whatever the leg; by default there are none."""
 
     two_publishers: str = ""
-    """The two publishers that both say where the train is."""
+    """The two publishers that both state the position of the train; empty if there is one."""
     unstamped: bool = False
-    """Whether positions come without their sender's time stamp, so that two senders could not be told apart."""
+    """Whether positions come without their sender's time stamp: two senders would look like one."""
     two_operators: str = ""
-    """The two publishers that say different restrictions."""
+    """The two publishers that state different restrictions; empty if they agree."""
     unheeded: str | None = None
-    """Why the restrictions told last cannot be heeded."""
+    """Why the restrictions received last cannot be used; None if they can."""
     two_nodes: str = ""
-    """The other node that advises this train."""
-    restrictions_told: bool = True
-    """Whether a list of restrictions was heard, possibly an empty one."""
+    """The name of another node that advises this train as well; empty if there is none."""
+    restrictions_received: bool = True
+    """Whether a list of restrictions was received, possibly an empty one."""
     journey_refused: str = ""
-    """Why the last journey was refused."""
+    """Why the last journey was refused; empty if it was not."""
     internal_error: str = ""
-    """What went wrong that nobody foresaw."""
+    """The unforeseen error that withdraws the next advice; empty if there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LegFacts:
-    """What the decision needs to know of the leg.
+    """The facts of the leg that decide.
 
-    Its two ends (m), its departure (ns since 1970), whether it has a timetable, and why it cannot be driven.
+    They are its two ends (m), its departure (ns since 1970), whether it has a timetable, and why it cannot be driven.
     """
 
     start_m: float
@@ -63,21 +63,21 @@ class LegFacts:
 def decide(
     here: Estimate, trust: Trust, leg: LegFacts | None, *, no_plan: str = "", stop: StopSettings = DEFAULT.stop
 ) -> Withdrawal | None:
-    """Why there is no advice, or None: advice is given. The first of these that holds decides:
+    """Why there is no advice; None if there is. The first of these that holds decides:
 
-    1. two publishers of the position, or one that might be two; 2. two operators that say different restrictions;
-    3. restrictions that cannot be heeded; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list
-    of restrictions heard; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock
-    or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it has run
-    past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words); 14. another node
-    advises the train as well. The numbers of `Cause` rise in this order.
+    1. two publishers of the position, or one that might be two; 2. two operators that state different restrictions;
+    3. restrictions that cannot be used; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list
+    of restrictions received; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the
+    clock or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it
+    has run past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words); 14. another
+    node advises the train as well. The numbers of `Cause` rise in this order.
     """
     distrust = _distrust(trust)
     if distrust is not None:
         return distrust
     if leg is None or not leg.is_timed:
         return Withdrawal(Cause.NO_JOURNEY)
-    if not trust.restrictions_told:
+    if not trust.restrictions_received:
         return Withdrawal(Cause.RESTRICTIONS_UNTOLD)
     found = _of_leg(here, leg, stop)
     if found is not None:
@@ -117,7 +117,7 @@ def _of_leg(here: Estimate, leg: LegFacts, stop: StopSettings) -> Withdrawal | N
 
 
 class LastWords:
-    """Judges advices, counts what was replaced, and keeps what there is to say of it."""
+    """Passes advices through the last word, counts what it replaces, and collects the news about that."""
 
     def __init__(self) -> None:
         self.acts: Counter[Part] = Counter()
@@ -127,7 +127,7 @@ class LastWords:
         self._news: list[str] = []
 
     def judged(self, advice: Advice, here: Estimate, situation: Situation, ends_m: tuple[float, float]) -> Advice:
-        """The advice after the last word on it, on the section between two positions: the same, or what is safe."""
+        """The advice on the section between two positions (m), with safe values in place of unsafe ones."""
         basis = BrakingBasis(
             route=situation.route,
             vehicle=situation.vehicle,
@@ -138,22 +138,22 @@ class LastWords:
             end_m=ends_m[1],
             point_mass=situation.point_mass,
         )
-        said, acts = self._word.judge(advice, here, basis)
+        safe, acts = self._word.judge(advice, here, basis)
         for act in acts:
             self.acts[act.part] += 1
-            if not is_fresh(self._replaced_ns.get(act.part), advice.time_ns, SAID_EVERY_S):
+            if not is_fresh(self._replaced_ns.get(act.part), advice.time_ns, REPORT_EVERY_S):
                 self._news.append(words_of(act))
             self._replaced_ns[act.part] = advice.time_ns
-        return said
+        return safe
 
     def take_news(self) -> list[str]:
-        """What was replaced since this was last asked, in words."""
+        """The texts about replaced parts since this was last asked."""
         news, self._news = self._news, []
         return news
 
 
 def words_of(act: Act) -> str:
-    """What the last word replaced in an advice, and by what."""
+    """The text about a part of an advice that the last word replaced."""
     value = "not a number" if math.isnan(act.value_mps) else f"{act.value_mps / KMH:.1f} km/h"
     bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the most"
     if math.isfinite(act.instead_n):

@@ -1,1 +1,1 @@
-"""What follows from measurements: where the train is and how fast it runs, what it weighs, and what resists it."""
+"""Estimates from measurements: position and speed of the train, its mass and its running resistance."""

@@ -12,15 +12,15 @@ from das.domain.formulary import adhesion_coefficient
 from das.domain.route import Route
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ReplanSettings
 from das.estimate.effort import Effort
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.estimate.ratios import CheckedLearner, Estimates
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.settings import CALIBRATION, CalibrationSettings, ReplanSettings
 from das.estimate.window import LineIntegral, Pairing, Sample
 
 
 class Calibrator:
-    """Hears positions and efforts of one train, and estimates its mass and its running resistance.
+    """Estimates the mass and the running resistance of one train from measured positions and efforts.
 
     `vehicle` is the train as planned, with its load. Positions and efforts may come at moments of their own.
     """
@@ -31,7 +31,7 @@ class Calibrator:
         vehicle: Vehicle,
         *,
         point_mass: bool = False,
-        settings: CalibrationSettings = DEFAULT,
+        settings: CalibrationSettings = CALIBRATION,
     ) -> None:
         self._route, self._vehicle, self._point_mass, self._settings = route, vehicle, point_mass, settings
         train_length_m = 0.0 if point_mass else vehicle.train_length_m
@@ -44,20 +44,17 @@ class Calibrator:
         self._load_changed = False
 
     def is_of(self, vehicle: Vehicle) -> bool:
-        """Whether this train is the one as planned."""
+        """Whether this is the planned train of the calibrator."""
         return self._vehicle is vehicle
 
-    def anew(self, vehicle: Vehicle) -> Calibrator:
-        """Return a calibrator of another train on the same line, which knows nothing of that train yet."""
-        return Calibrator(self._route, vehicle, point_mass=self._point_mass, settings=self._settings)
-
-    def afresh(self) -> Calibrator:
-        """Return a calibrator of the same train that knows nothing of it yet."""
-        return self.anew(self._vehicle)
+    def anew(self, vehicle: Vehicle | None = None) -> Calibrator:
+        """Return a calibrator on the same line that has measured nothing yet; by default of the same train."""
+        train = vehicle or self._vehicle
+        return Calibrator(self._route, train, point_mass=self._point_mass, settings=self._settings)
 
     @property
     def estimates(self) -> Estimates:
-        """What is known by now."""
+        """The estimates from all measurements so far."""
         return self._learner.estimates
 
     def set_effort(self, effort: Effort) -> None:
@@ -71,7 +68,7 @@ class Calibrator:
         self._take_samples()
 
     def _take_samples(self) -> None:
-        """Take all samples that can be made of what was heard."""
+        """Take all samples that can be made from the positions and efforts received."""
         for sample in self._pairing.samples():
             if sample is None:
                 self._window.clear()
@@ -121,16 +118,16 @@ class Calibrator:
 
 
 class Recalibration:
-    """Holds the conditions that the plan is made with, and says when the estimates call for others."""
+    """Holds the conditions of the plan, and decides when the estimates call for other conditions."""
 
-    def __init__(self, conditions: Conditions | None = None, settings: ReplanSettings = DEFAULT.replan) -> None:
+    def __init__(self, conditions: Conditions | None = None, settings: ReplanSettings = CALIBRATION.replan) -> None:
         self._planned = self.conditions = conditions or Conditions()
         """The conditions that the plan is made with."""
         self._settings = settings
         self._changed_ns: int | None = None
 
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
-        """Return other conditions to plan with from now on; None where those of the plan are near enough.
+        """Return other conditions to plan with from now on; None while those of the plan are near enough.
 
         The conditions change at most once in `every_s` of the settings, except that doubted forces bring back those of
         the start at once.

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 
 class ProblemKind(StrEnum):
-    """Why a fix was rejected, or why the estimated position cannot be used; and what the value of the problem is."""
+    """Why a fix was rejected, or why the estimate cannot be used; each kind says what the value of the problem is."""
 
     NO_POSITION = "no-position"
-    """No position of the train has been heard. There is no value."""
+    """No position of the train has been received. There is no value."""
     MARKED_UNUSABLE = "marked-unusable"
     """The sender itself marked the fix as unusable. There is no value."""
     NOT_A_NUMBER = "not-a-number"
@@ -55,7 +55,7 @@ class Problem(NamedTuple):
     value: float = math.nan
 
 
-NOTHING_HEARD = Problem(ProblemKind.NO_POSITION)
+NO_POSITION_YET = Problem(ProblemKind.NO_POSITION)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,16 +71,16 @@ class Estimate:
     """One standard deviation of the position."""
     speed_sd_mps: float = math.nan
     """One standard deviation of the speed."""
-    problem: Problem | None = NOTHING_HEARD
+    problem: Problem | None = NO_POSITION_YET
     """Why the estimate cannot be used; None where it can be used."""
     rejected: int = 0
     """How many fixes were rejected since the localisation began."""
     rejection: Problem | None = None
     """Why the last rejected fix was rejected; None where no fix was."""
     restarts: int = 0
-    """How many times rejected fixes that agreed with each other made the estimate begin anew where they are."""
+    """How many times the estimate began anew because rejected fixes agreed with each other."""
     clock_off_s: float = 0.0
-    """The clock here less the time stamps of the fixes, as far as it is known (> 0: they are behind, or heard late)."""
+    """The clock here less the time stamps of the fixes, as far as known (> 0: they are behind, or come late)."""
 
     @property
     def usable(self) -> bool:

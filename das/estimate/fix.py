@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from das.estimate.localisation_settings import Deviations, SensorSettings
+from das.estimate.settings import Deviations, SensorSettings
 
 
 class Quality(IntEnum):
-    """What the sender says of the quality of a fix; the numbers are those of the bus message."""
+    """The quality of a fix as its sender states it; the numbers are those of the bus message."""
 
     UNKNOWN = 0
     GOOD = 1

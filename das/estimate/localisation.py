@@ -7,21 +7,130 @@ rejected with the reason, and the estimate is carried on without it until it is 
 from __future__ import annotations
 
 import math
+import statistics
+from collections import deque
 from dataclasses import dataclass, replace
 
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.clocks import ClockDifference, ClockSteps
-from das.estimate.estimate import NOTHING_HEARD, Estimate, Problem, ProblemKind
+from das.estimate.estimate import NO_POSITION_YET, Estimate, Problem, ProblemKind
 from das.estimate.fix import PositionFix, deviations
-from das.estimate.localisation_settings import DEFAULT, LocalisationSettings, UseSettings
-from das.estimate.plausibility import Doubts, impossible, surprise
-from das.estimate.standstill import FrozenReceiver, Standstill
+from das.estimate.plausibility import Doubts, FrozenReceiver, Standstill, impossible, surprise
+from das.estimate.settings import LOCALISATION, ClockSettings, ClockStepSettings, LocalisationSettings, UseSettings
 from das.estimate.track_filter import Track, TrainMotion
 
 
+class ClockDifference:
+    """The difference between the clock here and that of a sensor: the median delay from time stamp to reception.
+
+    A sensor's clock that is behind ours and messages that take long look alike. Only the difference is known: the train
+    may be anywhere on the way that it covers in that time. The median leaves out single messages that were held up. The
+    clock of a simulation stands still between ticks, so a message that comes before or between ticks counts as received
+    at the next tick.
+    """
+
+    def __init__(self, settings: ClockSettings) -> None:
+        self._settings = settings
+        self._ticked_ns = 0
+        self._waiting: list[int] = []
+        self._received: deque[tuple[int, float]] = deque(maxlen=settings.most_fixes)
+        self.seconds = 0.0
+        """The clock here less the time stamps (s); > 0 where messages are late or the sensor's clock is behind."""
+        self._newest_s = 0.0
+
+    @property
+    def doubt_s(self) -> float:
+        """By how much the age of the newest measurement may be wrong (s).
+
+        It is the larger of the median difference and that of the newest measurement, which shows a step first.
+        """
+        return max(abs(self.seconds), abs(self._newest_s))
+
+    def set(self, step_s: float) -> None:
+        """Take note that the clock here was set by a time (s); it is in doubt by that until the next measurement."""
+        self._waiting.clear()
+        self._received.clear()
+        self._newest_s = step_s
+
+    def receive(self, stamp_ns: int, received_ns: int) -> None:
+        """Take note of a time stamp and of our clock when it was received (both ns since 1970; clock 0: not known)."""
+        if received_ns > self._ticked_ns > 0:
+            self._note(stamp_ns, received_ns)
+        elif len(self._waiting) < self._settings.most_fixes:
+            self._waiting.append(stamp_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """Take note of the time here (ns since 1970) and bring the difference up to date."""
+        for stamp_ns in self._waiting:
+            self._note(stamp_ns, now_ns)
+        self._waiting.clear()
+        self._ticked_ns = now_ns
+        known_s = [late_s for at_ns, late_s in self._received if abs(now_ns - at_ns) * NS <= self._settings.memory_s]
+        if known_s:
+            self.seconds = statistics.median(known_s)
+
+    def _note(self, stamp_ns: int, received_ns: int) -> None:
+        late_s = (received_ns - stamp_ns) * NS
+        if abs(late_s) <= self._settings.largest_s:
+            self._received.append((received_ns, late_s))
+            self._newest_s = late_s
+
+
+class ClockSteps:
+    """Detects a step of the sensors' clock: the time stamps are irregular, but the positions are not.
+
+    A receiver sends its fixes at a steady rate. Where a time stamp does not fit that rate, either a fix was lost, or
+    the clock was set. The way of the train since the last fix shows which of the two is more likely.
+    """
+
+    def __init__(self, settings: ClockStepSettings) -> None:
+        self._settings = settings
+        self._spans_s: deque[float] = deque(maxlen=settings.rate_fixes)
+        self._stamp_ns: int | None = None
+
+    def take(self, fix: PositionFix, x: Track, span_s: float) -> float:
+        """Return by how much the clock was set since the fix before (s; 0: it was not).
+
+        The state `x` is that of the last accepted fix, and this one is stamped `span_s` after it.
+        """
+        since_s = (fix.time_ns - self._stamp_ns) * NS if self._stamp_ns is not None else 0.0
+        step_s = self._step_s(since_s, fix, x, span_s)
+        if step_s or since_s > 0 or self._stamp_ns is None:
+            self._stamp_ns = fix.time_ns
+        if since_s > 0 and not step_s:
+            self._spans_s.append(since_s)
+        return step_s
+
+    @property
+    def _usual_s(self) -> float | None:
+        """The time between two time stamps at the receiver's steady rate; None where it has none."""
+        if len(self._spans_s) < self._settings.rate_fixes:
+            return None
+        usual_s = statistics.median(self._spans_s)
+        least_s = self._settings.least_s
+        odd = sum(abs(span_s - max(round(span_s / usual_s), 1) * usual_s) > least_s for span_s in self._spans_s)
+        return usual_s if odd <= self._settings.odd_fixes else None
+
+    def _step_s(self, since_s: float, fix: PositionFix, x: Track, span_s: float) -> float:
+        """The step of the clock (s) since the last time stamp, which is `since_s` before this one; 0: there was none.
+
+        Of all numbers of fixes that may have been lost, the one that fits the way of the train best gives the step. A
+        step counts only if the position is nearer to where the step puts it than to where the train would be without
+        one, and if its way is longer than the receiver's error.
+        """
+        usual_s, settings = self._usual_s, self._settings
+        if usual_s is None or abs(since_s - usual_s) <= settings.least_s:
+            return 0.0
+        off_m = fix.s_m - x.s - x.b - (x.v + 0.5 * x.a * span_s) * span_s
+        steps_s = (since_s - count * usual_s for count in range(1, settings.lost_fixes + 2))
+        step_s = min(steps_s, key=lambda step_s: abs(off_m + x.v * step_s))
+        way_m = x.v * abs(step_s)
+        can_be = abs(step_s) <= settings.largest_s and way_m > math.sqrt(x.bb)
+        return step_s if can_be and abs(off_m + x.v * step_s) < 0.5 * way_m else 0.0
+
+
 class Usability:
-    """Judges whether a state is usable, with memory: advice must not come and go with every fix."""
+    """Judges whether a state is usable. It has a memory, so that advice does not come and go with every fix."""
 
     def __init__(self, settings: UseSettings) -> None:
         self._settings = settings
@@ -68,7 +177,7 @@ class Usability:
 
 @dataclass(kw_only=True)
 class _Tally:
-    """What is counted from the beginning, also across restarts."""
+    """Counts since the localisation began; they go on when the estimate begins anew."""
 
     rejected: int = 0
     """How many fixes were rejected."""
@@ -78,8 +187,8 @@ class _Tally:
     """How many times the estimate began anew where rejected fixes agreed."""
 
 
-class _Noticed:
-    """What is noticed of the fixes of one estimate; another estimate begins with another of these."""
+class _Monitors:
+    """The monitors that watch the fixes of one estimate; they begin anew with each estimate."""
 
     def __init__(self, settings: LocalisationSettings, fastest_mps: float) -> None:
         self.doubts = Doubts(settings, fastest_mps)
@@ -96,9 +205,9 @@ SPEED_DOUBTED_S = 0.5
 class Localisation:
     """Estimates where one train is: give it each fix with `take`, and ask for the estimate with `at`."""
 
-    def __init__(self, vehicle: Vehicle, settings: LocalisationSettings = DEFAULT) -> None:
-        self.heard = False
-        """Whether any fix was heard, be it an impossible one."""
+    def __init__(self, vehicle: Vehicle, settings: LocalisationSettings = LOCALISATION) -> None:
+        self.received_any = False
+        """Whether any fix was received, even an impossible one."""
         self._settings = settings
         self._motion = TrainMotion(vehicle, settings)
         self._tally = _Tally()
@@ -106,47 +215,47 @@ class Localisation:
         self._forget()
 
     def _forget(self) -> None:
-        """Drop the state and all that was noticed of the fixes; what was counted stays."""
+        """Drop the state and begin with new monitors; the counts stay."""
         self._track: Track | None = None
         self._time_ns = 0
         self._problem: Problem | None = None
-        self._noticed = _Noticed(self._settings, self._motion.fastest_mps)
+        self._monitors = _Monitors(self._settings, self._motion.fastest_mps)
 
     @property
     def moment(self) -> tuple[float, bool] | None:
         """The position (m) at the last accepted fix, and whether the train stands there; None without a state."""
-        first = self._noticed.frozen.first
+        first = self._monitors.frozen.first
         if self._track is None or first is None:
             return None
         unmeasured = math.isnan(first.speed_mps) and self._track.v <= self._settings.standstill.expected_slow_mps
-        return self._track.s, self._noticed.standstill.stands or unmeasured
+        return self._track.s, self._monitors.standstill.stands or unmeasured
 
-    def take(self, fix: PositionFix, heard_ns: int = 0) -> None:
-        """Accept a fix or reject it; it was heard at a time of the clock (ns since 1970; 0: not known).
+    def take(self, fix: PositionFix, received_ns: int = 0) -> None:
+        """Accept or reject a fix; `received_ns` is the clock at its reception (ns since 1970; 0: not known).
 
         A fix that is not newer than the last accepted one changes nothing, unless the clock of the sensors was set.
         """
-        self.heard = True
+        self.received_any = True
         x, span_s = self._track, (fix.time_ns - self._time_ns) * NS
         if x is not None:
-            step_s = self._noticed.steps.take(fix, x, span_s)
+            step_s = self._monitors.steps.take(fix, x, span_s)
             x, span_s = x._replace(ss=x.ss + (x.v * step_s) ** 2), span_s - step_s
             if span_s <= 0:
                 return
-        self._clock.hear(fix.time_ns, heard_ns)
+        self._clock.receive(fix.time_ns, received_ns)
         if span_s > self._settings.restart.silence_s:
             x = None
         problem = impossible(
             fix, self._settings.possible, fastest_mps=self._motion.fastest_mps, has_state=x is not None
-        ) or self._noticed.frozen.judge(fix)
+        ) or self._monitors.frozen.judge(fix)
         if problem:
             self._reject(problem)
         elif x is not None:
             self._take_next(fix, x, span_s)
-        elif not self._noticed.doubts.outlast(fix.time_ns):
+        elif not self._monitors.doubts.outlast(fix.time_ns):
             self._begin(fix)
         else:
-            self._reject(self._problem or NOTHING_HEARD)
+            self._reject(self._problem or NO_POSITION_YET)
             self._doubt(fix)
 
     def set_clock(self, step_s: float) -> None:
@@ -156,26 +265,25 @@ class Localisation:
     def at(self, now_ns: int) -> Estimate:
         """Return the estimate for a time (ns since 1970).
 
-        A state that is too far ahead of that time is forgotten afterwards, because the fixes of the present would
-        never be newer than it.
+        A state that is too far ahead of that time is forgotten afterwards: no fix of the present would be newer.
         """
         self._clock.tick(now_ns)
         x = self._track
         if x is None:
-            return self._counted(now_ns, self._problem or NOTHING_HEARD)
+            return self._counted(now_ns, self._problem or NO_POSITION_YET)
         age_s, fixed_mps = (now_ns - self._time_ns) * NS, x.v
-        if not self._noticed.standstill.stands:
+        if not self._monitors.standstill.stands:
             x = self._motion.carried_on(x, min(max(age_s, 0.0), self._settings.restart.silence_s))
         if self._clock.doubt_s > SPEED_DOUBTED_S:
             x = x._replace(v=max(x.v, fixed_mps))
         x = x._replace(ss=x.ss + (x.v * self._clock.doubt_s) ** 2)
-        found = self._estimate(now_ns, x, self._noticed.usability.judge(x, age_s, self._problem))
-        if self._noticed.usability.is_ahead(age_s):
+        found = self._estimate(now_ns, x, self._monitors.usability.judge(x, age_s, self._problem))
+        if self._monitors.usability.is_ahead(age_s):
             self._forget()
         return found
 
     def _counted(self, now_ns: int, problem: Problem | None) -> Estimate:
-        """Return an estimate that holds no state, only what was counted."""
+        """Return an estimate without a state: only the problem and the counts."""
         tally = self._tally
         return Estimate(
             time_ns=now_ns,
@@ -187,8 +295,8 @@ class Localisation:
         )
 
     def _estimate(self, now_ns: int, x: Track, problem: Problem | None) -> Estimate:
-        """Return the estimate that a state makes."""
-        stands = self._noticed.standstill.stands
+        """Return the estimate of a state."""
+        stands = self._monitors.standstill.stands
         return replace(
             self._counted(now_ns, problem),
             fix_time_ns=self._time_ns,
@@ -208,9 +316,9 @@ class Localisation:
             if not math.isnan(fix.s_m):
                 self._doubt(fix)
             return
-        stood = self._noticed.standstill.stands
-        self._noticed.standstill.notice(fix, sds.speed_mps, expected.v)
-        if self._noticed.standstill.stands:
+        stood = self._monitors.standstill.stands
+        self._monitors.standstill.notice(fix, sds.speed_mps, expected.v)
+        if self._monitors.standstill.stands:
             self._accept(fix, self._motion.stand(x, fix, span_s))
             return
         if stood:
@@ -218,19 +326,19 @@ class Localisation:
         self._accept(fix, self._motion.corrected(expected, fix, span_s))
 
     def _begin(self, fix: PositionFix) -> None:
-        """Begin the state with what this fix says, and nothing else."""
+        """Begin the state from this fix alone."""
         state = self._motion.begin(fix)
-        self._noticed.standstill = Standstill(self._settings.standstill)
-        self._noticed.standstill.notice(fix, deviations(fix, self._settings.sensors).speed_mps, state.v)
+        self._monitors.standstill = Standstill(self._settings.standstill)
+        self._monitors.standstill.notice(fix, deviations(fix, self._settings.sensors).speed_mps, state.v)
         self._accept(fix, state, begins=True)
 
     def _accept(self, fix: PositionFix, state: Track, *, begins: bool = False) -> None:
-        """Take over the state that an accepted fix makes."""
+        """Take over the state that results from an accepted fix."""
         if self._track is not None:
-            self._noticed.usability.accept((fix.time_ns - self._time_ns) * NS)
-        self._noticed.frozen.accept(fix, begins=begins)
+            self._monitors.usability.accept((fix.time_ns - self._time_ns) * NS)
+        self._monitors.frozen.accept(fix, begins=begins)
         self._track, self._time_ns, self._problem = state, fix.time_ns, None
-        self._noticed.doubts.clear()
+        self._monitors.doubts.clear()
 
     def _reject(self, problem: Problem) -> None:
         """Count a rejected fix, and keep why it was rejected."""
@@ -239,6 +347,6 @@ class Localisation:
 
     def _doubt(self, fix: PositionFix) -> None:
         """Keep a rejected fix; where enough of them agree, the state was wrong and begins anew there."""
-        if self._noticed.doubts.add(fix):
+        if self._monitors.doubts.add(fix):
             self._tally.restarts += 1
             self._begin(fix)

@@ -1,9 +1,9 @@
 """Mass and running resistance as ratios of the planned train's, learned from windows of measurements.
 
-The measured forces behind them are checked by what does not rest on the force sensor alone. A gain of the sensor goes
-into mass and resistance alike, and no motion under measured forces tells it from them. What can be told: a force that
-the train does not have; a train that coasts on known gradients, where the force is zero whatever the gain is; and mass
-and resistance that are off by one and the same factor, as a gain makes them.
+The measured forces are checked, because a wrong gain of the force sensor changes mass and resistance alike, and no
+motion under measured forces shows the difference. Three things give a wrong sensor away: a force that the train cannot
+have; a coasting train on known gradients, where the force is zero whatever the gain is; and mass and resistance that
+are off by one and the same factor, as a gain would make them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from das.domain.conditions import Conditions
 from das.domain.route import Floats
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration_settings import DEFAULT, CalibrationSettings, ForceSettings, ReplanSettings
+from das.estimate.settings import CALIBRATION, CalibrationSettings, ForceSettings, ReplanSettings
 from das.estimate.window import MeasuredWindow, Sample
 
 
@@ -37,7 +37,7 @@ class Belief(NamedTuple):
             K = Pφ/(r + φᵀPφ),  θ ← θ + K·(y − φ·θ),  P ← P − KφᵀP
 
         Before that comes directional forgetting (Kulhavý 1987), P ← P + (1/λ − 1)·PφφᵀP/(φᵀPφ), which forgets only
-        what this observation tells anew; λ is `forgetting`, and 1 forgets nothing.
+        in the direction of this observation; λ is `forgetting`, and 1 forgets nothing.
         """
         toward = self.covariance @ row
         spread = float(row @ toward)
@@ -51,7 +51,7 @@ class Belief(NamedTuple):
 
 
 class ForceDoubt(StrEnum):
-    """Why the measured forces are not trusted, so that nothing is planned with what they say."""
+    """Why the measured forces are not trusted, so that no plan uses the estimates made from them."""
 
     TWO_PUBLISHERS = "two-publishers"
     """Two publishers measure the forces of one train."""
@@ -60,11 +60,11 @@ class ForceDoubt(StrEnum):
     TOO_STRONG = "too-strong"
     """The forces are above those that the motors and brakes of the train have."""
     COASTING = "coasting"
-    """Without any force, on known gradients, the train moves otherwise than the forces say."""
+    """While coasting on known gradients, the train moves differently from what the measured forces imply."""
     GAIN = "gain"
-    """Mass and resistance are off by the same factor, which a gain of the sensor would explain as well."""
+    """Mass and resistance are off by the same factor, which a wrong gain of the sensor would explain as well."""
     FAR_MASS = "far-mass"
-    """The mass is far from the planned one: another train, or a sensor that is wrong. It is used, but not silently."""
+    """The mass is far from the planned one: another train, or a wrong sensor. It is used, and reported."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,13 +80,13 @@ class Estimates:
     resistance_ratio: float
     resistance_sd: float
     samples: int
-    """How many windows counted."""
+    """How many windows the estimates rest on."""
     usable: bool
     """Whether both ratios are known well enough and lie within their bounds, and the forces behind them are trusted."""
     doubt: ForceDoubt | None = None
-    """Why the forces are not trusted."""
+    """Why the forces are not trusted; None where they are."""
 
-    def differs(self, conditions: Conditions, settings: ReplanSettings = DEFAULT.replan) -> bool:
+    def differs(self, conditions: Conditions, settings: ReplanSettings = CALIBRATION.replan) -> bool:
         """Whether the train certainly differs from one under these conditions, and by enough to plan anew."""
         mass = abs(self.planned_mass_ratio - conditions.mass_ratio)
         resistance = abs(self.resistance_ratio - conditions.resistance_ratio)
@@ -95,8 +95,8 @@ class Estimates:
             or resistance >= max(settings.resistance_step, settings.certain_sds * self.resistance_sd)
         )
 
-    def remark(self, settings: ForceSettings = DEFAULT.force) -> ForceDoubt | None:
-        """Return what is to be said: the doubt, or that the mass to be used is far from the planned one."""
+    def remark(self, settings: ForceSettings = CALIBRATION.force) -> ForceDoubt | None:
+        """Return what to report: a doubt about the forces, or a usable mass far from the planned one; else None."""
         near = settings.near_mass_least < self.mass_ratio < settings.near_mass_most
         return ForceDoubt.FAR_MASS if self.usable and not near else self.doubt
 
@@ -106,12 +106,12 @@ class Estimates:
         return max(self.mass_ratio, 1.0)
 
     def applied(self, conditions: Conditions) -> Conditions:
-        """Return the conditions with mass and resistance as they are to be planned with."""
+        """Return these conditions with the mass and the resistance to plan with."""
         return replace(conditions, mass_ratio=self.planned_mass_ratio, resistance_ratio=self.resistance_ratio)
 
 
 class RatioLearner:
-    """Learns the two ratios from windows, one after the other."""
+    """Learns the two ratios from one window after the other."""
 
     def __init__(self, vehicle: Vehicle, settings: CalibrationSettings) -> None:
         self._vehicle, self._settings = vehicle, settings
@@ -126,7 +126,7 @@ class RatioLearner:
 
     @property
     def estimates(self) -> Estimates:
-        """What is known by now, whatever speaks against the forces."""
+        """The estimates from all windows so far, without any check of the forces."""
         tuning, theta = self._settings.belief, self._belief.theta
         sd = np.hypot(np.sqrt(np.diag(self._belief.covariance)), tuning.model_sd)
         inside = bool(((theta > tuning.least) & (theta < tuning.most)).all())
@@ -140,14 +140,14 @@ class RatioLearner:
         )
 
     def change_load(self) -> None:
-        """Take note that passengers may have got on and off, so that the mass may be another."""
+        """Make the mass less certain: passengers may have got on and off."""
         self._belief = self._with_other_load()
 
     def learn(self, window: MeasuredWindow) -> None:
         """Learn from one window.
 
         F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², made linear at the mass ratio µ and the
-        resistance ratio κ believed so far. A window that tells little, or that nobody expected, is left out.
+        resistance ratio κ believed so far. A window with little information, or far from what is expected, is left out.
         """
         tuning, belief = self._settings.belief, self._belief
         row, residual, variance = self._observation(window)
@@ -158,7 +158,7 @@ class RatioLearner:
             self._surprises += 1
             if self._surprises < tuning.surprises:
                 return
-            # What holds the train back may be anything now; its mass changes little on the way, if at all.
+            # The resistance may be anything now; the mass changes little on the way, if at all.
             mass_variance = self._with_other_load().covariance[0, 0]
             belief = Belief(belief.theta, np.diag([mass_variance, tuning.prior_sd.resistance**2]))
         self._surprises = 0
@@ -169,7 +169,7 @@ class RatioLearner:
         self._samples += 1
 
     def distance_sds(self, window: MeasuredWindow) -> float:
-        """Return how far a window is from what the ratios say, in standard deviations of both."""
+        """Return how far a window is from what the ratios predict, in standard deviations of both together."""
         row, residual, variance = self._observation(window)
         return residual / float(np.sqrt(row @ self._belief.covariance @ row + variance))
 
@@ -187,7 +187,7 @@ class RatioLearner:
         return row, float(residual_n), float(moved_variance + line_n**2 + window.force_variance)
 
     def _with_other_load(self) -> Belief:
-        """Return the belief with a mass that may be another, but never less known than before anything was measured."""
+        """Return the belief with a less certain mass, but never less certain than before anything was measured."""
         covariance = self._belief.covariance.copy()
         widened = covariance[0, 0] + self._settings.load.mass_sd**2
         covariance[0, 0] = min(widened, self._settings.belief.prior_sd.mass**2)
@@ -201,10 +201,10 @@ class ForceLimits:
         self._vehicle, self._settings = vehicle, settings
         self._in_a_row = 0
         self.exceeded = False
-        """Whether forces were above the train's own for long enough to be no noise; it stays so for this train."""
+        """Whether forces were above the train's own for longer than noise explains; once True, it stays True."""
 
     def take(self, sample: Sample) -> None:
-        """Take note of the forces of one moment."""
+        """Check the forces of one sample."""
         train, ratio = self._vehicle, self._settings.too_strong_ratio
         electric_n = sample.force_n - sample.friction_n
         largest_n = train.traction_effort_n if electric_n > 0 else train.electric_brake_effort_n
@@ -218,21 +218,18 @@ class CheckedLearner:
     """Learns mass and resistance, and checks the forces behind them.
 
     A coasting train has 0 = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v², whatever its force sensor
-    says. Windows of coasting are therefore compared with what windows under forces say of the two ratios.
+    measures. Windows of coasting are therefore compared with the two ratios learned from windows under force.
     """
 
     def __init__(self, vehicle: Vehicle, settings: CalibrationSettings) -> None:
         self._settings = settings
         self._all, self._driven = RatioLearner(vehicle, settings), RatioLearner(vehicle, settings)
-        self._limits, self._c0_n, self._mean = (
-            ForceLimits(vehicle, settings.force),
-            vehicle.resistance.c0_n,
-            MeanResistance(),
-        )
+        self._limits, self._mean = ForceLimits(vehicle, settings.force), MeanResistance()
+        self._c0_n = vehicle.resistance.c0_n
         self._distances_sds: deque[float] = deque(maxlen=settings.force.coasting_windows)
 
     def take(self, sample: Sample) -> None:
-        """Take note of the forces of one moment."""
+        """Check the forces of one sample."""
         self._limits.take(sample)
 
     def learn(self, window: MeasuredWindow) -> None:
@@ -245,14 +242,14 @@ class CheckedLearner:
             self._distances_sds.append(self._driven.distance_sds(window))
 
     def change_load(self) -> None:
-        """Take note that passengers may have got on and off, so that the mass may be another."""
+        """Make the mass less certain: passengers may have got on and off."""
         self._all.change_load()
         self._driven.change_load()
         self._distances_sds.clear()
 
     @property
     def estimates(self) -> Estimates:
-        """What is known by now; of no use while the forces are doubted."""
+        """The estimates from all windows so far; not usable while the forces are doubted."""
         found, doubt = self._all.estimates, self._doubt
         return found if doubt is None else replace(found, usable=False, doubt=doubt)
 
@@ -271,13 +268,13 @@ class CheckedLearner:
 
 
 class MeanResistance:
-    """The mean of the speed-dependent resistance c1·v + c2·v² (N) over the windows that were learned from."""
+    """The mean of the speed-dependent resistance c1·v + c2·v² (N) over all windows."""
 
     def __init__(self) -> None:
         self._sum_n, self._count = 0.0, 0
 
     def take(self, window: MeasuredWindow) -> None:
-        """Take note of one window."""
+        """Add one window to the mean."""
         self._sum_n += window.moving_n
         self._count += 1
 
@@ -288,10 +285,10 @@ class MeanResistance:
 
 
 def looks_like_gain(belief: Belief, c0_n: float, moving_n: float, settings: CalibrationSettings) -> bool:
-    """Whether mass and resistance are off by one factor, so far as they are known: a gain would look the same.
+    """Whether mass and resistance are off by the same factor, as far as they are known: a wrong gain looks like that.
 
-    A gain γ gives µ = γ and κ·(µ·c0 + r) = γ·(c0 + r), with r = c1·v + c2·v² (`moving_n`). What the two sides differ
-    by, over c0 + r, is compared with its standard deviation, provided that the mass is certainly not as planned.
+    A gain γ gives µ = γ and κ·(µ·c0 + r) = γ·(c0 + r), with r = c1·v + c2·v² (`moving_n`). The difference of the two
+    sides, divided by c0 + r, is compared with its standard deviation, if the mass certainly differs from the plan.
     """
     mass, resistance = belief.theta
     all_n = c0_n + moving_n

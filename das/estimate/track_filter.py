@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix, Quality, deviations
-from das.estimate.localisation_settings import LocalisationSettings
+from das.estimate.settings import LocalisationSettings
 
 WANDER_S = 30.0
 """Time constant (s) with which the error of a receiver's position wanders (assumption)."""
@@ -133,7 +133,7 @@ def _corrected(x: Track, column: tuple[float, float, float, float], innovation: 
 
 
 class TrainMotion:
-    """Predicts the state of one train up to a fix, and corrects it by what the fix measured."""
+    """Predicts the state of one train up to a fix, and corrects it by the measurements of the fix."""
 
     def __init__(self, vehicle: Vehicle, settings: LocalisationSettings) -> None:
         self.fastest_mps = settings.possible.overspeed_ratio * vehicle.max_speed_mps
@@ -147,7 +147,7 @@ class TrainMotion:
         self._blind_m = 0.0
 
     def begin(self, fix: PositionFix) -> Track:
-        """Return the state that this fix alone gives; without a speed the train may run at any that it can have."""
+        """Return the state from this fix alone; without a measured speed, any speed of the train is possible."""
         position_sd_m, speed_sd_mps = deviations(fix, self._sensors)
         speed_mps = max(fix.speed_mps, 0.0)
         if math.isnan(fix.speed_mps):
@@ -162,7 +162,7 @@ class TrainMotion:
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected when a fix comes, a time after the last one (s).
 
-        The driver is expected to hold the effort; where the measured speed speaks against it, to apply any other.
+        The driver is expected to hold the effort; where the measured speed contradicts that, the effort is unknown.
         """
         wander_sd_m, speed_sd_mps = self._wandering_sd_m(fix), deviations(fix, self._sensors).speed_mps
         y = predict(x, span_s, self._jerk_psd, wander_sd_m)
@@ -172,7 +172,7 @@ class TrainMotion:
         return y
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state at a fix of a train that stands: it is where it was, and the fix moves nothing."""
+        """Return the state of a standing train at a fix: it stays where it was, and the fix does not move it."""
         wander_sd_m = self._wander_sd_m = self._wandering_sd_m(fix)
         return stand(x, span_s, wander_sd_m)
 
@@ -182,9 +182,9 @@ class TrainMotion:
         return predict(x, span_s, self._jerk_psd, self._wandering_sd_m(fix))
 
     def corrected(self, y: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the expected state corrected by what the fix measured.
+        """Return the expected state corrected by the measurements of the fix.
 
-        Without a measured position the way is reckoned from the speeds, and the error of the odometer is added.
+        Without a measured position the way follows from the speeds, and the error of the odometer is added.
         """
         self._wander_sd_m = self._wandering_sd_m(fix)
         sds = deviations(fix, self._sensors)

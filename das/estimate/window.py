@@ -15,8 +15,8 @@ import numpy as np
 from das.domain.route import NEUTRAL, Floats, Route
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.calibration_settings import SampleSettings, WindowSettings
 from das.estimate.effort import Effort
+from das.estimate.settings import SampleSettings, WindowSettings
 from das.solver.line_profile import LineProfile
 
 NORMAL_MAD = 0.6745
@@ -128,7 +128,7 @@ def _noise_mps(speed_mps: Floats) -> float:
 
 
 class _Place(NamedTuple):
-    """A measured position of the head (m) and a speed (m/s), and whether the sender says that they are usable."""
+    """A measured position of the head (m) and a speed (m/s), and whether the sender marks them as usable."""
 
     time_ns: int
     s_m: float
@@ -181,14 +181,14 @@ class Pairing:
                 yield Sample(place.time_ns * NS, place.s_m, place.speed_mps, *forces)
 
     def _is_possible(self, effort: Effort) -> bool:
-        """Whether a train like this one can have such forces; false for forces that are not a number."""
+        """Whether a train like this one can have such forces; False for forces that are not a number."""
         train = self._vehicle
         electric_n = max(train.traction.max_force_n, train.electric_brake.max_force_n)
         most_n = self._settings.possible_force_ratio * (electric_n + train.friction_brake_force_n)
         return abs(effort.force_el_n) <= most_n and -most_n <= effort.force_friction_n <= 0
 
     def _is_plausible(self, place: _Place) -> bool:
-        """Whether a position is usable, on the line, and no faster than the train; false for what is not a number."""
+        """Whether a position is usable and on the line, and its speed possible; False for what is not a number."""
         on_line = 0 <= place.s_m <= self._line_length_m
         fastest_mps = self._settings.overspeed_ratio * self._vehicle.max_speed_mps
         return place.usable and on_line and abs(place.speed_mps) <= fastest_mps

@@ -62,7 +62,7 @@ def tls_init(
     from das.domain.errors import DasError
 
     try:
-        from das.bus.roles import LISTENERS, write_bus_folder
+        from das.bus.access import LISTENERS, write_bus_folder
     except ImportError as error:
         raise DasError("tls-init needs the package trustme: pip install driver-advisory-system[tls]") from error
     if not days > 0:

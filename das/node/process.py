@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 from das.advice.coach.settings import CoachSettings
 from das.advice.settings import AdviceSettings
+from das.bus.access import Refusals
 from das.bus.config import BusFile, bus_options
-from das.bus.refusals import Refusals
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.cab import Cab, CabSettings, no_stopwatch

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 from das import __version__
+from das.bus.access import Refusals
 from das.bus.config import BusFile, bus_options
 from das.bus.recorder import LIBRARY, Recorder, RecordingFile
-from das.bus.refusals import Refusals
 from das.bus.scanning import begun
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import RECORDED, RECORDER

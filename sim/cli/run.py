@@ -355,8 +355,8 @@ def drive(
         raise DasError("--driver external: this is the external driver; expected who drives in it")
     interrupt_on_termination()
     with loading_solver():
+        from das.bus.access import Role
         from das.bus.config import BusFolder, bus_options
-        from das.bus.roles import Role
         from das.bus.session import Bus
         from sim.drivers.knowledge import LineKnowledge
         from sim.drivers.population import participant_of, stream_of

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from das.advice.advice import Source
 from das.bus import topics
 from das.bus.recording import Recording
-from das.bus.restrictions import meant
+from das.bus.restrictions import valid_restrictions
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
 from sim.drive.happenings import Signal
@@ -80,7 +80,7 @@ def told_lists(recording: Recording) -> Iterator[tuple[int, tuple[Restriction, .
     """The time (ns) and the restrictions of each message, in order of time."""
     messages = [entry.message for entry in recording.of(topics.RESTRICTION)]
     for message in sorted(messages, key=lambda message: message.time_ns):
-        yield int(message.time_ns), meant(message.restrictions)
+        yield int(message.time_ns), valid_restrictions(message.restrictions)
 
 
 def limit_in_force(

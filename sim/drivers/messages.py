@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from google.protobuf.message import Message
 
 from das.bus import das_pb2
-from das.bus.restrictions import decoded, encoded
+from das.bus.restrictions import decode_restriction, encode_restriction
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from sim.drivers.cab import AdviceView, CabView, lever_ratio
@@ -62,7 +62,7 @@ def cab_message(look: CabLook, line: LineKnowledge) -> Message:
         departure_s=cab.departure_s,
         arrival_s=cab.arrival_s,
         may_depart=cab.may_depart,
-        restrictions=map(encoded, cab.restrictions),
+        restrictions=map(encode_restriction, cab.restrictions),
         **_advice_fields(cab.shown, horizons=asked),
     )
     if asked:
@@ -82,7 +82,7 @@ def cab_view(message: Any) -> CabView:
         arrival_s=message.arrival_s,
         may_depart=message.may_depart,
         signal_m=math.inf if math.isnan(message.signal_m) else message.signal_m,
-        restrictions=tuple(decoded(one, Restriction) for one in message.restrictions),
+        restrictions=tuple(decode_restriction(one, Restriction) for one in message.restrictions),
         advice=_advice_view(message),
     )
 

@@ -16,7 +16,7 @@ from das.bus.recorder import message_time_ns
 from das.bus.recording import Recording
 from das.bus.topics import Topic
 from das.domain.units import NS
-from das.estimate.localisation_settings import STALE_AFTER_S
+from das.estimate.settings import STALE_AFTER_S
 
 
 @dataclass(frozen=True, kw_only=True)

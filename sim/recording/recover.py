@@ -11,8 +11,8 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
 from das.bus.contents import CHANNELS, NUMBERED, RECOVERED, Raw, read_raw
-from das.bus.damage import UNCHECKED, Health, sealed
 from das.bus.recorder import CHUNK_BYTES, LIBRARY, schema_of
+from das.bus.scanning import UNCHECKED, Health, sealed
 from das.bus.topics import topic_of
 from das.domain.errors import DasError
 from das.domain.files.writing import whole_file

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+from das.bus.access import Role
 from das.bus.config import BusFolder
-from das.bus.roles import Role
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, CONTROLS, RECORDER, STATUS
 from das.domain.errors import DasError

@@ -24,7 +24,7 @@ from das.domain.route import Stretches
 from das.domain.units import KM, KMH
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix, Quality
-from das.estimate.localisation_settings import LEAST_SD_M, LEAST_SD_MPS
+from das.estimate.settings import LEAST_SD_M, LEAST_SD_MPS
 from sim.drive.limits import Violations
 from sim.drivers.cab import AdviceView, CabView
 from sim.plant.plant import PlantState

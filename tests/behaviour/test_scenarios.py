@@ -17,7 +17,7 @@ from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2, kwh
-from das.estimate.localisation_settings import STALE_AFTER_S
+from das.estimate.settings import STALE_AFTER_S
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import adhesion_coefficient

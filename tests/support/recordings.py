@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.message import Message
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
 from das.bus.contents import read_contents
-from das.bus.damage import sealed
 from das.bus.recorder import RecordingFile
 from das.bus.recording import read_recording
+from das.bus.scanning import sealed
 from das.domain.errors import DasError
 
 START_NS = 1_800_000_000_000_000_000
@@ -54,6 +56,24 @@ def write_recording(
             for t_s in range(seconds):
                 publish_second(publish, t_s)
                 writer.flush()
+        writer.finish()
+    return path
+
+
+def write_messages(
+    path: Path, key: str, messages: Mapping[int, Message], *, add: Callable[[Writer], Any] | None = None,
+    numbered: bool = False, **options: Any,
+) -> Path:  # fmt: skip
+    """A recording of another program: messages of one channel by log time (ns), numbered from 0 at 1 ns if asked."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start()
+        schema = register_schema(writer, type(next(iter(messages.values()))))
+        channel = writer.register_channel(key, "protobuf", schema)
+        for log_ns, message in messages.items():
+            writer.add_message(channel, log_ns, message.SerializeToString(), 1, log_ns - 1 if numbered else 0)
+        if add is not None:
+            add(writer)
         writer.finish()
     return path
 

@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from das.bus.codec import TOPICS_HEARD
+from das.bus.codec import INPUT_TOPICS
 from das.bus.contents import RecordedMessage, read_contents
 from das.bus.recorder import RecordingFile, message_time_ns
 from das.bus.topics import CONTROL, STATUS
@@ -63,7 +63,7 @@ SAID_LATER_S = 15.0
 """A plan is said up to 10 s after it was made: the node hears so much more than what it said is kept."""
 BITS = 20
 """Numbers of other units keep so many bits."""
-HEARD = {*TOPICS_HEARD.values(), CONTROL}
+HEARD = {*INPUT_TOPICS.values(), CONTROL}
 
 
 def names() -> list[str]:

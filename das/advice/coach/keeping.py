@@ -14,7 +14,7 @@ from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.estimate.standstill import STANDSTILL_MPS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.few_switch.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section

@@ -10,7 +10,7 @@ import numpy as np
 
 from das.advice.regimes import mode_name
 from das.bus import topics
-from das.bus.restrictions import meant
+from das.bus.restrictions import valid_restrictions
 from das.domain.levels import Level
 from das.domain.units import NS, kmh, kwh
 from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution
@@ -95,7 +95,7 @@ def restrictions_told(drive: Drive) -> str:
     lists = drive.recording.of(topics.RESTRICTION)
     if not lists:
         return ""
-    told = dict.fromkeys(one for entry in lists for one in meant(entry.message.restrictions))
+    told = dict.fromkeys(one for entry in lists for one in valid_restrictions(entry.message.restrictions))
     words = (
         f"{kmh(one.limit_mps):.0f} km/h from km {one.start_m / 1000:.2f} to {one.end_m / 1000:.2f}{one.window_words()}"
         for one in told

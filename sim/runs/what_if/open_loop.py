@@ -10,9 +10,9 @@ from typing import Any
 from das import __version__
 from das.bus import codec
 from das.bus.contents import RecordedMessage
-from das.bus.damage import UNCHECKED
 from das.bus.recorder import RecordingFile, message_time_ns
-from das.bus.restrictions import encoded
+from das.bus.restrictions import encode_restriction
+from das.bus.scanning import UNCHECKED
 from das.bus.topics import JOURNEY, RESTRICTION, STATUS
 from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up
@@ -117,7 +117,7 @@ def _heard_otherwise(messages: Sequence[RecordedMessage], new: Otherwise, plan: 
 
 def _restrictions(message: Any, new: Otherwise) -> Any:
     recorded = () if new.without_restrictions else message.restrictions
-    return type(message)(time_ns=message.time_ns, restrictions=[*recorded, *map(encoded, new.restrictions)])
+    return type(message)(time_ns=message.time_ns, restrictions=[*recorded, *map(encode_restriction, new.restrictions)])
 
 
 def _journey(message: Any, cab: CabOtherwise, plan: CabPlan) -> Any:

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from das.bus.access import LISTENERS, Role, access_control, keys_of, write_bus_folder
 from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
-from das.bus.roles import LISTENERS, Role, access_control, keys_of, write_bus_folder
 from das.bus.topics import TOPICS, Topic
 from das.domain.errors import DasError, InputError
 from das.node.command import tls_app

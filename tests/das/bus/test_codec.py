@@ -1,4 +1,4 @@
-"""The codec: what is told and said comes back as it was, and the enumerations of messages and values agree."""
+"""The codec: values survive their messages, and the enumerations of messages and values agree."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from das.estimate.fix import PositionFix, Quality
 NOW_NS = 1_800_000_000_000_000_000
 
 
-def back(value: Heard, heard_ns: int = 7, source: str = "a") -> Heard | None:
-    """What is told, sent as a message and read again."""
+def back(value: Heard) -> Heard | None:
+    """A value sent as a message and decoded again."""
     topic, message = codec.encode_input(value)
-    return codec.decode(decoded(topic, topic.key("T1"), message.SerializeToString(), source), heard_ns)
+    return codec.decode(decoded(topic, topic.key("T1"), message.SerializeToString(), "a"), 7)
 
 
-TOLD: tuple[Heard, ...] = (
+INPUTS: tuple[Heard, ...] = (
     PositionHeard(
         fix=PositionFix(time_ns=NOW_NS, s_m=12.5, speed_mps=3.0, uncertainty_m=2.0, speed_uncertainty_mps=0.1)
     ),
@@ -67,8 +67,8 @@ TOLD: tuple[Heard, ...] = (
 )
 
 
-@pytest.mark.parametrize("value", TOLD, ids=lambda value: type(value).__name__)
-def test_what_is_told_comes_back_with_who_said_it_and_when_it_was_heard(value: Heard) -> None:
+@pytest.mark.parametrize("value", INPUTS, ids=lambda value: type(value).__name__)
+def test_an_input_comes_back_with_its_source_and_the_time_of_reception(value: Heard) -> None:
     assert back(value) == dataclasses.replace(value, heard_ns=7, source="a")
 
 
@@ -80,7 +80,7 @@ def test_every_position_comes_back_bit_for_bit(s_m: float, speed_mps: float, qua
     assert repr(found.fix) == repr(fix)
 
 
-def test_what_cannot_be_read_says_what_it_was_about() -> None:
+def test_an_unreadable_message_keeps_its_kind() -> None:
     rubbish = codec.decode(decoded(POSITION, POSITION.key("T1"), b"\xff", "a"), 7)
     assert rubbish == Unreadable(told=Kind.POSITION, heard_ns=7, source="a")
     position = das_pb2.Position(time_ns=NOW_NS)
@@ -91,8 +91,24 @@ def test_what_cannot_be_read_says_what_it_was_about() -> None:
 
 
 @pytest.mark.parametrize("topic", [CONTROL, TRUTH])
-def test_what_the_cab_does_not_hear_is_nothing(topic: Any) -> None:
+def test_a_topic_that_the_cab_does_not_receive_gives_nothing(topic: Any) -> None:
     assert codec.decode(decoded(topic, topic.key("T1"), b""), 7) is None
+
+
+def same(message: Any, value: Any) -> None:
+    """Check that every field of a message is that of the value; NaN equals NaN."""
+    for field in dataclasses.fields(value):
+        there, here = getattr(message, field.name), getattr(value, field.name)
+        if here is None:
+            assert not message.HasField(field.name)
+        elif dataclasses.is_dataclass(here):
+            same(there, here)
+        elif isinstance(here, tuple) and here and dataclasses.is_dataclass(here[0]):
+            for one, other in zip(there, here, strict=True):
+                same(one, other)
+        else:
+            there = tuple(there) if isinstance(here, tuple) else there
+            assert there == here or (math.isnan(there) and math.isnan(here)), field.name
 
 
 def test_an_advice_becomes_a_message_field_by_field() -> None:
@@ -102,13 +118,7 @@ def test_an_advice_becomes_a_message_field_by_field() -> None:
     )  # fmt: skip
     topic, message = codec.encode_output(advice, tick=3)
     assert (topic.name, message.tick) == ("advice", 3)  # type: ignore[attr-defined]
-    assert not message.HasField("coach")
-    for field in dataclasses.fields(advice):
-        if field.name == "coach":
-            continue
-        there, here = getattr(message, field.name), getattr(advice, field.name)
-        there = tuple(there) if isinstance(here, tuple) else there
-        assert there == here or (math.isnan(there) and math.isnan(here)), field.name
+    same(message, advice)
     silent = codec.encode_output(Advice(time_ns=1, cause=Cause.POSITION_STALE, reason="old")).message
     assert silent.cause == das_pb2.CAUSE_POSITION_STALE  # type: ignore[attr-defined]
 
@@ -118,24 +128,9 @@ BRAKE = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=5.0, effort_ratio=-0.35
 HOLD = Instruction(mode=Regime.CRUISE, speed_mps=27.5)
 
 
-def same(message: Any, value: Any) -> None:
-    """Every field of a message is that of the value; NaN is NaN."""
-    for field in dataclasses.fields(value):
-        there, here = getattr(message, field.name), getattr(value, field.name)
-        if dataclasses.is_dataclass(here):
-            same(there, here)
-        elif isinstance(here, tuple):
-            assert len(there) == len(here)
-            for one, other in zip(there, here, strict=True):
-                same(one, other)
-        else:
-            assert there == here or (math.isnan(there) and math.isnan(here)), field.name
-    assert {field.name for field in dataclasses.fields(value)} == {field.name for field in message.DESCRIPTOR.fields}
-
-
 @pytest.mark.parametrize("now", [COAST, HOLD])
 @pytest.mark.parametrize("following", [(), (BRAKE,), (HOLD, BRAKE)])
-def test_what_the_coach_says_survives_the_message_field_by_field(
+def test_the_instructions_of_the_coach_survive_the_message_field_by_field(
     now: Instruction, following: tuple[Instruction, ...]
 ) -> None:
     replan = Replan(cause=ReplanCause.ENERGY, time_ns=NOW_NS, gain_j=1.5e6, gain_s=-0.25)
@@ -145,8 +140,9 @@ def test_what_the_coach_says_survives_the_message_field_by_field(
     )  # fmt: skip
     sent = codec.encode_output(Advice(time_ns=NOW_NS, coach=coaching)).message.SerializeToString()
     message = das_pb2.Advice.FromString(sent)
-    assert message.HasField("coach")
     same(message.coach, coaching)
+    for kind, fields in ((Coaching, message.coach), (Instruction, message.coach.now), (Replan, message.coach.replan)):
+        assert {one.name for one in dataclasses.fields(kind)} == {one.name for one in fields.DESCRIPTOR.fields}
 
 
 def test_status_estimate_and_event_become_messages() -> None:
@@ -159,8 +155,8 @@ def test_status_estimate_and_event_become_messages() -> None:
         time_ns=1, mass_ratio=1.1, mass_sd_ratio=0.1, resistance_ratio=0.9, resistance_sd_ratio=0.2, samples=5,
         usable=True, differs=False,
     )  # fmt: skip
-    said: Any = codec.encode_output(found).message
-    assert (said.mass_ratio, said.samples, said.usable) == (1.1, 5, True)
+    estimate: Any = codec.encode_output(found).message
+    assert (estimate.mass_ratio, estimate.samples, estimate.usable) == (1.1, 5, True)
     event: Any = codec.encode_output(Event(time_ns=NOW_NS, severity=Severity.ERROR, text="t")).message
     assert (event.timestamp.ToNanoseconds(), event.level, event.message, event.name) == (NOW_NS, 4, "t", "das-node")
 

@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from mcap.writer import Writer
-from mcap_protobuf.schema import register_schema
 
 from das.bus import das_pb2, topics
 from das.bus.recording import columns, read_recording
 from das.domain.errors import DasError, InputError
-from tests.support.recordings import SECONDS, at_ns, position_m, write_recording
+from tests.support.recordings import SECONDS, at_ns, position_m, write_messages, write_recording
 
 
 @pytest.fixture(scope="module")
@@ -102,26 +100,14 @@ def test_only_enumerations_have_meanings(whole: Path) -> None:
 
 
 def test_a_number_beyond_64_bits_is_refused_in_one_line(tmp_path: Path) -> None:
-    path = tmp_path / "large.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel("das/t1/control", "protobuf", register_schema(writer, das_pb2.Control))
-        writer.add_message(channel, 1, das_pb2.Control(tick=2**64 - 1).SerializeToString(), 1)
-        writer.finish()
+    path = write_messages(tmp_path / "large.mcap", "das/t1/control", {1: das_pb2.Control(tick=2**64 - 1)})
     with pytest.raises(DasError, match=r"large.mcap: control: a number is too large for 64 bits"):
         read_recording(path).columns("control", "tick")
 
 
 def test_messages_are_in_the_order_of_their_log_times(tmp_path: Path) -> None:
-    path = tmp_path / "shuffled.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel("das/t1/delay", "protobuf", register_schema(writer, das_pb2.Delay))
-        for t_s in (3, 1, 2):
-            writer.add_message(channel, t_s, das_pb2.Delay(delay_s=t_s).SerializeToString(), t_s)
-        writer.finish()
+    delays = {t_s: das_pb2.Delay(delay_s=t_s) for t_s in (3, 1, 2)}
+    path = write_messages(tmp_path / "shuffled.mcap", "das/t1/delay", delays)
     assert [entry.message.delay_s for entry in read_recording(path).of(topics.DELAY)] == [1.0, 2.0, 3.0]
 
 
@@ -206,25 +192,13 @@ def test_damage_is_found(whole: Path, tmp_path: Path) -> None:
 
 
 def test_a_wrong_checksum_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "plain.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, compression=0)  # type: ignore[arg-type]
-        writer.start()
-        channel = writer.register_channel("das/t1/event", "protobuf", register_schema(writer, Log))
-        writer.add_message(channel, 1, Log(message="hello").SerializeToString(), 1)
-        writer.finish()
+    path = write_messages(tmp_path / "plain.mcap", "das/t1/event", {1: Log(message="hello")}, compression=0)
     path.write_bytes(path.read_bytes().replace(b"hello", b"hallo"))
     assert "wrong checksum in a chunk" in refused(path)
 
 
 def test_a_channel_with_another_message_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "other.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel("das/t1/position", "protobuf", register_schema(writer, das_pb2.Delay))
-        writer.add_message(channel, 1, das_pb2.Delay().SerializeToString(), 1)
-        writer.finish()
+    path = write_messages(tmp_path / "other.mcap", "das/t1/position", {1: das_pb2.Delay()})
     assert "das/t1/position holds 'das.Delay', expected protobuf 'das.Position'" in refused(path)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from das.cab.guard import DEFAULT, Guard, Publishers
+from das.cab.guard import LONGEST_TEXT, MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers
 from das.cab.heard import JourneyHeard, OrderedStop, RestrictionsHeard, ToldRestriction
 from das.cab.outputs import MOST_A_SECOND, Moderation
 
@@ -15,22 +15,22 @@ NOW_NS = 1_800_000_000 * S
 def test_moderation_lets_few_through_and_says_how_many_it_held_back() -> None:
     moderation = Moderation()
     assert sum(moderation.allows(NOW_NS + i) for i in range(1_000)) == MOST_A_SECOND
-    assert moderation.unsaid(NOW_NS + 2_000) == 0
-    assert moderation.unsaid(NOW_NS + 2 * S) == 1_000 - MOST_A_SECOND
-    assert moderation.unsaid(NOW_NS + 2 * S) == 0
+    assert moderation.take_suppressed(NOW_NS + 2_000) == 0
+    assert moderation.take_suppressed(NOW_NS + 2 * S) == 1_000 - MOST_A_SECOND
+    assert moderation.take_suppressed(NOW_NS + 2 * S) == 0
     assert moderation.allows(NOW_NS - 100 * S)  # the clock was put back
 
 
 def test_a_second_publisher_of_the_position_is_not_heard_until_the_first_is_silent() -> None:
     publishers = Publishers()
-    assert publishers.is_heard("a", NOW_NS)
+    assert publishers.counts("a", NOW_NS)
     assert publishers.contested(NOW_NS) == ""
-    assert not publishers.is_heard("b", NOW_NS + S)
-    assert publishers.is_heard("a", NOW_NS + 2 * S)
+    assert not publishers.counts("b", NOW_NS + S)
+    assert publishers.counts("a", NOW_NS + 2 * S)
     assert publishers.contested(NOW_NS + 2 * S) == "a and b"
     assert publishers.contested(NOW_NS + 4 * S + 1) == ""  # the rival has gone
-    assert not publishers.is_heard("b", NOW_NS + 5 * S)  # the first was heard at 2 s
-    assert publishers.is_heard("b", NOW_NS + 5 * S + 1)  # now it has gone
+    assert not publishers.counts("b", NOW_NS + 5 * S)  # the first was heard at 2 s
+    assert publishers.counts("b", NOW_NS + 5 * S + 1)  # now it has gone
     assert publishers.contested(NOW_NS + 5 * S + 1) == ""
 
 
@@ -52,7 +52,7 @@ def test_replayed_future_and_oversized_journeys_are_ignored_with_the_reason() ->
     assert "ahead of the clock was ignored" in guard.problem(journey(2**63 - 1, NOW_NS))
     assert "100000 stops" in guard.problem(journey(NOW_NS + S, NOW_NS, stops=100_000))
     assert "a name of 1000000 letters" in guard.problem(journey(NOW_NS + S, NOW_NS, name="x" * 10**6))
-    assert guard.problem(journey(NOW_NS + S, NOW_NS, DEFAULT.most_stops, "x" * DEFAULT.longest_text)) == ""
+    assert guard.problem(journey(NOW_NS + S, NOW_NS, MOST_STOPS, "x" * LONGEST_TEXT)) == ""
 
 
 def test_what_came_from_ahead_of_a_wrong_clock_is_taken_when_the_clock_is_right() -> None:
@@ -89,9 +89,9 @@ def test_restrictions_nobody_can_heed_withdraw_the_advice_until_there_are_others
     for wrong in ((0.0, 1.0, nan), (0.0, nan, 5.0), (1.0, 0.0, 5.0), (0.0, 1.0, 0.0), (0.0, float("inf"), 1.0)):
         assert guard.problem(restrictions(NOW_NS, NOW_NS, wrong))
         assert "one of" in str(guard.unheeded)
-    many = [(0.0, 1.0, 5.0)] * (DEFAULT.most_restrictions + 1)
+    many = [(0.0, 1.0, 5.0)] * (MOST_RESTRICTIONS + 1)
     said = guard.problem(restrictions(NOW_NS, NOW_NS, *many))
-    assert f"{DEFAULT.most_restrictions + 1} of them, more than {DEFAULT.most_restrictions}" in said
+    assert f"{MOST_RESTRICTIONS + 1} of them, more than {MOST_RESTRICTIONS}" in said
     assert guard.problem(restrictions(NOW_NS - S, NOW_NS, *many[:3]))  # a replay does not lift the distrust
     assert guard.unheeded
     assert guard.problem(restrictions(NOW_NS + S, NOW_NS, *many[:3])) == ""

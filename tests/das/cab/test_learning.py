@@ -34,7 +34,7 @@ BOTH = ("another train than planned", "the force sensor is wrong")
 @pytest.mark.parametrize("mass_ratio", [0.55, 0.69, 1.41, 1.59])
 def test_a_strange_mass_is_never_called_usable_without_both_explanations(mass_ratio: float) -> None:
     learning = Learning(found(mass_ratio))
-    said = learning.say(START_NS)
+    said = learning.report(START_NS)
     assert said is not None
     assert (said.usable, said.doubt) == (True, ForceDoubt.FAR_MASS)
     text = learning.news(START_NS)
@@ -56,6 +56,6 @@ def test_it_is_never_on_again_without_both_explanations() -> None:
 def test_a_mass_near_the_planned_one_or_not_used_is_not_spoken_of(calibrator: Calibrator) -> None:
     learning = Learning(calibrator)
     assert learning.news(START_NS) == ""
-    said = learning.say(START_NS)
+    said = learning.report(START_NS)
     assert said is not None
     assert said.doubt == ""

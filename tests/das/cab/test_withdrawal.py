@@ -23,7 +23,7 @@ FACTS: dict[Cause, dict[str, Any]] = {
     Cause.JOURNEY_REFUSED: {"trust": {"journey_refused": "it has 1 stops"}},
     Cause.INTERNAL_ERROR: {"trust": {"internal_error": "internal error: KeyError"}},
     Cause.NO_JOURNEY: {"leg": None},
-    Cause.RESTRICTIONS_UNTOLD: {"trust": {"restrictions_told": False}},
+    Cause.RESTRICTIONS_UNTOLD: {"trust": {"restrictions_received": False}},
     Cause.SECTION_IMPOSSIBLE: {"leg": {"refusal": "the train stalls"}},
     Cause.NO_POSITION: {"here": {"problem": Problem(ProblemKind.NO_POSITION)}},
     Cause.POSITION_REJECTED: {"here": {"problem": Problem(ProblemKind.JUMPED, 300.0)}},

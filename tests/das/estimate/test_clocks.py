@@ -9,10 +9,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import pytest
 
-from das.estimate.clocks import ClockDifference
 from das.estimate.fix import PositionFix
-from das.estimate.localisation import Localisation
-from das.estimate.localisation_settings import DEFAULT
+from das.estimate.localisation import ClockDifference, Localisation
+from das.estimate.settings import LOCALISATION
 from das.estimate.track_filter import WANDER_S
 from tests.support.crossing import crossed
 from tests.support.fixes import TRAIN, ns
@@ -111,35 +110,35 @@ def test_lost_fixes_and_a_receiver_that_jumps_are_no_step_of_a_clock(drive: Driv
 
 
 def test_single_messages_that_were_held_up_do_not_count() -> None:
-    clock = ClockDifference(DEFAULT.clock)
+    clock = ClockDifference(LOCALISATION.clock)
     for second in range(1, 20):
         held_up_s = 2.5 if second % 5 == 0 else 0.02
-        clock.hear(ns(second), ns(second + held_up_s))
+        clock.receive(ns(second), ns(second + held_up_s))
         clock.tick(ns(second + held_up_s) + 1)
     assert clock.seconds == pytest.approx(0.02)
 
 
 def test_a_clock_that_stands_still_between_ticks_is_no_difference() -> None:
     """A simulation hears the positions of a second by the clock of the second before."""
-    clock = ClockDifference(DEFAULT.clock)
+    clock = ClockDifference(LOCALISATION.clock)
     for second in range(1, 20):
-        clock.hear(ns(second), ns(second - 1))
+        clock.receive(ns(second), ns(second - 1))
         clock.tick(ns(second))
         assert clock.seconds == 0.0
 
 
 def found_with(**settings: float) -> list[float]:
     """The differences found on a run with late messages, others that are held up, and a gap."""
-    clock, found = ClockDifference(replace(DEFAULT.clock, **settings)), []
+    clock, found = ClockDifference(replace(LOCALISATION.clock, **settings)), []
     for second in [*range(1, 80), *range(130, 150)]:
         late_s = 0.1 + 0.01 * second + (25.0 if 20 <= second < 32 else 0.0)
-        clock.hear(ns(second), ns(second + late_s))
+        clock.receive(ns(second), ns(second + late_s))
         clock.tick(ns(second + late_s) + 1)
         found.append(clock.seconds)
     return found
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(DEFAULT.clock)])
+@pytest.mark.parametrize("name", [field.name for field in fields(LOCALISATION.clock)])
 def test_every_setting_of_the_clock_is_used(name: str) -> None:
-    usual = getattr(DEFAULT.clock, name)
+    usual = getattr(LOCALISATION.clock, name)
     assert any(found_with(**{name: type(usual)(usual * by + 0.5)}) != found_with() for by in (0.1, 10.0))

@@ -16,7 +16,7 @@ from das.domain.units import NS
 from das.estimate.estimate import Estimate, Problem
 from das.estimate.fix import PositionFix, Quality, deviations
 from das.estimate.localisation import Localisation
-from das.estimate.localisation_settings import DEFAULT, OVERSPEED_RATIO, STALE_AFTER_S
+from das.estimate.settings import LOCALISATION, OVERSPEED_RATIO, STALE_AFTER_S
 from das.estimate.track_filter import WANDER_S
 from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, heard, ns, truth
 
@@ -48,7 +48,7 @@ def test_the_uncertainty_grows_in_a_dropout_until_the_estimate_is_too_old() -> N
 
 def test_after_a_long_dropout_the_state_is_what_the_next_fix_says() -> None:
     localisation = heard(80.0)
-    time_s = 80.0 + DEFAULT.restart.silence_s + 1.0
+    time_s = 80.0 + LOCALISATION.restart.silence_s + 1.0
     localisation.take(at(time_s, 2_000.0, 7.0))
     found = localisation.at(ns(time_s))
     assert (found.s_m, found.speed_mps, found.position_sd_m) == (2_000.0, 7.0, SD_M)
@@ -135,13 +135,13 @@ def test_where_rejected_fixes_agree_the_state_begins_anew_there() -> None:
     """A wrong start: heard 3 km too far first."""
     localisation = Localisation(TRAIN)
     localisation.take(at(70.0, truth(70.0)[0] + 3_000.0, 30.0))
-    for i in range(DEFAULT.restart.fixes):
+    for i in range(LOCALISATION.restart.fixes):
         assert localisation.at(ns(70.0 + i)).restarts == 0
         (fix,) = fixes(71.0 + i, from_s=71.0 + i)
         localisation.take(fix)
-    found = localisation.at(ns(70.0 + DEFAULT.restart.fixes))
-    assert (found.usable, found.restarts, found.rejected) == (True, 1, DEFAULT.restart.fixes)
-    assert found.s_m == pytest.approx(truth(70.0 + DEFAULT.restart.fixes)[0], abs=4 * SD_M)
+    found = localisation.at(ns(70.0 + LOCALISATION.restart.fixes))
+    assert (found.usable, found.restarts, found.rejected) == (True, 1, LOCALISATION.restart.fixes)
+    assert found.s_m == pytest.approx(truth(70.0 + LOCALISATION.restart.fixes)[0], abs=4 * SD_M)
 
 
 @pytest.mark.parametrize("hz", [1.0, 20.0])
@@ -168,7 +168,7 @@ def test_rejected_fixes_that_disagree_never_move_the_state() -> None:
 def test_doubts_do_not_outlast_a_dropout() -> None:
     localisation = heard(80.0)
     localisation.take(at(81.0, 9_000.0, 30.0))
-    time_s = 82.0 + DEFAULT.restart.silence_s
+    time_s = 82.0 + LOCALISATION.restart.silence_s
     localisation.take(at(time_s, *truth(time_s)))
     found = localisation.at(ns(time_s))
     assert (found.usable, found.restarts, found.rejected) == (True, 0, 1)
@@ -292,7 +292,7 @@ def test_without_positions_the_way_is_reckoned_and_ever_less_certain() -> None:
         found = localisation.at(ns(second))
         sds.append(found.position_sd_m)
         used.append(found.usable)
-    assert DEFAULT.use.largest_position_sd_m > sds[0] > 0.7 * DEFAULT.use.largest_position_sd_m
+    assert LOCALISATION.use.largest_position_sd_m > sds[0] > 0.7 * LOCALISATION.use.largest_position_sd_m
     assert not used[0]
     assert used == sorted(used)
 
@@ -328,7 +328,7 @@ def test_a_standing_train_stays_where_it_is_while_fixes_wander(speed_noise_mps: 
 
 @pytest.mark.parametrize(
     ("s_m", "seconds"),
-    [(1_000.0, [10.0 + DEFAULT.restart.silence_s]), (9_000.0, [10.0, 11.0, 12.0, 13.0])],
+    [(1_000.0, [10.0 + LOCALISATION.restart.silence_s]), (9_000.0, [10.0, 11.0, 12.0, 13.0])],
     ids=["after a silence", "where rejected fixes agree"],
 )
 def test_an_estimate_that_begins_anew_knows_of_no_standstill(s_m: float, seconds: list[float]) -> None:
@@ -340,7 +340,7 @@ def test_an_estimate_that_begins_anew_knows_of_no_standstill(s_m: float, seconds
     for second in seconds:
         localisation.take(at(second, s_m, 0.0))
     assert localisation.moment == (s_m, False)
-    localisation.take(at(seconds[-1] + DEFAULT.standstill.stands_after_s, s_m, 0.0))
+    localisation.take(at(seconds[-1] + LOCALISATION.standstill.stands_after_s, s_m, 0.0))
     assert localisation.moment == (s_m, True)
 
 
@@ -462,8 +462,8 @@ def check(found: Estimate) -> None:
     assert found.problem is None
     assert math.isfinite(found.s_m)
     assert 0.0 <= found.speed_mps <= OVERSPEED_RATIO * TRAIN.max_speed_mps
-    assert 0.0 <= found.position_sd_m <= DEFAULT.use.largest_position_sd_m
-    assert 0.0 <= found.speed_sd_mps <= DEFAULT.use.largest_speed_sd_mps
+    assert 0.0 <= found.position_sd_m <= LOCALISATION.use.largest_position_sd_m
+    assert 0.0 <= found.speed_sd_mps <= LOCALISATION.use.largest_speed_sd_mps
     assert abs(found.time_ns - found.fix_time_ns) * NS <= STALE_AFTER_S
 
 
@@ -506,8 +506,8 @@ def test_the_same_fixes_give_the_same_estimate() -> None:
 @pytest.mark.parametrize("quality", [Quality.GOOD, Quality.UNKNOWN, Quality.DEGRADED])
 def test_a_train_that_creeps_out_of_a_stop_is_noticed(quality: Quality) -> None:
     """One fix alone is too slow to be told from a standstill; a driver who creeps must get advice all the same."""
-    usual = deviations(PositionFix(time_ns=0, s_m=0.0, speed_mps=0.0, quality=quality), DEFAULT.sensors)
-    creeping_mps = 0.95 * DEFAULT.standstill.slow_sds * usual.speed_mps
+    usual = deviations(PositionFix(time_ns=0, s_m=0.0, speed_mps=0.0, quality=quality), LOCALISATION.sensors)
+    creeping_mps = 0.95 * LOCALISATION.standstill.slow_sds * usual.speed_mps
     localisation, s_m = Localisation(load_vehicle("re460-ic")), 100.0
     for second in range(30):
         speed_mps = 0.0 if second < 10 else creeping_mps
@@ -521,4 +521,4 @@ def test_a_train_that_creeps_out_of_a_stop_is_noticed(quality: Quality) -> None:
 
 def test_a_fix_marked_unusable_has_no_deviations() -> None:
     with pytest.raises(ValueError, match="a fix marked as unusable has no deviations"):
-        deviations(at(0.0, 0.0, 0.0, quality=Quality.INVALID), DEFAULT.sensors)
+        deviations(at(0.0, 0.0, 0.0, quality=Quality.INVALID), LOCALISATION.sensors)

@@ -265,7 +265,7 @@ def test_zenohs_log_is_read_on_when_nobody_reads_what_we_say() -> None:
     """A full pipe would stop Zenoh, and with it the node."""
     said = "2026-11-21T00:00:00Z  WARN ThreadId(01) zenoh_link_tls::unicast: no certificates\n"
     code = (
-        "import os\nfrom das.bus.refusals import Refusals\nRefusals().listen()\n"
+        "import os\nfrom das.bus.access import Refusals\nRefusals().listen()\n"
         f"for _ in range(3000): os.write(1, {said.encode()!r})\nos._exit(7)"
     )
     with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL) as child:

@@ -16,12 +16,12 @@ import pytest
 
 from das.advice.cause import Cause
 from das.bus import das_pb2
+from das.bus.access import LISTENERS, write_bus_folder
 from das.bus.config import BusFile
-from das.bus.roles import LISTENERS, write_bus_folder
 from das.bus.session import Bus, Presence, Presences, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Received, Topic, decoded
+from das.cab.guard import MOST_GONE, MOST_RIVALS, Operators
 from das.cab.heard import Kind, PublisherSeen, RestrictionsHeard
-from das.cab.operators import MOST_GONE, MOST_RIVALS, Operators
 from tests.support import node_process
 from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
 from tests.support.node_process import FLAT, a_journey, process
@@ -205,15 +205,15 @@ def test_sessions_without_end_are_not_kept_without_end() -> None:
     def message(source: str) -> RestrictionsHeard:
         return RestrictionsHeard(time_ns=1, restrictions=(), source=source)
 
-    assert operators.heeds(message("first"))
+    assert operators.counts(message("first"))
     for i in range(3 * MOST_GONE):
-        assert not operators.heeds(message(f"rival {i}"))
+        assert not operators.counts(message(f"rival {i}"))
     assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, 0)
     assert operators.see(seen(source="first", there=False)) is not None
     for i in range(3 * MOST_GONE):
         operators.see(seen(source=f"other {i}", there=False))
     assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, MOST_GONE)
-    assert operators.heeds(message("next"))  # It is not forgotten that the first one is gone.
+    assert operators.counts(message("next"))  # It is not forgotten that the first one is gone.
     assert not operators.contested()
 
 

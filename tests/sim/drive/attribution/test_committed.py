@@ -6,7 +6,7 @@ from pathlib import Path
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording, Stamped
-from das.bus.restrictions import encoded
+from das.bus.restrictions import encode_restriction
 from das.cab.heard import ToldRestriction
 from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
 from sim.drive.attribution.committed import Epoch, epochs_of
@@ -19,7 +19,8 @@ HERE, THERE = Restriction(100.0, 200.0, 10.0), Restriction(300.0, 400.0, 10.0)
 def told(*lists: tuple[float, tuple[Restriction, ...]]) -> Recording:
     """A recording of lists of restrictions, each with its time (s)."""
     messages = [
-        das_pb2.Restrictions(time_ns=at_ns(t_s), restrictions=map(encoded, restrictions)) for t_s, restrictions in lists
+        das_pb2.Restrictions(time_ns=at_ns(t_s), restrictions=map(encode_restriction, restrictions))
+        for t_s, restrictions in lists
     ]
     return Recording(
         path=Path("day.mcap"), train="t1", trains=("t1",), metadata={}, attachments=(), complete=True,

@@ -1,9 +1,10 @@
-"""Damaged recordings: every flipped byte is harmless or told, and no value changes in silence."""
+"""Damaged recordings: every flipped byte is harmless or reported, and no value changes in silence."""
 
 from __future__ import annotations
 
 import random
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,19 @@ import pytest
 import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import Writer
-from mcap_protobuf.schema import register_schema
 
 from das.bus import chunks, das_pb2, topics
 from das.bus.contents import read_contents
-from das.bus.damage import UNCHECKED, sealed
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
-from das.bus.scanning import MAGIC, begun
+from das.bus.scanning import MAGIC, UNCHECKED, begun, sealed
 from das.domain.errors import DasError
-from tests.support.recordings import START_NS
+from tests.support.recordings import START_NS, write_messages
 
 SECONDS = 40
 FLIPS = 100
+ZSTD = b"\x04\x00\x00\x00zstd"
+"""The bytes in a chunk that name its compression."""
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,26 @@ def cut(path: Path, share: float) -> bytes:
     return content if share >= 1.0 else content[: int(share * data)]
 
 
-def told(recording: Recording) -> dict[tuple[str, int], bytes]:
+def sound_part(whole: Path, folder: Path, share: float) -> tuple[bytes, Recording]:
+    """The beginning of a file, and the recording that it holds."""
+    path = folder / "sound.mcap"
+    path.write_bytes(cut(whole, share))
+    return path.read_bytes(), read_recording(path)
+
+
+def altered(content: bytes, place: int, flip: int) -> bytes:
+    """The content with one byte changed by exclusive or."""
+    return content[:place] + bytes([content[place] ^ flip]) + content[place + 1 :]
+
+
+def read_damaged(folder: Path, content: bytes) -> Recording:
+    """The recording of a damaged file, without its damaged parts."""
+    path = folder / "damaged.mcap"
+    path.write_bytes(content)
+    return read_recording(path, skip_damage=True)
+
+
+def messages_of(recording: Recording) -> dict[tuple[str, int], bytes]:
     """All messages by topic and time, as bytes."""
     return {
         (name, one.log_time_ns): one.message.SerializeToString()
@@ -62,13 +82,13 @@ def told(recording: Recording) -> dict[tuple[str, int], bytes]:
 
 
 def check_flip(path: Path, content: bytes, place: int, flip: int, sound: Recording) -> None:
-    """A file with a byte flipped says nothing but what the sound one says, and says that it is damaged."""
-    path.write_bytes(content[:place] + bytes([content[place] ^ flip]) + content[place + 1 :])
+    """A file with a flipped byte gives no values but those of the sound one, and is reported as damaged."""
+    path.write_bytes(altered(content, place, flip))
     try:
         found = read_recording(path, skip_damage=True)
-    except DasError:  # said in one line
+    except DasError:  # one line
         return
-    before, after = told(sound), told(found)
+    before, after = messages_of(sound), messages_of(found)
     assert after.items() <= before.items(), f"byte {place} changed a message"
     used = {name: entries for name, entries in found.metadata.items() if not name.startswith(UNCHECKED)}
     assert used.items() <= sound.metadata.items(), f"byte {place} changed the metadata"
@@ -80,19 +100,11 @@ def check_flip(path: Path, content: bytes, place: int, flip: int, sound: Recordi
         assert not found.health.sound
 
 
-def test_a_flipped_byte_is_harmless_or_told(whole: Path, tmp_path: Path) -> None:
-    content, sound = whole.read_bytes(), read_recording(whole)
-    random.seed(15)
-    for _ in range(FLIPS):
-        check_flip(tmp_path / "flipped.mcap", content, random.randrange(len(content)), random.randrange(1, 256), sound)
-
-
-def test_a_flipped_byte_of_a_cut_file_is_harmless_or_told(whole: Path, tmp_path: Path) -> None:
-    """Such a file has no checksum over all of it."""
-    content = cut(whole, 0.6)
-    (tmp_path / "cut.mcap").write_bytes(content)
-    sound = read_recording(tmp_path / "cut.mcap")
-    random.seed(16)
+@pytest.mark.parametrize(("share", "seed"), [(1.0, 15), (0.6, 16)])
+def test_a_flipped_byte_is_harmless_or_reported(whole: Path, tmp_path: Path, share: float, seed: int) -> None:
+    """A cut file has no checksum over all of it."""
+    content, sound = sound_part(whole, tmp_path, share)
+    random.seed(seed)
     for _ in range(FLIPS):
         check_flip(tmp_path / "flipped.mcap", content, random.randrange(len(content)), random.randrange(1, 256), sound)
 
@@ -100,22 +112,18 @@ def test_a_flipped_byte_of_a_cut_file_is_harmless_or_told(whole: Path, tmp_path:
 @pytest.mark.slow
 def test_every_byte_of_the_beginning_flipped(whole: Path, tmp_path: Path) -> None:
     """Header, attachment, metadata and the first chunks, every byte of them, in a cut file."""
-    content = cut(whole, 0.5)
-    (tmp_path / "cut.mcap").write_bytes(content)
-    sound = read_recording(tmp_path / "cut.mcap")
+    content, sound = sound_part(whole, tmp_path, 0.5)
     for place in range(len(content)):
         check_flip(tmp_path / "flipped.mcap", content, place, 1 << place % 8, sound)
 
 
 def test_metadata_of_a_cut_file_cannot_be_altered_in_silence(whole: Path, tmp_path: Path) -> None:
     content = cut(whole, 0.5)
-    altered = content.replace(b"0123456789abcdef", b"0123456789abcdee", 1)
-    assert altered != content
-    path = tmp_path / "altered.mcap"
-    path.write_bytes(altered)
+    wrong = content.replace(b"0123456789abcdef", b"0123456789abcdee", 1)
+    assert wrong != content
+    found = read_damaged(tmp_path, wrong)
     with pytest.raises(DasError, match="damaged: wrong checksum in the metadata 'run'"):
-        read_recording(path)
-    found = read_recording(path, skip_damage=True)
+        read_recording(tmp_path / "damaged.mcap")
     assert "run" not in found.metadata
     assert any("metadata 'run'" in line for line in found.health.warnings())
 
@@ -132,56 +140,34 @@ def test_metadata_without_a_checksum_are_not_used_where_nothing_proves_them(tmp_
 
 
 def test_what_comes_after_a_damaged_length_is_found_again(whole: Path, tmp_path: Path) -> None:
-    """The length of a chunk in the middle: the chunk's own words still say where it ends."""
-    content = bytearray(whole.read_bytes())
-    place = content.index(b"\x04\x00\x00\x00zstd", len(content) // 4) - 37
+    """The length of a chunk in the middle is damaged: the chunk itself still states where it ends."""
+    content = whole.read_bytes()
+    place = content.index(ZSTD, len(content) // 4) - 37
     assert content[place] == Opcode.CHUNK
-    content[place + 5] ^= 0x11
-    (tmp_path / "damaged.mcap").write_bytes(content)
-    found = read_recording(tmp_path / "damaged.mcap", skip_damage=True)
-    assert told(found) == told(read_recording(whole))
+    found = read_damaged(tmp_path, altered(content, place + 5, 0x11))
+    assert messages_of(found) == messages_of(read_recording(whole))
     assert "the head of a chunk, whose messages are whole" in found.health.damage[0].what
 
 
-@pytest.mark.parametrize("end", [0.9, 1.0])
-def test_a_chunk_whose_own_length_is_damaged_is_lost_alone(whole: Path, tmp_path: Path, end: float) -> None:
-    """It claims the chunks behind it; its packed data end where they did, and those chunks are read."""
-    content = bytearray(cut(whole, end))
-    place = content.index(b"\x04\x00\x00\x00zstd", len(content) // 4) + 8
-    content[place + 1] ^= 0x08  # 2 kB more
-    (tmp_path / "damaged.mcap").write_bytes(content)
-    (tmp_path / "sound.mcap").write_bytes(cut(whole, end))
-    found, sound = (read_recording(tmp_path / name, skip_damage=True) for name in ("damaged.mcap", "sound.mcap"))
-    assert len(told(sound)) - len(told(found)) == 2 == found.health.missing
-    assert found.health.damage[0].lost
-    assert found.health.damage[0].from_ns > START_NS
+@pytest.mark.parametrize(("share", "first"), [(0.7, True), (1.0, True), (0.9, False), (1.0, False)])
+def test_a_damaged_chunk_is_lost_alone(whole: Path, tmp_path: Path, share: float, *, first: bool) -> None:
+    """The first chunk describes the channels, which metadata do as well. The other chunk has a damaged length.
 
-
-@pytest.mark.parametrize("end", [0.7, 1.0])
-def test_the_first_chunk_is_lost_alone(whole: Path, tmp_path: Path, end: float) -> None:
-    """It describes the channels; what they hold is told in metadata as well."""
-    content = bytearray(cut(whole, end))
-    place = content.index(b"\x04\x00\x00\x00zstd") + 60
-    content[place] ^= 0xFF
-    (tmp_path / "damaged.mcap").write_bytes(content)
-    (tmp_path / "sound.mcap").write_bytes(cut(whole, end))
-    found, sound = (read_recording(tmp_path / name, skip_damage=True) for name in ("damaged.mcap", "sound.mcap"))
-    assert len(told(sound)) - len(told(found)) == 2 == found.health.missing
+    It claims the chunks behind it; but its packed data end where they did before, and those chunks are read.
+    """
+    content, sound = sound_part(whole, tmp_path, share)
+    chunk = content.index(ZSTD, 0 if first else len(content) // 4)
+    found = read_damaged(tmp_path, altered(content, chunk + (60 if first else 9), 0xFF if first else 0x08))
+    assert len(messages_of(sound)) - len(messages_of(found)) == 2 == found.health.missing
     assert found.topics == sound.topics
     damage = found.health.damage[0]
     assert damage.lost
-    assert (damage.from_ns, damage.to_ns) == (START_NS, START_NS)
+    assert (damage.from_ns, damage.to_ns) == (START_NS, START_NS) if first else damage.from_ns > START_NS
 
 
-def test_a_hole_in_the_running_numbers_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "hole.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, enable_data_crcs=True)
-        writer.start()
-        channel = writer.register_channel("das/t1/delay", "protobuf", register_schema(writer, das_pb2.Delay))
-        for number in (0, 1, 2, 5):
-            writer.add_message(channel, number + 1, das_pb2.Delay(delay_s=number).SerializeToString(), 1, number)
-        writer.finish()
+def test_a_hole_in_the_running_numbers_is_messages_of(tmp_path: Path) -> None:
+    delays = {log_ns: das_pb2.Delay(delay_s=log_ns) for log_ns in (1, 2, 3, 6)}
+    path = write_messages(tmp_path / "hole.mcap", "das/t1/delay", delays, numbered=True, enable_data_crcs=True)
     with pytest.raises(DasError, match="2 messages are missing"):
         read_recording(path)
     assert read_recording(path, skip_damage=True).health.missing == 2
@@ -189,14 +175,11 @@ def test_a_hole_in_the_running_numbers_is_told(tmp_path: Path) -> None:
 
 def test_a_piece_that_is_in_the_file_twice_counts_once(whole: Path, tmp_path: Path) -> None:
     """A copy of a sound chunk has a right checksum; the running numbers show it."""
-    content = cut(whole, 0.8)
-    places = [i - 37 for i in range(len(content)) if content.startswith(b"\x04\x00\x00\x00zstd", i)]
-    first, second = places[10], places[11]
-    (tmp_path / "sound.mcap").write_bytes(content)
-    (tmp_path / "twice.mcap").write_bytes(content[:second] + content[first:second] + content[second:])
-    found = read_recording(tmp_path / "twice.mcap", skip_damage=True)
-    assert told(found) == told(read_recording(tmp_path / "sound.mcap"))
-    assert [len(found.of(name)) for name in found.topics] == [len(told(found)) // 2] * 2
+    content, sound = sound_part(whole, tmp_path, 0.8)
+    first, second = [i - 37 for i in range(len(content)) if content.startswith(ZSTD, i)][10:12]
+    found = read_damaged(tmp_path, content[:second] + content[first:second] + content[second:])
+    assert messages_of(found) == messages_of(sound)
+    assert [len(found.of(name)) for name in found.topics] == [len(messages_of(found)) // 2] * 2
     assert found.health.damage[0].what == "2 messages that are in the file twice"
 
 
@@ -208,15 +191,9 @@ def test_metadata_that_describe_no_channel_are_only_metadata(tmp_path: Path) -> 
     assert read_recording(path).metadata == odd
 
 
-def write_with(path: Path, add: Any) -> None:
-    """A recording of another program: one delay, and whatever is added."""
-    with path.open("wb") as stream:
-        writer = Writer(stream, enable_data_crcs=True)
-        writer.start()
-        channel = writer.register_channel("das/t1/delay", "protobuf", register_schema(writer, das_pb2.Delay))
-        writer.add_message(channel, 1, das_pb2.Delay(delay_s=1.0).SerializeToString(), 1)
-        add(writer)
-        writer.finish()
+def write_with(path: Path, add: Callable[[Writer], Any]) -> None:
+    """A recording of another program: one delay, and what `add` adds."""
+    write_messages(path, "das/t1/delay", {1: das_pb2.Delay(delay_s=1.0)}, add=add, enable_data_crcs=True)
 
 
 def bomb(plain: bytes, claimed: int | None = None) -> bytes:
@@ -227,21 +204,21 @@ def bomb(plain: bytes, claimed: int | None = None) -> bytes:
     return begun("test") + bytes([Opcode.CHUNK]) + struct.pack("<Q", len(content)) + content
 
 
-def test_a_small_file_cannot_keep_its_reader_busy(tmp_path: Path) -> None:
-    """Zeros unpack to millions of records of no bytes; only counting them took minutes."""
+@pytest.mark.parametrize(
+    ("size", "claimed", "why"),
+    [
+        (200_000_000, None, "damaged: a chunk that claims to hold 190 MiB"),
+        (60_000_000, None, "unpacks to more than 100 times its size"),
+        (10_000_000, None, "damaged: a chunk with something other than messages in it"),
+        (200_000_000, 1000, "damaged: a chunk that cannot be decompressed"),
+    ],
+)
+def test_a_small_file_cannot_keep_its_reader_busy(tmp_path: Path, size: int, claimed: int | None, why: str) -> None:
+    """Zeros unpack to millions of records of no bytes; counting them alone took minutes."""
     path = tmp_path / "bomb.mcap"
-    path.write_bytes(bomb(bytes(200_000_000)))
+    path.write_bytes(bomb(bytes(size), claimed))
     assert path.stat().st_size < 10_000
-    with pytest.raises(DasError, match="damaged: a chunk that claims to hold 190 MiB"):
-        read_recording(path)
-    path.write_bytes(bomb(bytes(60_000_000)))
-    with pytest.raises(DasError, match="unpacks to more than 100 times its size"):
-        read_recording(path)
-    path.write_bytes(bomb(bytes(10_000_000)))
-    with pytest.raises(DasError, match="damaged: a chunk with something other than messages in it"):
-        read_recording(path)
-    path.write_bytes(bomb(bytes(200_000_000), claimed=1000))
-    with pytest.raises(DasError, match="damaged: a chunk that cannot be decompressed"):
+    with pytest.raises(DasError, match=why):
         read_recording(path)
 
 

@@ -14,7 +14,7 @@ import pytest
 from das.estimate.estimate import Estimate
 from das.estimate.fix import PositionFix, Quality
 from das.estimate.localisation import Localisation
-from das.estimate.localisation_settings import LocalisationSettings
+from das.estimate.settings import LocalisationSettings
 from tests.support.fixes import TRAIN, fixes, ns
 
 

@@ -1,10 +1,10 @@
-"""What is said of Zenoh's log, by a clock that the test sets."""
+"""What is reported from Zenoh's log, by a clock that the test sets."""
 
 from __future__ import annotations
 
 import pytest
 
-from das.bus.refusals import Refusals
+from das.bus.access import Refusals
 from das.cab.outputs import MOST_A_SECOND
 from tests.support.driven_node import START_NS, S
 from tests.support.hand_clock import HandClock
@@ -15,23 +15,23 @@ DENIAL = f"{STAMP}TRACE ThreadId(02) ab12 on tls/CertCommonName(cab.T1) is unaut
 KEPT_OUT = f"{STAMP}TRACE ThreadId(02) Msg intercepted!\n"
 
 
-def test_a_flood_of_warnings_is_said_in_moderation_and_the_others_are_counted(
+def test_a_flood_of_warnings_is_reported_in_moderation_and_the_others_are_counted(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     clock = HandClock(START_NS)
     refusals = Refusals(clock)
-    refusals.hear(WARNING * (MOST_A_SECOND + 3))
-    said = "bus: refused: a connection, no certificates"
-    assert refusals.take() == [said] * MOST_A_SECOND
+    refusals.read(WARNING * (MOST_A_SECOND + 3))
+    text = "bus: refused: a connection, no certificates"
+    assert refusals.take() == [text] * MOST_A_SECOND
     clock.time_ns += S
-    refusals.hear(b"")
+    refusals.read(b"")
     assert refusals.take() == []
-    assert capfd.readouterr().err.splitlines() == [said] * MOST_A_SECOND + ["bus: 3 more of these"]
+    assert capfd.readouterr().err.splitlines() == [text] * MOST_A_SECOND + ["bus: 3 more of these"]
 
 
-def test_a_denial_is_said_only_where_the_message_was_kept_out() -> None:
+def test_a_denial_is_reported_only_if_the_message_was_kept_out() -> None:
     refusals = Refusals(HandClock(START_NS))
-    refusals.hear(DENIAL.encode())
+    refusals.read(DENIAL.encode())
     assert refusals.take() == []
-    refusals.hear(KEPT_OUT.encode())
+    refusals.read(KEPT_OUT.encode())
     assert refusals.take() == ["bus: refused: cab.T1 may not put das/T1/x"]

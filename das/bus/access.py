@@ -1,0 +1,274 @@
+"""Access to the bus: what each role may publish, certificates for trials, and what Zenoh has refused.
+
+Peers talk to each other directly, so each one judges for itself: incoming messages (`ingress`) by the name in the
+sender's certificate, and its own messages (`egress`). The judgement of the receiver counts.
+
+`write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
+
+Zenoh reports refusals only in its log, which goes to standard output together with everything else. The processes that
+advise and record write nothing to standard output themselves, so `Refusals` turns it into a pipe and reads it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final, Self
+
+import zenoh
+
+from das.bus.topics import TOPICS
+from das.cab.outputs import Moderation
+from das.command_line.printing import say
+from das.domain.clocks import WALL_NS
+from das.domain.errors import DasError
+from das.domain.files.writing import write_folder_whole
+
+
+class Role(StrEnum):
+    """The role of a process on the bus."""
+
+    SIMULATOR = "simulator"
+    """All of the world at once: sensors, operator, and the messages of a simulation."""
+    SENSORS = "sensors"
+    """Localisation and train control: where the train is, and its forces."""
+    OPERATOR = "operator"
+    """The ground: journey, restrictions, targets and delay."""
+    NODE = "node"
+    RECORDER = "recorder"
+    CAB = "cab"
+    """A listener, which publishes nothing."""
+    DRIVER = "driver"
+
+
+PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control")}
+"""The publishers in the registry of topics that a role stands for, where their names differ from that of the role."""
+SUBSCRIBING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
+"""Zenoh's messages of a subscriber, including the queries for the last message of a latched topic."""
+PUBLISHING = ["put", "reply", "declare_queryable", "liveliness_token"]
+"""Zenoh's messages of a publisher, including the answers for a latched topic, but no deletions."""
+LISTENERS = (Role.NODE, Role.SIMULATOR, Role.RECORDER)
+"""The roles that listen, in the order of their ports: the node has the same port as without TLS."""
+CLOCK_SLACK = timedelta(minutes=5)
+"""Certificates are valid from this long before now, because the clocks of other machines may be slow."""
+AUTHORITY = "ca.pem"
+MOST_LETTERS = 64
+"""The longest common name of a certificate (RFC 5280, ub-common-name-length)."""
+LEVELS = (
+    "warn,zenoh::net::routing::hat=error,zenoh::net::runtime::orchestrator=error,zenoh::net::routing::interceptor=trace"
+)
+"""The levels of Zenoh's log; the environment variable RUST_LOG replaces them."""
+ANSI = re.compile(rb"\x1b\[[0-9;]*m")
+LINE = re.compile(r"\S+Z +(?P<level>[A-Z]+) +(?:\S+ +)?ThreadId\((?P<thread>\d+)\) (?P<text>.*)")
+NAMED = r"(?P<session>[0-9a-f]{1,32})(?: on \S*CertCommonName\((?P<name>[^)]*)\)\S*)?"
+DENIAL = re.compile(NAMED + r" is unauthorized to (?P<what>[\w/ ]+) \((?P<flow>\w+)\) on (?P<key>\S+)")
+NOT_LET_IN = "zenoh_link_tls::unicast: "
+KEPT_OUT = "Msg intercepted!"
+WORTH_READING = (KEPT_OUT.encode(), b"unauthorized to", b"WARN", b"ERROR")
+MOST_KEPT = 100
+MOST_NAMES = 1_000
+LONGEST = 200
+
+
+def common_name(role: Role, train: str) -> str:
+    """The name in the certificate of a role."""
+    return f"{role}.{train}"
+
+
+def keys_of(role: Role, train: str) -> list[str]:
+    """The keys that a role may publish. The simulator stands for localisation, operator and the train itself."""
+    own = [topic for topic in TOPICS if _may_publish(role, topic.publisher)]
+    # A latched topic's history is found and fetched under keys of its own; `**` does not match them.
+    return [key for t in own for key in (t.key(train), *([f"{t.key(train)}/@adv/**"] if t.latched else []))]
+
+
+def _may_publish(role: Role, publisher: str) -> bool:
+    if role is Role.SIMULATOR:
+        return publisher not in (Role.NODE, Role.RECORDER, Role.DRIVER)
+    return publisher in PUBLISHERS.get(role, (role,))
+
+
+def access_control(own: Role, train: str) -> dict[str, Any]:
+    """Zenoh's `access_control` for a process; whatever no rule allows is denied."""
+    roots = sorted({topic.root for topic in TOPICS})
+    readable = [f"{root}/{train}/{rest}" for root in (*roots, "*") for rest in ("*", "*/@adv/**")]
+    rules = [_rule("hear", ["ingress", "egress"], SUBSCRIBING, readable)]
+    policies = []
+    for role in Role:
+        names = ["hear"]
+        if keys := keys_of(role, train):
+            rules.append(_rule(f"from-{role}", ["ingress"], PUBLISHING, keys))
+            names.append(f"from-{role}")
+        if keys_of(own, train):
+            names.append("own")
+        policies.append({"id": role, "rules": names, "subjects": [role]})
+    if keys := keys_of(own, train):
+        rules.append(_rule("own", ["egress"], PUBLISHING, keys))
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": role, "cert_common_names": [common_name(role, train)]} for role in Role],
+        "policies": policies,
+    }
+
+
+def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys}
+
+
+def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: float) -> datetime:
+    """Make an authority, certificates, keys (mode 0600) and a bus file for each role; returns until when they hold.
+
+    A certificate serves both sides of a connection on this machine. The key of the authority is kept nowhere. `ports`
+    are those of the roles in `LISTENERS`. Raises DasError where the folder exists or cannot be written.
+    """
+    if folder.exists():
+        raise DasError(f"{folder}: exists already, expected a new folder (nothing is overwritten)")
+    if not folder.resolve().parent.is_dir():
+        raise DasError(f"{folder}: no such folder {folder.parent}")
+    longest = max(map(len, (_authority_of(train), *(common_name(role, train) for role in Role))))
+    if longest > MOST_LETTERS:
+        most = len(train) - (longest - MOST_LETTERS)
+        raise DasError(f"train name {train!r}: expected at most {most} letters, for the names in certificates")
+    from trustme import CA  # No session needs it; das.bus.config imports this module.
+
+    now = datetime.now(UTC).replace(microsecond=0)
+    until = now + timedelta(days=days)
+    authority = CA(path_length=0, organization_name="DAS", organization_unit_name=_authority_of(train))
+    files, secrets = {AUTHORITY: authority.cert_pem.bytes()}, set()
+    for role in Role:
+        issued = authority.issue_cert(
+            "localhost",
+            "127.0.0.1",
+            common_name=common_name(role, train),
+            organization_name="DAS",
+            organization_unit_name=role,
+            not_before=now - CLOCK_SLACK,
+            not_after=until,
+        )
+        files[f"{role}.pem"] = issued.cert_chain_pems[0].bytes()
+        files[f"{role}.key"] = issued.private_key_pem.bytes()
+        files[f"{role}.json5"] = _bus_file(role, train, ports, until).encode()
+        secrets.add(f"{role}.key")
+    write_folder_whole(folder, files, private=secrets)
+    return until
+
+
+def _bus_file(role: Role, train: str, ports: Mapping[Role, int], until: datetime) -> str:
+    """The text of a role's bus file; its paths are relative to the file."""
+    own, key = f"{role}.pem", f"{role}.key"
+    config = {
+        "metadata": {"das": {"train": train, "role": role}},
+        "listen": {"endpoints": [_endpoint(ports[role])] if role in LISTENERS else []},
+        "connect": {"endpoints": [_endpoint(ports[other]) for other in LISTENERS if other != role]},
+        "transport": {
+            "link": {
+                "protocols": ["tls"],
+                "tls": {
+                    "root_ca_certificate": AUTHORITY,
+                    "listen_certificate": own,
+                    "listen_private_key": key,
+                    "connect_certificate": own,
+                    "connect_private_key": key,
+                    "enable_mtls": True,
+                    "verify_name_on_connect": True,
+                    "close_link_on_expiration": True,
+                },
+            }
+        },
+        "access_control": access_control(role, train),
+    }
+    head = f"// For tests and trials, not a public-key infrastructure. Valid until {until:%Y-%m-%d %H:%M} UTC."
+    return f"{head}\n{json.dumps(config, indent=2)}\n"
+
+
+def _endpoint(port: int) -> str:
+    return f"tls/127.0.0.1:{port}"
+
+
+def _authority_of(train: str) -> str:
+    return f"DAS test authority of {train}"
+
+
+class Refusals:
+    """Finds in Zenoh's log what was refused; `now_ns` is the clock of the moderation (ns since 1970)."""
+
+    def __init__(self, now_ns: Callable[[], int] = WALL_NS) -> None:
+        self._now_ns = now_ns
+        self._news: deque[str] = deque(maxlen=MOST_KEPT)
+        self._moderation = Moderation()
+        self._denials: dict[str, str] = {}
+        self._names: dict[str, str] = {}
+
+    def listen(self) -> Self:
+        """Read the log from now on. Call it once, before the bus is opened, in a process without other output."""
+        pipe, output = os.pipe()
+        sys.stdout.flush()
+        os.dup2(output, 1)
+        os.close(output)
+        threading.Thread(target=self._follow, args=(pipe,), name="zenoh-log", daemon=True).start()
+        zenoh.init_log_from_env_or(LEVELS)
+        return self
+
+    def take(self) -> list[str]:
+        """The texts of refusals since the last call; all of them went to standard error as well."""
+        return [self._news.popleft() for _ in range(len(self._news))]
+
+    def _follow(self, pipe: int) -> None:
+        rest = b""
+        while block := os.read(pipe, 1 << 16):
+            whole, _, rest = (rest + block).rpartition(b"\n")
+            self.read(whole)
+
+    def read(self, lines: bytes) -> None:
+        """Take whole lines of the log, or none, and report how many texts were held back once their second is over."""
+        # Nearly all lines report that something is in order; blocks of only such lines are skipped.
+        if any(mark in lines for mark in WORTH_READING):
+            for line in ANSI.sub(b"", lines).decode(errors="replace").splitlines():
+                self._line(line)
+        self._report_suppressed()
+
+    def _line(self, line: str) -> None:
+        """Take one line. A denial counts only when a message is kept out: Zenoh also logs checks without a message."""
+        match = LINE.match(line)
+        if match is None:
+            return
+        thread, text = match["thread"], match["text"]
+        if denial := DENIAL.search(text):
+            who = self._name(denial["session"], denial["name"])
+            if denial["flow"] == "ingress":
+                self._denials[thread] = f"{who} may not {denial['what'].lower()} {denial['key']}"
+        elif KEPT_OUT in text:
+            if reason := self._denials.pop(thread, ""):
+                self._report(f"refused: {reason}")
+        elif match["level"] in ("WARN", "ERROR"):
+            text = text.replace(" Hint: increase the system open file limit.", "")
+            self._report(text.replace(NOT_LET_IN, "refused: a connection, "))
+
+    def _name(self, session: str, name: str | None) -> str:
+        """The name in the certificate of a session. Zenoh does not log it each time, so it is remembered."""
+        if name is not None:
+            if len(self._names) >= MOST_NAMES:
+                self._names.clear()
+            self._names[session] = name
+        return self._names.get(session, session)
+
+    def _report(self, text: str) -> None:
+        # The sender chooses the key; it must not control the terminal.
+        text = "".join(letter if letter.isprintable() else "?" for letter in text[:LONGEST])
+        if self._moderation.allows(self._now_ns()):
+            self._news.append(f"bus: {text}")
+            say(f"bus: {text}")
+
+    def _report_suppressed(self) -> None:
+        if suppressed := self._moderation.take_suppressed(self._now_ns()):
+            say(f"bus: {suppressed} more of these")
