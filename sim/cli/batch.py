@@ -63,8 +63,7 @@ def batch(
     The table runs.parquet in the folder has one row a run; a run is made again only if one of its inputs changed.
     """
     with busy("reading the scenarios …"):
-        from sim.jobs.batch import Batch, parse_seeds, require_pyarrow
-        from sim.jobs.report import print_summary
+        from sim.jobs.batch import Batch, parse_seeds, print_summary, require_pyarrow
 
         require_pyarrow()
         asked = Batch(
@@ -95,8 +94,7 @@ def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Pat
 
 def _run_all(jobs: Sequence[BatchJob], out: Path, workers: Workers) -> dict[str, Any]:
     """Run what is not finished yet and write the table, even if it is interrupted. Returns the summary."""
-    from sim.jobs.batch import make_run, write_table
-    from sim.jobs.report import savings, summary
+    from sim.jobs.batch import make_run, savings, summary, write_table
     from sim.jobs.runner import JobWords, Runner
 
     finished: list[dict[str, Any]] = []

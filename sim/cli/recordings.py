@@ -240,7 +240,7 @@ def view(
     """
     check_picture(plot)
     check_outputs(save, plot, inputs=(file,), overwrite=overwrite)
-    from sim.recording.clock import part_of
+    from sim.recording.course import part_of
     from sim.recording.opening import open_recording
     from sim.review.colors import THEMES
     from sim.review.view import open_view, save_picture, save_view

@@ -39,7 +39,7 @@ from sim.experiment.study_files import (
 from sim.experiment.trials import trials_of
 from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner, write_files
 from sim.recording.inputs import sha256
-from sim.recording.metadata import typed_command
+from sim.recording.opening import typed_command
 from sim.world.service import PLANNED
 
 FAILED: Final = ("trial", "participant", "condition", "error")

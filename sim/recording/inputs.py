@@ -28,7 +28,7 @@ from das.domain.files.reading import read_toml
 from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from sim.recording.metadata import NODE_ARGUMENTS
+from sim.recording.opening import NODE_ARGUMENTS
 
 
 def sha256(path: Path) -> str:

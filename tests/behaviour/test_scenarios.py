@@ -18,11 +18,10 @@ from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2, kwh
 from das.estimate.localisation_settings import STALE_AFTER_S
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind, make_driver
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import adhesion_coefficient
 from sim.plant.plant import Dynamics, Plant
-from sim.world.day import Day, make_day
 from sim.world.disturbances import (
     AnnouncedRestriction,
     BusOutage,
@@ -35,11 +34,10 @@ from sim.world.disturbances import (
     SlipperyRail,
     TrainAhead,
 )
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, Tick, Told, World
+from sim.world.loop import InProcess, Run, Tick, Told, World
 from sim.world.outcome import outcome
 from sim.world.scenario import Drawn, bundled_scenarios, load_scenario
-from sim.world.service import Service
+from sim.world.service import Day, Service, make_day
 from tests.support.flat_days import service_for, service_of
 
 SEED = 1

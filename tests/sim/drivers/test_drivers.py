@@ -28,12 +28,13 @@ from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.cli.run import DRIVERS
-from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, Presentation, lever_ratio
+from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, lever_ratio
+from sim.drivers.drivers import make_driver
 from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
 from sim.drivers.parameters import HumanParameters, parameter_markdown
 from sim.drivers.presentations.presenter import present
-from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import LEVER
 from sim.plant.plant import Command, Plant, PlantState
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train

@@ -23,9 +23,8 @@ from sim.drivers.population import (
     population_markdown,
     read_population,
 )
-from sim.world.day import make_day
 from sim.world.scenario import read_scenario
-from sim.world.service import Service
+from sim.world.service import Service, make_day
 from tests.support.flat_days import FLAT, service_of
 from tests.support.making import REPOSITORY, das_sim, refusal
 
