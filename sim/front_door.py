@@ -15,7 +15,7 @@ from das.domain.losses import Level
 from das.domain.trajectory import EnergyBalance
 from das.front_door import chosen
 from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver
-from sim.drivers.population import Participant, participant_of
+from sim.drivers.parameters import Participant, participant_of
 from sim.drivers.presentations.presenter import presenter_of
 from sim.plant.plant import PlantState
 from sim.world.loop import InProcess, World

@@ -31,7 +31,7 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.options import PopulationOption
 
 if TYPE_CHECKING:
-    from sim.drivers.population import Participant
+    from sim.drivers.parameters import Participant
     from sim.jobs.batch import BatchJob
     from sim.jobs.runner import Rows
     from sim.jobs.sensitivity import Sensitivity, SensitivityJob, SensitivityRun
@@ -63,7 +63,8 @@ def batch(
     The table runs.parquet in the folder has one row a run; a run is made again only if one of its inputs changed.
     """
     with busy("reading the scenarios …"):
-        from sim.jobs.batch import Batch, parse_seeds, print_summary, require_pyarrow
+        from sim.jobs.batch import Batch, parse_seeds, require_pyarrow
+        from sim.jobs.report import print_summary
 
         require_pyarrow()
         asked = Batch(
@@ -94,7 +95,8 @@ def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Pat
 
 def _run_all(jobs: Sequence[BatchJob], out: Path, workers: Workers) -> dict[str, Any]:
     """Run what is not finished yet and write the table, even if it is interrupted. Returns the summary."""
-    from sim.jobs.batch import make_run, savings, summary, write_table
+    from sim.jobs.batch import make_run, write_table
+    from sim.jobs.report import savings, summary
     from sim.jobs.runner import JobWords, Runner
 
     finished: list[dict[str, Any]] = []
@@ -133,7 +135,7 @@ def _participants(
     drivers: Sequence[DriverKind | OwnClass], numbers: str | None, population: str | None
 ) -> list[Participant]:
     """The participants of a list; DasError without a human driver, or for a population that cannot be used."""
-    from sim.drivers.population import DEFAULT, Participant, load_population
+    from sim.drivers.parameters import DEFAULT, Participant, load_population
     from sim.jobs.batch import parse_seeds
 
     if numbers is None:
@@ -179,7 +181,7 @@ def sensitivity(
     with the same chances. A parameter that the population does not draw is varied by a fifth of its default.
     """
     with busy("reading the scenario …"):
-        from sim.drivers.population import DEFAULT, load_population
+        from sim.drivers.parameters import DEFAULT, load_population
         from sim.jobs.batch import parse_seeds
         from sim.jobs.sensitivity import Study, sensitivities, sensitivity_markdown
         from sim.world.scenario import load_scenario

@@ -77,7 +77,7 @@ def recover(
     """Save what is sound in a cut or damaged recording into a new file, and say what is gone."""
     check_outputs(out, inputs=(file,), overwrite=overwrite)
     with busy(f"reading {file} …"):
-        from sim.recording.check import utc
+        from sim.recording.course import utc
         from sim.recording.recover import recover as save
 
         found = save(file, out)
@@ -148,7 +148,7 @@ def _print_reproduction(found: Reproduction) -> None:
 
 
 def _print_first(first: Difference, found: Reproduction) -> None:
-    from sim.recording.check import utc
+    from sim.recording.course import utc
 
     tell(f"  {first.topic} of tick {first.tick}, {utc(first.time_ns)} UTC")
     if first.today is None or first.recorded is None:

@@ -127,7 +127,7 @@ def run(
         from das.cab.warm_up import warm_up
         from das.command_line.loading import warn_unusual
         from sim.drivers.own_class import driver_versions
-        from sim.drivers.population import participant_of
+        from sim.drivers.parameters import participant_of
         from sim.world.scenario import load_scenario
         from sim.world.service import make_day, prepare_service
 
@@ -359,7 +359,7 @@ def drive(
         from das.bus.session import Bus
         from sim.drivers.drivers import make_driver
         from sim.drivers.knowledge import LineKnowledge
-        from sim.drivers.population import participant_of, stream_of
+        from sim.drivers.parameters import participant_of, stream_of
         from sim.world.external import HEARD, answer_looks, warm_up
         from sim.world.scenario import load_scenario
         from sim.world.service import lay_out

@@ -15,7 +15,7 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
-from sim.drivers.population import Participant, Population, load_population
+from sim.drivers.parameters import Participant, Population, load_population
 from sim.experiment.factors import Setting
 from sim.jobs.runner import JobRecording, ServiceMemory, drive_day
 from sim.plant import kernels

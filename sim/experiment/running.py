@@ -18,7 +18,7 @@ from das import __version__
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers, source_sha256
-from sim.drivers.population import load_population
+from sim.drivers.parameters import load_population
 from sim.experiment.design import Design, resolved
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
 from sim.experiment.factors import Setting, setting_files

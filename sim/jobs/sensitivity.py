@@ -12,8 +12,7 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
-from sim.drivers.parameters import HumanParameters
-from sim.drivers.population import Population, Spread
+from sim.drivers.parameters import HumanParameters, Population, Spread
 from sim.jobs.runner import ServiceMemory, drive_day
 from sim.world.outcome import outcome
 from sim.world.over_bus import How

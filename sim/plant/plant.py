@@ -256,7 +256,6 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
         vehicle.mass_kg,
         vehicle.inertial_mass_kg,
         vehicle.train_length_m,
-        vehicle.max_speed_mps,
         vehicle.resistance.c0_n,
         vehicle.resistance.c1_n_per_mps,
         vehicle.resistance.c2_n_per_mps2,

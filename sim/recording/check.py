@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from enum import StrEnum
 from math import isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das import __version__
 from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.contents import Contents, read_contents
-from das.bus.recorder import message_time_ns
 from das.bus.recording import Recording, Stamped, recording_of
 from das.bus.topics import TOPICS, Topic
 from das.cab.outputs import NodeState
 from das.domain.units import NS
 from das.estimate.localisation_settings import STALE_AFTER_S
-from sim.recording.course import DriveClock
+from sim.recording.course import DriveClock, times_of, utc
+from sim.recording.inputs import missing_files
+from sim.recording.opening import is_session, versions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +33,6 @@ class Rate:
     per_s: float
     interval_s: float
     longest_gap_s: float
-
-
-def times_of(recording: Recording, topic: Topic) -> NDArray[Any]:
-    """The times (ns) that the messages of a topic state, in the order recorded; where one states none, the log's."""
-    entries = recording.of(topic)
-    return np.array([message_time_ns(one.message) or one.log_time_ns for one in entries], dtype=np.int64)
 
 
 def rate_of(recording: Recording, topic: Topic) -> Rate | None:
@@ -104,11 +96,6 @@ class CheckFinding:
     time_ns: int = 0
 
 
-def is_session(recording: Recording) -> bool:
-    """Whether a node was at work, so that there must be its words."""
-    return any(recording.of(topic) for topic in (topics.ADVICE, topics.STATUS, topics.CONTROL))
-
-
 def find(recording: Recording) -> list[CheckFinding]:
     """All that is wrong with a recording, in the order of the checks."""
     checks: tuple[Callable[[Recording], Iterator[CheckFinding]], ...] = (
@@ -123,6 +110,7 @@ def find(recording: Recording) -> list[CheckFinding]:
         _slow,
         _dropped,
         _versions,
+        _inputs,
     )
     return [finding for check in checks for finding in check(recording)]
 
@@ -154,20 +142,15 @@ def _gaps(recording: Recording) -> Iterator[CheckFinding]:
         rate = rate_of(recording, topic)
         if rate is None:
             continue
-        gaps = list(_gaps_of(recording, topic, rate))
-        yield from gaps[:MOST_OF_A_KIND]
+        time_ns = np.sort(times_of(recording, topic))
+        steps_s = np.diff(time_ns) * NS
+        gaps = np.nonzero(steps_s > max(LONGEST_GAP_S, GAP_INTERVALS * rate.interval_s))[0]
+        for i in gaps[:MOST_OF_A_KIND]:
+            text = f"{topic.name}: nothing for {steps_s[i]:.1f} s"
+            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[i]))
         if len(gaps) > MOST_OF_A_KIND:
             text = f"{topic.name}: {len(gaps) - MOST_OF_A_KIND} more gaps"
-            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=gaps[MOST_OF_A_KIND].time_ns)
-
-
-def _gaps_of(recording: Recording, topic: Topic, rate: Rate) -> Iterator[CheckFinding]:
-    longest_s = max(LONGEST_GAP_S, GAP_INTERVALS * rate.interval_s)
-    time_ns = np.sort(times_of(recording, topic))
-    steps_s = np.diff(time_ns) * NS
-    for i in np.nonzero(steps_s > longest_s)[0]:
-        text = f"{topic.name}: nothing for {steps_s[i]:.1f} s"
-        yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[i]))
+            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[gaps[MOST_OF_A_KIND]]))
 
 
 def _disorder(recording: Recording) -> Iterator[CheckFinding]:
@@ -192,13 +175,19 @@ def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def _stale(recording: Recording) -> Iterator[CheckFinding]:
-    data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
-    age_s = (data["time_ns"] - data["position_time_ns"]) * NS
-    stale = np.nonzero((data["mode"] != Regime.NONE) & (data["position_time_ns"] > 0) & (age_s > STALE_AFTER_S))[0]
+    time_ns, age_s = _position_ages(recording)
+    stale = np.nonzero(age_s > STALE_AFTER_S)[0]
     if len(stale):
         text = f"{len(stale)} advices were given on a position older than {STALE_AFTER_S:g} s"
-        text += f", the oldest of {age_s[stale].max():.1f} s"
-        yield CheckFinding(kind=CheckKind.STALE, text=text, time_ns=int(data["time_ns"][stale[0]]))
+        text += f", the oldest of {age_s.max():.1f} s"
+        yield CheckFinding(kind=CheckKind.STALE, text=text, time_ns=int(time_ns[stale[0]]))
+
+
+def _position_ages(recording: Recording) -> tuple[Any, Any]:
+    """The time (ns) of each advice that rests on a position, and how old (s) that position then was."""
+    data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
+    used = (data["mode"] != Regime.NONE) & (data["position_time_ns"] > 0)
+    return data["time_ns"][used], (data["time_ns"][used] - data["position_time_ns"][used]) * NS
 
 
 def _expired(recording: Recording) -> Iterator[CheckFinding]:
@@ -249,21 +238,6 @@ def _versions(recording: Recording) -> Iterator[CheckFinding]:
     if len(set(found.values())) > 1:
         text = "programs of different versions: " + ", ".join(f"{who} {version}" for who, version in found.items())
         yield CheckFinding(kind=CheckKind.VERSIONS, text=text)
-
-
-def versions(recording: Recording) -> dict[str, str]:
-    """The versions of the programs that took part, by what they did."""
-    nodes = sorted({one.message.version for one in recording.of(topics.STATUS) if one.message.version})
-    found = {"node" if len(nodes) == 1 else f"node {i}": version for i, version in enumerate(nodes, 1)}
-    run = recording.metadata.get("run", {})
-    who = "recorder" if run.get("kind") == "session" else "simulator"
-    return {**({who: run["version"]} if "version" in run else {}), **found}
-
-
-HASH = "_sha256"
-"""Ending of the metadata keys that hold the hash of an input file."""
-ELSEWHERE = ("trip_sha256", "what_if_of_sha256")
-"""Keys for the hashes of files that are not attached to a recording."""
 
 
 RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap")
@@ -326,14 +300,12 @@ def check_file(path: Path, train: str | None = None) -> Checked:
 
 def check_contents(contents: Contents, recording: Recording) -> Checked:
     """Check a recording that has been read: the contents of its file, and the recording of one train in it."""
-    hashes = _hashes(contents)
-    findings = [*find(recording), *_inputs(recording, hashes)]
     found = {topic.name: rate_of(recording, topic) for topic in TOPICS}
     return Checked(
         recording=recording,
         figures=_figures(contents, recording),
         rates={name: rate for name, rate in found.items() if rate is not None},
-        findings=tuple(findings),
+        findings=tuple(find(recording)),
         notes=tuple(_notes(contents, recording)),
     )
 
@@ -373,7 +345,7 @@ def _speed_of_advice(recording: Recording) -> dict[str, str]:
     way_s = to_recorder_s(recording)
     if len(way_s):
         rows["advice, from its time to the recorder"] = _up_to(way_s)
-    age_s = _ages_s(recording)
+    _, age_s = _position_ages(recording)
     if len(age_s):
         rows["age of the position behind an advice"] = _up_to(age_s)
     return rows
@@ -384,26 +356,10 @@ def _up_to(values_s: Any) -> str:
     return f"median {middle * 1000:.0f} ms, at most {most * 1000:.0f} ms"
 
 
-def _ages_s(recording: Recording) -> Any:
-    data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
-    used = (data["mode"] != 0) & (data["position_time_ns"] > 0)
-    return (data["time_ns"][used] - data["position_time_ns"][used]) * NS
-
-
-def _hashes(contents: Contents) -> dict[str, str]:
-    """Names of the attached files by their SHA-256."""
-    return {hashlib.sha256(one.data).hexdigest(): one.name for one in contents.attachments}
-
-
-def _inputs(recording: Recording, attached: dict[str, str]) -> list[CheckFinding]:
-    """Findings about input files whose hash matches no attached file."""
-    run = recording.metadata.get("run", {})
-    named = {key: value for key, value in run.items() if key.endswith(HASH) and key not in ELSEWHERE}
-    missing = [key[: -len(HASH)].replace("_", " ") for key, value in named.items() if value not in attached]
-    return [
-        CheckFinding(kind=CheckKind.INPUT, text=f"the {name} of the run is not among the attached files")
-        for name in missing
-    ]
+def _inputs(recording: Recording) -> Iterator[CheckFinding]:
+    for kind in missing_files(recording):
+        text = f"the {kind.replace('_', ' ')} of the run is not among the attached files"
+        yield CheckFinding(kind=CheckKind.INPUT, text=text)
 
 
 def _notes(contents: Contents, recording: Recording) -> list[str]:
@@ -439,11 +395,3 @@ def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
 def _line(one: CheckFinding, clock: DriveClock) -> str:
     when = f" at {clock.shown(one.time_ns)}, {utc(one.time_ns)} UTC" if one.time_ns else ""
     return f"finding ({one.kind}){when}: {one.text}"
-
-
-def utc(time_ns: int) -> str:
-    """A time (ns since 1970) as date and time of day (UTC), to the second."""
-    try:
-        return f"{datetime.fromtimestamp(time_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"
-    except (OverflowError, ValueError, OSError):
-        return f"{time_ns} ns"

@@ -159,6 +159,24 @@ def minutes(time_s: float) -> str:
     return f"{'−' if whole < 0 else ''}{abs(whole) // MINUTE_S}:{abs(whole) % MINUTE_S:02d}"
 
 
+def utc(time_ns: int) -> str:
+    """A time (ns since 1970) as date and time of day (UTC), to the second."""
+    try:
+        return f"{datetime.fromtimestamp(time_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"
+    except (OverflowError, ValueError, OSError):
+        return f"{time_ns} ns"
+
+
+def stated_ns(entry: Stamped) -> int:
+    """The time (ns since 1970) that a message states; the recorder's time for a message that states none."""
+    return message_time_ns(entry.message) or entry.log_time_ns
+
+
+def times_of(recording: Recording, topic: Topic) -> Times:
+    """The times (ns) that the messages of a topic state (see `stated_ns`), in the order recorded."""
+    return np.array([stated_ns(entry) for entry in recording.of(topic)], dtype=np.int64)
+
+
 WHOLE: Final = (topics.JOURNEY, topics.PLAN)
 """Topics that keep all messages before the part: a journey holds for all of it, and so may the first plan."""
 HELD: Final = (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS)
@@ -189,7 +207,7 @@ def part_of(recording: Recording, start: str | None, end: str | None) -> Recordi
 
 def _kept(entries: Sequence[Stamped], topic: Topic, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
     """The messages of a topic that say something about the part, in their order."""
-    timed = [(message_time_ns(entry.message) or entry.log_time_ns, entry) for entry in entries]
+    timed = [(stated_ns(entry), entry) for entry in entries]
     if topic in WHOLE:
         return tuple(entry for at_ns, entry in timed if at_ns <= to_ns)
     before = [entry for at_ns, entry in timed if at_ns < from_ns] if topic in HELD else []

@@ -16,6 +16,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
+from das.bus import topics
 from das.bus.contents import Contents, read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, recording_of
@@ -86,3 +87,17 @@ def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
             os.replace(beside, out)
     except OSError as error:
         raise DasError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+def is_session(recording: Recording) -> bool:
+    """Whether a node was at work, so that there must be its words."""
+    return any(recording.of(topic) for topic in (topics.ADVICE, topics.STATUS, topics.CONTROL))
+
+
+def versions(recording: Recording) -> dict[str, str]:
+    """The versions of the programs that took part, by what they did."""
+    nodes = sorted({one.message.version for one in recording.of(topics.STATUS) if one.message.version})
+    found = {"node" if len(nodes) == 1 else f"node {i}": version for i, version in enumerate(nodes, 1)}
+    run = recording.metadata.get("run", {})
+    who = "recorder" if run.get("kind") == "session" else "simulator"
+    return {**({who: run["version"]} if "version" in run else {}), **found}

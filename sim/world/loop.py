@@ -114,11 +114,6 @@ class Run:
     stability: AdviceStability
     decisions: tuple[DriverEvent, ...] = ()
 
-    @property
-    def late_s(self) -> float:
-        """Arrival at the last stop after the timetable's (early < 0)."""
-        return self.calls[-1].late_s
-
 
 class World:
     """One day's run; `run` drives it to its end. `screen` is how the display shows the advice [all of it, at once]."""

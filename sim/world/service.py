@@ -29,8 +29,7 @@ from sim.drivers.cab import Driver
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.parameters import HumanParameters
-from sim.drivers.population import Participant, stream_of
+from sim.drivers.parameters import HumanParameters, Participant, stream_of
 from sim.plant.plant import Patch, Plant
 from sim.recording.inputs import input_files, sha256, vehicle_files
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures

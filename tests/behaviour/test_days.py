@@ -107,7 +107,7 @@ def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Pa
     for seed in range(3):
         day, link = make_day(service, seed), Hears(service)
         run = World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, link).run()
-        assert link.delays_s[-1] == pytest.approx(run.late_s, abs=1e-6)
+        assert link.delays_s[-1] == pytest.approx(run.calls[-1].late_s, abs=1e-6)
 
 
 def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:

@@ -22,7 +22,7 @@ from sim.drive.calls import KeptCall, calls_of
 from sim.drive.limits import told_lists
 from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
-from sim.drivers.population import DEFAULT, Participant, load_population, participant_of
+from sim.drivers.parameters import DEFAULT, Participant, load_population, participant_of
 from sim.drivers.screen import recorded_screen
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import put, sha256, vehicle_files

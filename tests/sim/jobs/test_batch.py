@@ -18,7 +18,8 @@ from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds, summary, write_table
+from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds, write_table
+from sim.jobs.report import summary
 from sim.jobs.runner import Journal, attempted
 from sim.world.outcome import SHARES
 from tests.support.flat_days import FLAT

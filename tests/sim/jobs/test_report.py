@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from sim.jobs.batch import savings
+from sim.jobs.report import savings
 
 
 def row(driver: str, advice: str, seed: int, *, optimum: float, blending: float, profile: float) -> dict[str, Any]:

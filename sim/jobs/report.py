@@ -1,0 +1,203 @@
+"""The results of a batch by scenario, driver and presentation: means over the seeds, and what advice saves.
+
+A saving is split by what saves it: the parts of paired runs, which sum to the difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from rich import box
+from rich.table import Table
+
+from das.command_line.printing import print_table, tell
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.presentations.presenter import presenter_of
+from sim.world.outcome import SHARES
+
+Row = Mapping[str, Any]
+NORMAL_95: Final = 1.96
+SHARE_NAMES: Final = {
+    "component_loss": "loss",
+    "resistance": "run",
+    "friction_brake": "fric",
+    "unreturned": "lost",
+    "comfort": "comf",
+}
+"""Headings of the shares: where the energy went."""
+LEGEND: Final = {
+    "n": "runs",
+    "fail": "failed runs",
+    "late": "mean delay at the last stop (s)",
+    "kWh": "mean energy of a run",
+    "opt": "least energy (kWh) for the times as driven",
+    "loss, run, fric, lost, comf": "shares (%) of the energy that went to losses of the train, running resistance, "
+    "friction brakes, brake resistors, comfort systems",
+}
+"""What is said below the table."""
+SPLIT_LEGEND: Final = {
+    "saved": "energy saved against the same driver without advice on the same days, with its 95 % interval",
+    "times": "because other running times have another optimum",
+    "blend": "by less friction where the motors could brake",
+    "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
+    "track": "by keeping to that profile (–: no perfect driver in this batch, or none who follows this advice)",
+}
+"""What is said below the table of savings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitSaving:
+    """What a presentation saves against no advice, in kWh: means over the seeds that both have.
+
+    `time_shift`: the optimum of the baseline's times is higher. `blending`: less friction where the motors could brake.
+    `profile`: a better speed profile, as it was driven; where a perfect driver, who follows vector and coach, drove the
+    same days, it is the profile of the advice alone, and `tracking` (mostly < 0) is what the driver lost by not keeping
+    to it. The parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (normal).
+    """
+
+    scenario: str
+    driver: str
+    advice: str
+    pairs: int
+    baseline_kwh: float
+    saved_kwh: float
+    interval_kwh: float
+    time_shift_kwh: float
+    blending_kwh: float
+    profile_kwh: float
+    tracking_kwh: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields, for programs."""
+        return dict(vars(self))
+
+
+def savings(rows: Sequence[Row]) -> list[SplitSaving]:
+    """The savings of every presentation over none, for each scenario and driver that has both; failed runs left out.
+
+    A pair is the same day with the same person (column `participant`, where there is one).
+    """
+    good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
+    for row in rows:
+        if row.get("error") is None:
+            runs = good.setdefault((row["scenario"], row["driver"], row["advice"]), {})
+            runs[_Pair(row["seed"], row.get("participant"))] = row
+    found = (_saving(good, *kind) for kind in good if kind[2] != Presentation.NONE)
+    return [one for one in found if one is not None]
+
+
+class _Pair(NamedTuple):
+    """What two runs that are compared have in common: the day and the person."""
+
+    seed: int
+    participant: int | None
+
+
+def _saving(
+    good: Mapping[tuple[str, str, str], Mapping[_Pair, Row]], scenario: str, driver: str, advice: str
+) -> SplitSaving | None:
+    """The saving of one presentation; None where no day was driven without advice as well."""
+    advised, alone = good[scenario, driver, advice], good.get((scenario, driver, Presentation.NONE), {})
+    pairs = [pair for pair in advised if pair in alone]
+    if not pairs:
+        return None
+
+    def less(name: str) -> Any:
+        return np.array([alone[pair][name] - advised[pair][name] for pair in pairs])
+
+    saved = less("energy_kwh")
+    spread = float(saved.std(ddof=1)) if len(pairs) > 1 else float("nan")
+    profile, tracking = float(less("energy_profile_kwh").mean()), None
+    followable = presenter_of(Presentation(advice)).follower() is not None
+    exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if followable else {}
+    followed = {pair.seed: row for pair, row in exact.items()}
+    if driver != DriverKind.PERFECT and all(pair.seed in followed for pair in pairs):
+        lost = [advised[pair]["energy_profile_kwh"] - followed[pair.seed]["energy_profile_kwh"] for pair in pairs]
+        tracking = -float(np.mean(lost))
+        profile -= tracking
+    return SplitSaving(
+        scenario=scenario, driver=driver, advice=advice, pairs=len(pairs),
+        baseline_kwh=float(np.mean([alone[pair]["energy_kwh"] for pair in pairs])),
+        saved_kwh=float(saved.mean()),
+        interval_kwh=NORMAL_95 * spread / len(pairs) ** 0.5,
+        time_shift_kwh=float(less("energy_hindsight_kwh").mean()),
+        blending_kwh=float(less("energy_blending_kwh").mean()),
+        profile_kwh=profile, tracking_kwh=tracking,
+    )  # fmt: skip
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Means over the seeds of each scenario, driver and presentation; failed runs are counted but left out of the
+    means."""
+    groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["scenario"], row["driver"], row["advice"]), []).append(row)
+    return [_summed(*key, group) for key, group in groups.items()]
+
+
+def _summed(scenario: str, driver: str, advice: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    good = [row for row in rows if row.get("error") is None]
+    found: dict[str, Any] = {
+        "scenario": scenario, "driver": driver, "advice": advice, "runs": len(rows), "failed": len(rows) - len(good),
+        "error": next((row["error"] for row in rows if row.get("error") is not None), None),
+    }  # fmt: skip
+    if not good:
+        return found
+    late_s = np.array([row["late_s"] for row in good])
+    found |= {"late_mean_s": float(late_s.mean()), "late_p95_s": float(np.quantile(late_s, 0.95))}
+    for name in ("energy_kwh", "energy_hindsight_kwh", *(f"{share}_kwh" for share in SHARES)):
+        found[name] = float(np.mean([row[name] for row in good]))
+    total = sum(found[f"{share}_kwh"] for share in SHARES)
+    return found | {f"{share}_ratio": found[f"{share}_kwh"] / total for share in SHARES}
+
+
+def print_summary(found: dict[str, Any]) -> None:
+    """Print the table at the end of a batch."""
+    title = f"{found['runs']} runs, {found['made']} of them made now"
+    table = _table(title, ("n", "fail", "late", "kWh", "opt", *SHARE_NAMES.values()))
+    for group in found["groups"]:
+        table.add_row(*_cells(group))
+    print_table(table, LEGEND)
+    print_savings(found["savings"])
+    for group in found["groups"]:
+        if group["error"] is not None:
+            names = f"{group['scenario']}, {group['driver']}, {group['advice']}"
+            tell(f"note: {names}: {group['failed']} failed, the first: {group['error']}")
+    tell(f"written: {found['file']}")
+
+
+def _table(title: str, names: Sequence[str]) -> Table:
+    """A table with a row for each scenario, driver and presentation."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("scenario, driver, advice")
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def print_savings(found: Sequence[SplitSaving]) -> None:
+    """Print what advice saved, split by what saved it; nothing where no run was without advice."""
+    if not found:
+        return
+    table = _table("saved against no advice, split (kWh)", ("n", *SPLIT_LEGEND))
+    for one in found:
+        table.add_row(
+            f"{one.scenario}, {one.driver}, {one.advice}",
+            str(one.pairs),
+            f"{one.saved_kwh:+.1f} ± {one.interval_kwh:.1f}" if one.pairs > 1 else f"{one.saved_kwh:+.1f}",
+            *(f"{part:+.1f}" for part in (one.time_shift_kwh, one.blending_kwh, one.profile_kwh)),
+            "–" if one.tracking_kwh is None else f"{one.tracking_kwh:+.1f}",
+        )
+    print_table(table, SPLIT_LEGEND)
+
+
+def _cells(group: dict[str, Any]) -> list[str]:
+    names = f"{group['scenario']}, {group['driver']}, {group['advice']}"
+    cells = [names, str(group["runs"]), str(group["failed"])]
+    if "energy_kwh" not in group:
+        return cells
+    cells += [f"{group['late_mean_s']:+.0f}", f"{group['energy_kwh']:.1f}", f"{group['energy_hindsight_kwh']:.1f}"]
+    return cells + [f"{100 * group[f'{share}_ratio']:.1f}" for share in SHARE_NAMES]
