@@ -14,17 +14,14 @@ from das.domain.errors import InputError
 from das.domain.losses import Level
 from das.domain.trajectory import EnergyBalance
 from das.front_door import chosen
-from sim.drivers.cab import Presentation
-from sim.drivers.kinds import DriverKind, OwnClass, named_driver
-from sim.drivers.population import Participant, participant_of
+from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver
+from sim.drivers.parameters import Participant, participant_of
 from sim.drivers.presentations.presenter import presenter_of
 from sim.plant.plant import PlantState
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import World
+from sim.world.loop import InProcess, World
 from sim.world.outcome import outcome
 from sim.world.scenario import load_scenario
-from sim.world.service import prepare_service
+from sim.world.service import make_day, prepare_service
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

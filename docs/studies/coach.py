@@ -24,7 +24,7 @@ from das.solver.solve import solve_front
 from docs.studies.driving import KEEPING, WatchedRun, watched_run
 from docs.studies.output import DOCS, write_table
 from precompute.cli.few_switch import PRICES_S, few_switch_rows
-from sim.drivers.cab import Presentation
+from sim.drivers.kinds import Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service

@@ -20,7 +20,7 @@ from das.command_line.files import offscreen_pyplot, save_figure
 from das.domain.units import KM, KMH, kwh
 from docs.studies.driving import WatchedRun, watched_run
 from docs.studies.output import DOCS, write_table
-from sim.drivers.cab import Presentation
+from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import present
 from sim.world.disturbances import SignalStop, TrainAhead
 from sim.world.outcome import outcome

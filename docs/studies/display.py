@@ -16,14 +16,14 @@ from das.advice.regimes import Regime
 from das.domain.units import KMH
 from docs.studies.driving import driven, human_of, with_interval
 from docs.studies.output import DOCS, write_table
-from sim.drivers.cab import AdviceView, CabView, Presentation
+from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 from sim.experiment.factors import day_of
 from sim.plant.plant import Command
-from sim.world.day import make_day
 from sim.world.outcome import outcome
-from sim.world.service import Service, prepare_service
+from sim.world.service import Service, make_day, prepare_service
 
 SEEDS: Final = tuple(range(12))
 REFRESHED_S: Final = 10.0

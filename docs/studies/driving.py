@@ -14,15 +14,13 @@ from das.advice.coach.keeping import StandingReference
 from das.advice.coach.settings import CoachSettings, KeepingSettings
 from das.advice.settings import AdviceSettings
 from das.cab.cab import Cab
-from sim.drivers.cab import Driver, Presentation
+from sim.drivers.cab import Driver
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import DriverKind, FrictionPolicy
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import presenter_of
-from sim.world.day import Day, make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, Tick, World
-from sim.world.service import Service
+from sim.world.loop import InProcess, Run, Tick, World
+from sim.world.service import Day, Service, make_day
 
 KEEPING: Final = KeepingSettings()
 NORMAL_95: Final = 1.96

@@ -16,14 +16,14 @@ import numpy as np
 from das.advice.regimes import Regime
 from docs.studies.driving import driven, human_of
 from docs.studies.output import DOCS, write_table
-from sim.drivers.cab import CabView, Presentation
+from sim.drivers.cab import CabView
 from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.plant.plant import Command
-from sim.world.day import make_day
 from sim.world.loop import LOOK_S
 from sim.world.scenario import load_scenario
-from sim.world.service import Service, prepare_service
+from sim.world.service import Service, make_day, prepare_service
 
 SEEDS: Final = tuple(range(20))
 EFFORT_RATIO, BURST_S = 0.1, 4.0

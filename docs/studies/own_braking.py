@@ -17,15 +17,14 @@ from das.domain.braking import SiteBraking
 from das.domain.units import kwh
 from docs.studies.driving import driven, human_of, with_interval
 from docs.studies.output import DOCS, write_table
-from sim.drivers.cab import CabView, Presentation
+from sim.drivers.cab import CabView
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import DriverKind, FrictionPolicy
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.experiment.factors import day_of
 from sim.plant.plant import Command
-from sim.world.day import make_day
 from sim.world.outcome import DayOutcome, outcome
-from sim.world.service import Service, prepare_service
+from sim.world.service import Service, make_day, prepare_service
 
 SEEDS: Final = tuple(range(12))
 PERFECT_SEEDS: Final = 3

@@ -17,8 +17,9 @@ from das.domain.route import Floats, Route
 from das.domain.units import KM, KMH
 from das.domain.vehicle import Vehicle
 from sim.drivers.cab import AT_STOP_M, CabView, Driver
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import Plant, PlantState
 
 LOOK_S: Final = 0.2

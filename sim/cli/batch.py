@@ -31,7 +31,7 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.options import PopulationOption
 
 if TYPE_CHECKING:
-    from sim.drivers.population import Participant
+    from sim.drivers.parameters import Participant
     from sim.jobs.batch import BatchJob
     from sim.jobs.runner import Rows
     from sim.jobs.sensitivity import Sensitivity, SensitivityJob, SensitivityRun
@@ -135,7 +135,7 @@ def _participants(
     drivers: Sequence[DriverKind | OwnClass], numbers: str | None, population: str | None
 ) -> list[Participant]:
     """The participants of a list; DasError without a human driver, or for a population that cannot be used."""
-    from sim.drivers.population import DEFAULT, Participant, load_population
+    from sim.drivers.parameters import DEFAULT, Participant, load_population
     from sim.jobs.batch import parse_seeds
 
     if numbers is None:
@@ -181,7 +181,7 @@ def sensitivity(
     with the same chances. A parameter that the population does not draw is varied by a fifth of its default.
     """
     with busy("reading the scenario …"):
-        from sim.drivers.population import DEFAULT, load_population
+        from sim.drivers.parameters import DEFAULT, load_population
         from sim.jobs.batch import parse_seeds
         from sim.jobs.sensitivity import Study, sensitivities, sensitivity_markdown
         from sim.world.scenario import load_scenario

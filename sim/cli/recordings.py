@@ -76,7 +76,7 @@ def recover(
     """Save what is sound in a cut or damaged recording into a new file, and say what is gone."""
     check_outputs(out, inputs=(file,), overwrite=overwrite)
     with busy(f"reading {file} …"):
-        from sim.recording.check import utc
+        from sim.recording.course import utc
         from sim.recording.recover import recover as save
 
         found = save(file, out)
@@ -147,7 +147,7 @@ def _print_reproduction(found: Reproduction) -> None:
 
 
 def _print_first(first: Difference, found: Reproduction) -> None:
-    from sim.recording.check import utc
+    from sim.recording.course import utc
 
     tell(f"  {first.topic} of tick {first.tick}, {utc(first.time_ns)} UTC")
     if first.today is None or first.recorded is None:
@@ -239,7 +239,7 @@ def view(
     """
     check_picture(plot)
     check_outputs(save, plot, inputs=(file,), overwrite=overwrite)
-    from sim.recording.clock import part_of
+    from sim.recording.course import part_of
     from sim.recording.opening import open_recording
     from sim.review.colors import THEMES
     from sim.review.view import open_view, save_picture, save_view

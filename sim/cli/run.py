@@ -51,16 +51,16 @@ from sim.drivers.kinds import (
 )
 from sim.options import ParticipantOption, PopulationOption, SpeedOption, speed_factor
 from sim.progress import progress_bar
-from sim.recording.metadata import typed_command
+from sim.recording.opening import typed_command
 
 if TYPE_CHECKING:
     from das.bus.config import BusFolder
     from sim.drivers.cab import Driver
-    from sim.world.day import Day
     from sim.world.external import ExternalDriver
     from sim.world.loop import Run
     from sim.world.outcome import DayResult, RecordedFigures
     from sim.world.scenario import Scenario
+    from sim.world.service import Day
 
 
 def scenarios(as_json: JsonOption = False) -> None:
@@ -126,10 +126,9 @@ def run(
         from das.cab.warm_up import warm_up
         from das.command_line.files import warn_unusual
         from sim.drivers.own_class import driver_versions
-        from sim.drivers.population import participant_of
-        from sim.world.day import make_day
+        from sim.drivers.parameters import participant_of
         from sim.world.scenario import load_scenario
-        from sim.world.service import prepare_service
+        from sim.world.service import make_day, prepare_service
 
         driver_versions(who)
         person = participant_of(who, participant, population)
@@ -151,7 +150,7 @@ def run(
 
 def _tell(found: DayResult, as_json: bool) -> None:
     """Print what a run came to."""
-    from sim.world.report import print_result
+    from sim.world.outcome import print_result
 
     if as_json:
         print(json.dumps(found.as_dict()))
@@ -225,8 +224,7 @@ def _drive(day: Day, options: _Asked) -> DayResult:
 def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, RecordedFigures | None]:
     """The run, and figures of its recording."""
     from sim.drivers.presentations.presenter import presenter_of
-    from sim.world.in_process import InProcess
-    from sim.world.loop import World
+    from sim.world.loop import InProcess, World
     from sim.world.outcome import RecordedFigures
     from sim.world.over_bus import How, make_processes, run_over_bus
 
@@ -358,9 +356,9 @@ def drive(
         from das.bus.access import Role
         from das.bus.config import BusFolder, bus_options
         from das.bus.session import Bus
+        from sim.drivers.drivers import make_driver
         from sim.drivers.knowledge import LineKnowledge
-        from sim.drivers.population import participant_of, stream_of
-        from sim.drivers.registry import make_driver
+        from sim.drivers.parameters import participant_of, stream_of
         from sim.world.external import HEARD, answer_looks, warm_up
         from sim.world.scenario import load_scenario
         from sim.world.service import lay_out

@@ -37,7 +37,7 @@ from das.domain.units import NS, kwh
 from sim.cli.options import TripArgument, new_recording, removed_if_unused, tell_written
 from sim.options import ReplayOptions, TripOptions
 from sim.progress import progress_bar
-from sim.recording.metadata import typed_command
+from sim.recording.opening import typed_command
 
 if TYPE_CHECKING:
     from sim.bundled.hurried import HurriedState

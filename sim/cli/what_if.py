@@ -23,7 +23,7 @@ from das.domain.files.writing import new_file
 from sim.cli.options import RecordingArgument, removed_if_unused
 from sim.options import NodeSaid, OfTrainOption
 from sim.progress import progress_bar
-from sim.recording.metadata import WhatIfKind
+from sim.recording.opening import WhatIfKind
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
 if TYPE_CHECKING:

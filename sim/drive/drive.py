@@ -25,8 +25,7 @@ from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
 from sim.drive.limits import TemporaryLimit, Violations, limit_in_force, temporary_limits, violations_of
 from sim.drive.stability import AdviceStability, recorded_stability
-from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse, Floats
+from sim.recording.course import DriveClock, DrivenCourse, Floats
 from sim.recording.inputs import DriveInputs, inputs_of
 from sim.recording.opening import open_recording
 

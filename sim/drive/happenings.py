@@ -15,8 +15,7 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS
 from sim.drive.events.notes import read_notes
-from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse
+from sim.recording.course import DriveClock, DrivenCourse
 
 HEARD_NS: Final = 3_000_000_000
 """A message that withdraws the advice does not say how long it is valid; it counts for this long (ns)."""

@@ -14,17 +14,6 @@ from sim.drivers.kinds import Presentation
 from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
 
-__all__ = [
-    "AT_STOP_M",
-    "AdviceView",
-    "CabView",
-    "Driver",
-    "Efforts",
-    "Presentation",
-    "lever_ratio",
-    "whole_kmh_mps",
-]
-
 AT_STOP_M = 10.0
 """A train that stands this near (m) to its stop is at it, with the doors at the platform; it does not creep on."""
 

@@ -1,35 +1,235 @@
-"""A human driver: glances now and then, reacts late, does not always follow, errs, and improves with practice."""
+"""A human driver: glances at the display now and then, reacts late, does not always follow advice, and errs."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from das.advice.regimes import Regime
-from sim.drivers.attention import Chance, DisplayReading, Lapses, ReactionTimes, advice_kind
 from sim.drivers.cab import AdviceView, CabView, Diary, DriverEvent, Efforts
 from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, HumanSettings, StopMark
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
-from sim.drivers.rules import TimeRule
-from sim.drivers.tracking import RULE
+from sim.drivers.tracking import RULE, TimeRule
 from sim.plant.plant import COAST, Command, lever
 
+
+class Chance:
+    """The random numbers of a driver: one stream for each kind of chance, so that a parameter changes no other's."""
+
+    def __init__(self, seed: int, stream: int) -> None:
+        streams = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(7)
+        generators = [np.random.default_rng(one) for one in streams]
+        self.reactions, self.choices, self.looks, self.lapses, self.marks, self.speed, self.force = generators
+
+
+class ReactionTimes:
+    """A driver's reaction times, drawn from a lognormal distribution and noted in his diary."""
+
+    def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
+        self._human, self._random, self._diary = human, chance.reactions, diary
+
+    def draw(self, now_s: float, *, of_itself: float = 1.0) -> float:
+        """How long (s) the next reaction takes; a reaction to an announced change takes only the share `of_itself`."""
+        human = self._human
+        normal = float(self._random.standard_normal())
+        reaction_s = human.reaction_median_s * math.exp(human.reaction_log_sd * normal)
+        if of_itself < 1.0:
+            self._diary.note(now_s, "expected", of_itself)
+            reaction_s *= of_itself
+        self._diary.note(now_s, "reaction", reaction_s)
+        return reaction_s
+
+
+_KINDS: dict[int, str] = {
+    Regime.FULL_TRACTION: "traction",
+    Regime.REDUCED_TRACTION: "traction",
+    Regime.CRUISE: "hold",
+    Regime.COAST: "coast",
+    Regime.REDUCED_BRAKE: "brake",
+    Regime.FULL_BRAKE: "brake",
+    Regime.FRICTION_BRAKE: "brake",
+}
+"""The kind of advice, to which a compliance parameter belongs, by the driving regime that it asks for."""
+
+
+def says_mode(view: AdviceView) -> bool:
+    """Whether the advice says how to drive; advice that does not shows a highest speed at most."""
+    return presenter_of(view.presentation).says_mode
+
+
+def advice_kind(view: AdviceView) -> str | None:
+    """The kind of advice: traction, hold, coast or brake; None for no advice."""
+    return _KINDS.get(_shown_mode(view))
+
+
+def _shown_mode(view: AdviceView) -> int:
+    """The driving regime that an advice asks for; a display that shows none asks to hold another speed."""
+    return view.mode if says_mode(view) else int(Regime.CRUISE)
+
+
+class Lapses:
+    """Lapses of the driver's attention: they begin at random, and the train's speed warning ends them early."""
+
+    def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
+        self._human, self._random, self._diary = human, chance.lapses, diary
+        self._next_s, self._awake_s = -math.inf, -math.inf
+
+    def away(self, cab: CabView, allowed_mps: float) -> bool:
+        """Whether attention is away now; `allowed_mps` is the highest speed at which he would drive here."""
+        human, now_s = self._human, cab.time_s
+        if human.lapses_per_h <= 0:
+            return False
+        if not math.isfinite(self._next_s):
+            self._next_s = now_s + self._until_next()
+        if now_s >= self._next_s:
+            length_s = human.lapse_mean_s * float(self._random.standard_exponential())
+            self._diary.note(now_s, "lapse", length_s)
+            self._awake_s = now_s + length_s
+            self._next_s = self._awake_s + self._until_next()
+        if cab.speed_mps > allowed_mps + human.below_limit_mps + HEEDING.warning_mps:
+            self._awake_s = min(self._awake_s, now_s)
+        return now_s < self._awake_s
+
+    def _until_next(self) -> float:
+        return 3600.0 / self._human.lapses_per_h * float(self._random.standard_exponential())
+
+
+class Heeded(NamedTuple):
+    """The advice that the driver saw last (`view`), and whether he follows it.
+
+    `reached`: the train has reached the speed up to which the advice accelerates.
+    """
+
+    view: AdviceView | None = None
+    follows: bool = False
+    reached: bool = False
+
+    @property
+    def task(self) -> int | None:
+        """The driving regime of the advice that he follows; None where it shows none, or he drives by himself."""
+        return self.view.mode if self.by_effort and self.view is not None else None
+
+    @property
+    def by_effort(self) -> bool:
+        """Whether he follows advice that says how to drive."""
+        return self.follows and self.view is not None and says_mode(self.view)
+
+
+class Announced(NamedTuple):
+    """The change that the display announced last: its driving regime, and when it is due (s on the cab's clock)."""
+
+    mode: int = Regime.NONE
+    due_s: float = math.inf
+
+
+class DisplayReading:
+    """Glances at the display, decides whether to follow new advice, and acts on the decision after a reaction time."""
+
+    def __init__(self, human: HumanParameters, chance: Chance, times: ReactionTimes, diary: Diary) -> None:
+        self._human, self._chance, self._times, self._diary = human, chance, times, diary
+        self._glance_s, self._act_s = -math.inf, math.inf
+        self._seen: AdviceView | None = None
+        self._judged: tuple[object, ...] | None = None
+        self._pending: bool | None = None
+        self._noticed = 0
+        self._announced = Announced()
+        self.heeded = Heeded()
+        """The advice as he heeds it now."""
+
+    def reach(self) -> None:
+        """Note that the advised acceleration has reached its speed; he holds that speed until the advice changes."""
+        self.heeded = self.heeded._replace(reached=True)
+
+    def depart(self, cab: CabView) -> None:
+        """Look at the display anew as the train departs; he has had his reaction time, so that he acts at once."""
+        self.heeded, self._judged, self._pending = Heeded(), None, None
+        self._glance(cab)
+        if self._pending is not None:
+            self._act_s = cab.time_s
+            self.look(cab)
+
+    def look(self, cab: CabView) -> None:
+        """Glance at the display if it is time to, and act on a decision whose reaction time is over."""
+        if cab.time_s >= self._glance_s:
+            self._glance(cab)
+        if self._pending is not None and cab.time_s >= self._act_s:
+            self._diary.note(self._act_s, "acted", float(self._pending))
+            self.heeded = self.heeded._replace(view=self._seen, follows=self._pending)
+            self._pending = None
+
+    def _glance(self, cab: CabView) -> None:
+        """Look at the display, and judge what is new on it."""
+        human, now_s = self._human, cab.time_s
+        beyond_s = max(human.glance_mean_s - human.glance_least_s, 0.0)
+        self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
+        self._seen = view = cab.shown
+        self._diary.note(now_s, "glance", 0 if view is None else view.mode)
+        read = None if view is None else view.departure  # He drives, so the train has been cleared.
+        item = None if read is None else (read.presentation, *presenter_of(read.presentation).item(read))
+        if item != self._judged:
+            self._judged = item
+            self.heeded = self.heeded._replace(reached=False)
+            self._judge(read, now_s)
+        self._expect(view, now_s)
+        if self._pending is None:
+            self.heeded = self.heeded._replace(view=view)
+
+    def _expect(self, view: AdviceView | None, now_s: float) -> None:
+        """Remember the next change that the display announces, and look again when it is due."""
+        if view is None or view.next_mode == Regime.NONE or not math.isfinite(view.next_change_s):
+            return
+        self._announced = Announced(view.next_mode, view.time_s + view.next_change_s)
+        if self._announced.due_s >= now_s + self._human.glance_least_s:
+            self._glance_s = min(self._glance_s, self._announced.due_s)
+
+    def _reaction_s(self, mode: int, now_s: float) -> float:
+        """How long the reaction takes: shorter to a change that was announced."""
+        expected = mode == self._announced.mode and abs(now_s - self._announced.due_s) <= HEEDING.expected_within_s
+        return self._times.draw(now_s, of_itself=self._human.expected_ratio if expected else 1.0)
+
+    def _judge(self, view: AdviceView | None, now_s: float) -> None:
+        """Decide whether to follow new advice, and when to act; withdrawn advice is given up after a reaction."""
+        kind = None if view is None else advice_kind(view)
+        if self._pending is not None:
+            self._diary.note(now_s, "changed", self._noticed)
+        self._noticed = 0 if view is None or kind is None else _shown_mode(view)
+        self._diary.note(now_s, "noticed", self._noticed)
+        if view is None or kind is None:
+            self._pending = False
+            self._act_s = now_s + self._reaction_s(Regime.NONE, now_s) if self.heeded.follows else now_s
+            return
+        follow = bool(self._chance.choices.random() < self._followed_ratio(view, kind))
+        self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
+        self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
+
+    def _followed_ratio(self, view: AdviceView, kind: str) -> float:
+        """The probability that he follows advice of a kind; a reason shown beside it may reduce the refusals."""
+        human = self._human
+        followed = float(getattr(human, f"comply_{kind}_ratio"))
+        if not view.reason or human.reason_refusal_ratio == 1.0:
+            return followed
+        return 1.0 - human.reason_refusal_ratio * (1.0 - followed)
+
+
 BEGUN_RATIO = 0.5
-"""A driver who has set this share of an effort has begun with it."""
+"""A driver who has set this share of an effort has begun the acceleration or brake."""
 
 
 class Motion:
-    """The motion that the driver feels: the time of the last look, the speed then, and how it changes."""
+    """The acceleration that the driver feels, from the speeds at his last two looks."""
 
     def __init__(self) -> None:
         self._now_s, self._speed_mps = -math.inf, 0.0
         self.rate_mps2 = 0.0
-        """Change of the speed between the last two looks (m/s²)."""
+        """Acceleration between the last two looks (m/s²)."""
 
     def feel(self, cab: CabView) -> float:
-        """Take note of a look; returns the time (s) since the last one, 0 at the first."""
+        """Note the speed at a look; returns the time (s) since the last look, 0 at the first."""
         span_s = max(cab.time_s - self._now_s, 0.0) if math.isfinite(self._now_s) else 0.0
         if span_s > 0:
             self.rate_mps2 = (cab.speed_mps - self._speed_mps) / span_s
@@ -38,7 +238,7 @@ class Motion:
 
 
 class Departure:
-    """When a standing train is set in motion: one reaction after it may go."""
+    """When the driver sets a standing train in motion: one reaction time after it may go."""
 
     def __init__(self, times: ReactionTimes) -> None:
         self._times = times
@@ -46,10 +246,7 @@ class Departure:
         self._stood = False
 
     def begins(self, cab: CabView) -> bool:
-        """Whether this is the first look since the train stood; asked once.
-
-        A train that moves has departed: where it stands next, even between stops, it is set in motion anew.
-        """
+        """Whether this is the first look since the train stood (asked once a look); a moving train has departed."""
         if cab.speed_mps > 0:
             self._depart_s = math.inf
         stood, self._stood = self._stood, False
@@ -67,9 +264,9 @@ class Departure:
 
 
 class HumanDriver:
-    """Drives by what the cab shows, with a human's limits; the same seed and stream drive the same, bit for bit.
+    """Drives by what the cab shows, with a human's limits; the same seed and stream give the same drive, bit for bit.
 
-    The driver minds limits and stops all the time, except in lapses, and the display only at glances.
+    Except in lapses the driver minds limits and stops all the time, the display only at glances.
     """
 
     def __init__(
@@ -124,7 +321,7 @@ class HumanDriver:
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
     def _wanted(self, cab: CabView, outlook: Outlook) -> float:
-        """The setting that he wants now: by advice or habit, but never more than limits and stops let."""
+        """The setting that he wants now, by advice or habit, but never more than limits and stops allow."""
         handling, heeded, reach_s = self.handling, self._display.heeded, self._hand.reach_s
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
@@ -140,7 +337,7 @@ class HumanDriver:
 
     @property
     def _by_top_speed(self) -> bool:
-        """Whether he follows advice that says a highest speed."""
+        """Whether he follows a display of a top speed."""
         view, follows = self._display.heeded.view, self._display.heeded.follows
         return follows and view is not None and presenter_of(view.presentation).speed_is(view.mode) is SpeedIs.HIGHEST
 
@@ -151,9 +348,9 @@ class HumanDriver:
         return min(max(lever_ratio * self._errors.force_ratio, -1.0), 1.0)
 
     def to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The setting for the effort and the speed shown; when the speed is reached, he sees it himself and holds it.
+        """The setting for the effort and the speed shown; when the train reaches the speed, he sees that and holds it.
 
-        Where no effort is shown, it is all traction, or his own brake.
+        Where the display shows no effort, he uses full traction, or brakes as he plans to.
         """
         target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
         if math.isnan(effort):
@@ -174,7 +371,7 @@ class HumanDriver:
         return 0.0 if self._soon_over(cab, outlook, effort, target) else self.set_effort(effort)
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
-        """Whether he has not begun to accelerate or brake to a speed, and would be done so soon that he does not."""
+        """Whether he has not begun to accelerate or brake to a speed and does not, because it would be over so soon."""
         if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):
             return False
         efforts = self.handling.efforts
@@ -183,7 +380,7 @@ class HumanDriver:
         return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """The highest speed that he drives at: the display's reduced maximum, or between keeping time and haste."""
+        """The highest speed at which he drives: the display's top speed, or his own between just in time and fast."""
         heeded = self._display.heeded
         if heeded.view is not None and self._by_top_speed:
             return heeded.view.shown_speed_mps
@@ -192,10 +389,9 @@ class HumanDriver:
 
     @property
     def _haste_ratio(self) -> float:
-        """How he drives between just in time (0) and as fast as allowed (1), without advice on how to drive.
+        """How he drives without advice on how to drive: from just in time (0) to as fast as allowed (1).
 
-        Where he is told how late the train is, he drives faster when it is late and slower when it is early, in
-        proportion, up to one end or the other.
+        Where the display shows how late the train is, he drives faster in proportion when late, and slower when early.
         """
         haste, heeded = self.parameters.haste_ratio, self._display.heeded
         if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):

@@ -8,20 +8,102 @@ from typing import NamedTuple
 
 import numpy as np
 
+from das.compiling import kernel
 from das.domain.formulary import curve_resistance_mps2
 from das.domain.restriction import Restriction
-from das.domain.route import POSITION_TOLERANCE_M, Floats, Route, Stretches
+from das.domain.route import NEUTRAL, POSITION_TOLERANCE_M, Floats, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
-from sim.drivers import knowledge_kernels as kernels
 from sim.drivers.cab import CabView
-from sim.plant.kernels import TrainNumbers
+from sim.plant.kernels import TrainNumbers, brake_effort, running_resistance, traction_effort
 from sim.plant.plant import train_numbers
 
 CELL_M = 5.0
 """The line is remembered in cells of this length (m), counted back from the halt."""
 SLOWEST_CAP_MPS = 20.0 * KMH
 CAP_HALVINGS = 14
+
+
+_LEAST_BRAKING_MPS2 = 0.02
+"""A train is assumed to brake at least this much (m/s²), because the ceiling would otherwise rise without end."""
+_CRAWL_MPS = 0.5
+"""A train in front of something that it cannot climb is assumed to crawl at this speed."""
+
+
+@kernel
+def ceiling(
+    step: float, limit: Floats, line_n: Floats, tunnel: Floats, supply: Floats, braking: float, reserve: float,
+    p: TrainNumbers,
+) -> Floats:  # fmt: skip
+    """w at the nodes from which limits ahead and the end's standstill are kept with the planned deceleration.
+
+    Planned: at most `braking` (m/s²), and at most a share `reserve` of what the brakes can do at the faster end.
+    """
+    n = limit.size
+    w = np.zeros(n + 1)
+    for i in range(n - 1, -1, -1):
+        cap = min(limit[i], limit[max(i - 1, 0)]) ** 2
+        w1 = min(w[i + 1], cap)
+        v = math.sqrt(min(w1 + 2.0 * step * braking, cap))
+        # Without motors only what does not need the line is left.
+        effort = brake_effort(v, 1.0, p) if supply[i] >= 0.0 else min(p.friction_force_n, brake_effort(v, 1.0, p))
+        can = (reserve * effort + running_resistance(v, 0.0, tunnel[i], p) + line_n[i]) / p.inertial_mass_kg
+        w[i] = min(cap, w1 + 2.0 * step * max(min(braking, can), _LEAST_BRAKING_MPS2))
+    return w
+
+
+@kernel
+def needed_braking(step: float, first: float, w: Floats, s: float, v: float, least_way: float) -> float:
+    """The least steady deceleration (m/s²) from v at s that keeps under w everywhere ahead; negative: none is needed.
+
+    Excess right ahead is given `least_way` (m) to go. `first` is the position of w's first node.
+    """
+    needed = -math.inf
+    i = max(int((s - first) / step) + 1, 0)
+    while i < w.size:
+        way = max(first + step * i - s, least_way)
+        needed = max(needed, (v * v - w[i]) / (2.0 * way))
+        if v * v / (2.0 * way) < needed:
+            break  # further on not even a standstill needs more
+        i += 1
+    return needed
+
+
+@kernel
+def run_time(
+    step: float, top: Floats, cap: float, line_n: Floats, tunnel: Floats, supply: Floats, start: int, w0: float,
+    p: TrainNumbers,
+) -> float:  # fmt: skip
+    """Time (s) of the fastest run from node `start`, where it has w0, under a ceiling `top` and a cap (w)."""
+    w = min(w0, top[start], cap)
+    v = math.sqrt(w)
+    total = 0.0
+    for i in range(start, line_n.size):
+        pull = 0.0 if supply[i] == NEUTRAL else traction_effort(v, 1.0, p)
+        rate = (pull - running_resistance(v, 0.0, tunnel[i], p) - line_n[i]) / p.inertial_mass_kg
+        reached = max(w + 2.0 * step * min(rate, p.max_acceleration_mps2), _CRAWL_MPS * _CRAWL_MPS)
+        w = min(reached, top[i + 1], cap)
+        before = v
+        v = math.sqrt(w)
+        total += 2.0 * step / max(before + v, _CRAWL_MPS)
+    return total
+
+
+@kernel
+def cap_for_time(
+    step: float, top: Floats, line_n: Floats, tunnel: Floats, supply: Floats, start: int, w0: float, wanted: float,
+    fastest_mps: float, slowest_mps: float, halvings: int, p: TrainNumbers,
+) -> float:  # fmt: skip
+    """The one highest speed (m/s) with which the run from node `start` takes the wanted time (s), by bisection."""
+    low = slowest_mps
+    high = fastest_mps
+    for _ in range(halvings):
+        middle = 0.5 * (low + high)
+        if run_time(step, top, middle * middle, line_n, tunnel, supply, start, w0, p) > wanted:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +169,7 @@ class Outlook:
         self._line_n = _line_n(line, node_m)
         self._tunnel = _tunnels(line, node_m)
         self._supply = _least(line.supply, node_m)
-        self._top = kernels.ceiling(
+        self._top = ceiling(
             CELL_M, limit, self._line_n, self._tunnel, self._supply, habit.braking_mps2,
             habit.reserve_ratio, self.train,
         )  # fmt: skip
@@ -103,7 +185,7 @@ class Outlook:
 
     def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
         """The steady deceleration (m/s²) that keeps what is allowed ahead; excess right ahead is given a way to go."""
-        return float(kernels.needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
+        return float(needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
 
     def resisting_n(self, s_m: float, speed_mps: float) -> float:
         """The force (N) that holds the train back here: running resistance, tunnel, curves and gradient."""
@@ -115,7 +197,7 @@ class Outlook:
     def cap_for(self, time_s: float, s_m: float, speed_mps: float) -> float:
         """The reduced maximum speed with which the halt is reached in a time (s) from here."""
         return float(
-            kernels.cap_for_time(
+            cap_for_time(
                 CELL_M, self._top, self._line_n, self._tunnel, self._supply, self._cell(s_m)[0], speed_mps**2, time_s,
                 self.top_mps, SLOWEST_CAP_MPS, CAP_HALVINGS, self.train,
             )

@@ -94,6 +94,25 @@ class RollOff:
         return self._slowest_mps if self._slowest_mps < math.inf else None
 
 
+class TimeRule:
+    """Experience with the line: the one highest speed with which the rest of the way takes the time that is left."""
+
+    def __init__(self, every_s: float = math.inf) -> None:
+        self._every_s = every_s
+        self._journey: tuple[float, float] | None = None
+        self._judged_s, self._cap_mps = -math.inf, math.inf
+
+    def cap_mps(self, cab: CabView, outlook: Outlook) -> float:
+        """That speed (m/s), judged at departure for a stop and then every while, but not towards a signal at danger."""
+        journey = (cab.stop_m, cab.arrival_s)
+        due = journey != self._journey or cab.time_s - self._judged_s >= self._every_s
+        if due and cab.signal_m >= cab.stop_m:
+            self._journey, self._judged_s = journey, cab.time_s
+            left_s = max(cab.arrival_s - cab.time_s - RULE.spare_s, 0.0)
+            self._cap_mps = outlook.cap_for(left_s, cab.s_m, cab.speed_mps)
+        return self._cap_mps
+
+
 def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n: float = math.inf) -> Command:
     """Keep to the highest speed allowed here and where a changed effort will have built up."""
     v, s = cab.speed_mps, cab.s_m

@@ -21,7 +21,7 @@ from das.domain.errors import MISSING, DasError
 from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, number, read_json, read_text, read_toml
 from das.domain.files.writing import make_folder, write_whole
-from sim.drivers.population import DEFAULT, load_population
+from sim.drivers.parameters import DEFAULT, load_population
 from sim.experiment.factors import DEFAULTS, FACTORS, FactorLevel, Setting, setting_files
 from sim.experiment.measures import MEASURES
 from sim.experiment.plan import (

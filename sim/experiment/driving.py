@@ -15,17 +15,16 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
-from sim.drivers.population import Participant, Population, load_population
+from sim.drivers.parameters import Participant, Population, load_population
 from sim.experiment.factors import Setting
 from sim.jobs.runner import JobRecording, ServiceMemory, drive_day
 from sim.plant import kernels
 from sim.plant.kernels import Command
 from sim.plant.plant import PlantState
-from sim.world.day import Day, make_day
 from sim.world.loop import LOOK_S, TICK_S, Run
 from sim.world.outcome import DayOutcome, outcome, true_fronts
 from sim.world.over_bus import How
-from sim.world.service import Service
+from sim.world.service import Day, Service, make_day
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3

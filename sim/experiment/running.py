@@ -18,7 +18,7 @@ from das import __version__
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers, source_sha256
-from sim.drivers.population import load_population
+from sim.drivers.parameters import load_population
 from sim.experiment.design import Design, resolved
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
 from sim.experiment.factors import Setting, setting_files
@@ -39,7 +39,7 @@ from sim.experiment.study_files import (
 from sim.experiment.trials import trials_of
 from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner, write_files
 from sim.recording.inputs import sha256
-from sim.recording.metadata import typed_command
+from sim.recording.opening import typed_command
 from sim.world.service import PLANNED
 
 FAILED: Final = ("trial", "participant", "condition", "error")

@@ -19,8 +19,7 @@ from das.domain.levels import Level
 from das.domain.units import NS
 from sim.drive.export.tables import Column, DataTable, as_parquet
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
-from sim.drivers.parameters import HumanParameters
-from sim.drivers.population import load_population
+from sim.drivers.parameters import HumanParameters, load_population
 from sim.drivers.presentations.presenter import Shown, presenter_of
 from sim.experiment.design import Design
 from sim.experiment.driving import Driven, StudyTrial

@@ -22,18 +22,17 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.losses import Level
 from precompute.workers import source_sha256
-from sim.drivers.cab import DriverEvent, Presentation
-from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
+from sim.drivers.cab import DriverEvent
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.own_class import driver_versions
-from sim.drivers.population import Participant
+from sim.drivers.parameters import Participant
 from sim.jobs.runner import JobRecording, JobResult, ServiceMemory, drive_day
 from sim.recording.inputs import sha256
-from sim.world.day import make_day
 from sim.world.disturbances import described
 from sim.world.outcome import SHARES, outcome
 from sim.world.over_bus import How
 from sim.world.scenario import load_scenario, read_scenario
-from sim.world.service import lay_out, scenario_files
+from sim.world.service import lay_out, make_day, scenario_files
 
 MOST_SEEDS = 1_000_000
 """Most seeds in one range; a larger range is taken for a typing error."""

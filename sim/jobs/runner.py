@@ -32,12 +32,10 @@ from precompute.workers import Workers
 from sim.drivers.cab import Driver
 from sim.drivers.presentations.presenter import presenter_of
 from sim.progress import progress_bar
-from sim.world.day import Day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, World
+from sim.world.loop import InProcess, Run, World
 from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import Scenario
-from sim.world.service import Service, prepare_service
+from sim.world.service import Day, Service, prepare_service
 
 Rows = Mapping[str, Mapping[str, Any]]
 """The rows of a journal by the hashes of their inputs."""

@@ -12,13 +12,12 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.losses import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
-from sim.drivers.parameters import HumanParameters
-from sim.drivers.population import Population, Spread
+from sim.drivers.parameters import HumanParameters, Population, Spread
 from sim.jobs.runner import ServiceMemory, drive_day
-from sim.world.day import make_day
 from sim.world.outcome import outcome
 from sim.world.over_bus import How
 from sim.world.scenario import read_scenario
+from sim.world.service import make_day
 
 ASSUMED_SD_RATIO: Final = 0.2
 """Standard deviation, as a share of the default, of a parameter that the population does not draw."""

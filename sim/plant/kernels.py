@@ -1,8 +1,8 @@
-"""Numba kernels of the simulated train: one step, and many. They check nothing and share no code with the solver.
+"""Numba kernels of the simulated train: the line under it, one step, and many. They check nothing.
 
 Symbols: x state, u command, p the train's numbers, a its actuators, c its losses, line and supply arrays of the route,
 weather patches (see `sim.plant.plant`), s position of the head (m), v speed (m/s), dt step (s), f wheel force (N).
-Traction > 0, brakes < 0.
+Traction > 0, brakes < 0. The kernels share no code with the solver.
 """
 
 from __future__ import annotations
@@ -15,21 +15,20 @@ from numpy.typing import NDArray
 from das.compiling import kernel
 from das.domain.route import NEUTRAL
 from das.domain.units import STANDARD_GRAVITY_MPS2
-from sim.plant.line_kernels import line_means, supply_at, weather_at
 
 NO_LIMIT_N = 1e30
 """A force no train reaches (finite, so that products stay defined)."""
 FORCE, LEVER, SPEED = 0, 1, 2
-"""Laws of a command."""
+"""Values of `Command.law`: what the command's `value` means."""
 
 
 class Command(NamedTuple):
     """What the controller asks of the train until the next command; make one with `force`, `lever` or `speed`.
 
     By `law`, `value` is FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all brakes
-    (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, changing by `rate_mps2`, with
+    (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, which changes by `rate_mps2`, with
     `force_n` + `gain_per_s` × inertial mass × (wanted − actual speed). The force stays within `low_n` and `high_n`.
-    `friction_ratio` of a braking force is asked of the friction brake even where the electric brake could give it.
+    The friction brake gives at least the share `friction_ratio` of a braking force.
     """
 
     law: int
@@ -45,10 +44,10 @@ class Command(NamedTuple):
 class PlantState(NamedTuple):
     """The train at a moment: time (s), position of the head (m), speed (m/s), acceleration (m/s²), wheel forces (N).
 
-    `…_waited_s`: how long traction, electric brake and friction brake have been asked for. Energies (J) since the
-    start: `input_j` and `unreturned_j` at the collector; where it went: `resistance_j` (running, tunnels, curves),
-    `component_loss_j`, `auxiliary_j`, `friction_brake_j`; `comfort_j` beside them. `blending_j` is how much of
-    `input_j` would not have been needed if the motors had given all of the braking that they could.
+    `…_waited_s`: for how long traction, electric brake and friction brake have been asked for. Energies (J) count from
+    the start. At the collector: `input_j`, `unreturned_j`. Where it went: `resistance_j` (running, tunnels, curves),
+    `component_loss_j`, `auxiliary_j`, `friction_brake_j`. `comfort_j` is not part of `input_j`. `blending_j` is the
+    part of `input_j` that would not have been needed if the motors had braked as much as they could.
     """
 
     time_s: float
@@ -79,7 +78,6 @@ class TrainNumbers(NamedTuple):
     mass_kg: float
     inertial_mass_kg: float
     length_m: float
-    max_speed_mps: float
     c0_n: float
     c1_n_per_mps: float
     c2_n_per_mps2: float
@@ -141,6 +139,72 @@ class LineNumbers(NamedTuple):
 
 
 @kernel
+def _segment(starts, s):
+    """Index of the last start not beyond s (0 before the first)."""
+    low, high = 0, starts.size
+    while high - low > 1:
+        middle = (low + high) // 2
+        if starts[middle] <= s:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def _integral(line, i, column, s):
+    d = s - line.node_m[i]
+    return line.profile[i, column + 2] + d * (line.profile[i, column] + 0.5 * d * line.profile[i, column + 1])
+
+
+@kernel
+def line_means(line, s, way):
+    """Means over the train and the next `way` metres: gradient (ratio), curves (m/s²), tunnels (N/(m/s)²)."""
+    i = _segment(line.node_m, s)
+    if way <= 0.0:
+        d = s - line.node_m[i]
+        q = line.profile[i]
+        return q[0] + d * q[1], q[3] + d * q[4], q[6] + d * q[7]
+    j = i
+    while j + 1 < line.node_m.size and line.node_m[j + 1] <= s + way:
+        j += 1
+    end = s + way
+    return (
+        (_integral(line, j, 0, end) - _integral(line, i, 0, s)) / way,
+        (_integral(line, j, 3, end) - _integral(line, i, 3, s)) / way,
+        (_integral(line, j, 6, end) - _integral(line, i, 6, s)) / way,
+    )
+
+
+@kernel
+def weather_at(line, s, t, length):
+    """State of the rail (1 = dry) and head wind (m/s) over a train with its head at s; a patch counts by its share."""
+    rail, wind = 1.0, 0.0
+    for k in range(line.weather.shape[0]):
+        patch = line.weather[k]
+        if not patch[2] <= t < patch[3]:
+            continue
+        if length > 0.0:
+            share = max(min(s, patch[1]) - max(s - length, patch[0]), 0.0) / length
+        else:
+            share = 1.0 if patch[0] <= s < patch[1] else 0.0
+        rail *= 1.0 - share * (1.0 - patch[4])
+        wind += share * patch[5]
+    return rail, wind
+
+
+@kernel
+def supply_at(line, s, way):
+    """The least supply that the head meets in the next `way` metres."""
+    i = _segment(line.supply_start_m, s)
+    least = line.supply[i]
+    while i + 1 < line.supply.size and line.supply_start_m[i + 1] < s + way:
+        i += 1
+        least = min(least, line.supply[i])
+    return least
+
+
+@kernel
 def adhesion_coefficient(v):
     """µ of a dry rail, Curtius & Kniffler 1944: 0.161 + 7.5/(V + 44), V in km/h."""
     return 0.161 + 7.5 / (3.6 * v + 44.0)
@@ -154,17 +218,15 @@ def _hyperbola(v, force, power):
 @kernel
 def traction_effort(v, rail, p):
     """Largest traction force (N) at a speed on a rail in a state (1 = dry)."""
-    return min(
-        _hyperbola(v, p.traction_force_n, p.traction_power_w), rail * p.adhesive_force_n * adhesion_coefficient(v)
-    )
+    adhesive = rail * p.adhesive_force_n * adhesion_coefficient(v)
+    return min(_hyperbola(v, p.traction_force_n, p.traction_power_w), adhesive)
 
 
 @kernel
 def electric_effort(v, rail, p):
     """Largest force of the electric brake (N)."""
-    return min(
-        _hyperbola(v, p.electric_force_n, p.electric_power_w), rail * p.adhesive_force_n * adhesion_coefficient(v)
-    )
+    adhesive = rail * p.adhesive_force_n * adhesion_coefficient(v)
+    return min(_hyperbola(v, p.electric_force_n, p.electric_power_w), adhesive)
 
 
 @kernel
@@ -220,7 +282,7 @@ def demanded(u, into, v, p):
 
 @kernel
 def _built_up(before, target, waited, dead, rise, fall, dt):
-    """A force's size after a step: it falls at once, and rises once it has been asked for longer than its dead time."""
+    """Magnitude of a force after a step: it falls at once, but rises only after its dead time."""
     if target <= before:
         return max(target, before - fall * dt)
     usable = dt if before > 0.0 else min(max(waited + dt - dead, 0.0), dt)
@@ -229,7 +291,7 @@ def _built_up(before, target, waited, dead, rise, fall, dt):
 
 @kernel
 def _shared(asked, friction_ratio, v, rail, supply, p):
-    """Traction, electric brake and friction brake (N, sizes) that an asked force comes to: electric first."""
+    """Magnitudes (N) of traction, electric brake and friction brake that share an asked force: electric first."""
     pulls = min(max(asked, 0.0), 0.0 if supply == NEUTRAL else traction_effort(v, rail, p))
     brakes = min(max(-asked, 0.0), brake_effort(v, rail, p))
     electric = min((1.0 - friction_ratio) * brakes, electric_effort(v, rail, p) if supply >= 0.0 else 0.0)
@@ -237,18 +299,12 @@ def _shared(asked, friction_ratio, v, rail, supply, p):
 
 
 @kernel
-def _waited(waited, target, dt):
-    return waited + dt if target > 0.0 else 0.0
-
-
-@kernel
 def step(x, u, began, into, dt, line, p, a, c):
     """The state a step later, `into` s after the command was given at time `began`.
 
-    Midpoint rule (second order); the acceleration is constant within the step.
-    Line forces are exact means over train and way; supply and weather are taken where the step begins (a neutral
-    section from the step that reaches it). Braking energy is booked where it goes, so the energy balance closes by
-    itself.
+    Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over train
+    and way. Supply and weather are those at the start of the step; a neutral section counts from the step that reaches
+    it. Braking energy is booked where it goes, so that the energy balance closes.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)
@@ -287,9 +343,7 @@ def step(x, u, began, into, dt, line, p, a, c):
         -fr0, rubs, x.friction_waited_s, a.friction_dead_s, a.friction_rise_n_per_s, a.friction_fall_n_per_s, dt
     )
     el1 = pulled - braked
-    el = 0.5 * (el0 + el1)
-    el = min(el, traction_effort(middle, rail, p))
-    el = max(el, -electric_effort(middle, rail, p))
+    el = max(min(0.5 * (el0 + el1), traction_effort(middle, rail, p)), -electric_effort(middle, rail, p))
     fr = max(0.5 * (fr0 - rubbed), min(-brake_effort(middle, rail, p) - el, 0.0))
 
     # Motion. A standing train stays where it is until traction moves it.
@@ -323,9 +377,9 @@ def step(x, u, began, into, dt, line, p, a, c):
         rate,
         el1,
         0.0 - rubbed,
-        _waited(x.traction_waited_s, pulls, dt),
-        _waited(x.electric_waited_s, electric, dt),
-        _waited(x.friction_waited_s, rubs, dt),
+        x.traction_waited_s + dt if pulls > 0.0 else 0.0,
+        x.electric_waited_s + dt if electric > 0.0 else 0.0,
+        x.friction_waited_s + dt if rubs > 0.0 else 0.0,
         x.input_j + taken * gross_j,
         x.resistance_j + resistance * way,
         x.component_loss_j + loss_j,
@@ -339,7 +393,7 @@ def step(x, u, began, into, dt, line, p, a, c):
 
 @kernel
 def advance(x, u, steps, dt, line, p, a, c):
-    """The state after many steps under one command."""
+    """The state after `steps` steps under one command."""
     began = x.time_s
     for i in range(steps):
         x = step(x, u, began, i * dt, dt, line, p, a, c)

@@ -21,7 +21,7 @@ from das.domain.route import Floats, Route, Stretches
 from das.domain.trajectory import EnergyBalance
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
-from sim.plant import kernels, line_kernels
+from sim.plant import kernels
 from sim.plant.kernels import NO_LIMIT_N, Actuators, Command, LineNumbers, LossNumbers, PlantState, TrainNumbers
 
 __all__ = ["COAST", "Command", "Dynamics", "Patch", "Plant", "PlantState", "force", "lever", "speed", "train_numbers"]
@@ -203,11 +203,11 @@ class Plant:
 
     def gradient_ratio(self, s_m: float) -> float:
         """Gradient averaged over the train with its head at s."""
-        return float(line_kernels.line_means(self._line, float(s_m), 0.0)[0])
+        return float(kernels.line_means(self._line, float(s_m), 0.0)[0])
 
     def weather(self, state: PlantState) -> tuple[float, float]:
         """State of the rail under the train (1 = dry) and head wind on it (m/s)."""
-        rail, wind = line_kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.train_length_m)
+        rail, wind = kernels.weather_at(self._line, state.s_m, state.time_s, self.vehicle.train_length_m)
         return float(rail) * self._train.rail_ratio, float(wind)
 
     def balance(self, before: PlantState, after: PlantState) -> EnergyBalance:
@@ -256,7 +256,6 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
         vehicle.mass_kg,
         vehicle.inertial_mass_kg,
         vehicle.train_length_m,
-        vehicle.max_speed_mps,
         vehicle.resistance.c0_n,
         vehicle.resistance.c1_n_per_mps,
         vehicle.resistance.c2_n_per_mps2,

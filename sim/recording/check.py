@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from enum import StrEnum
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -13,19 +12,232 @@ from typing import Any
 import numpy as np
 
 from das import __version__
+from das.advice.regimes import Regime
 from das.bus import topics
 from das.bus.contents import Contents, read_contents
 from das.bus.recording import Recording, Stamped, recording_of
-from das.bus.topics import TOPICS
+from das.bus.topics import TOPICS, Topic
 from das.cab.outputs import NodeState
 from das.domain.units import NS
-from sim.recording.clock import DriveClock
-from sim.recording.findings import CheckFinding, CheckKind, Rate, find, is_session, rate_of, to_recorder_s, versions
+from das.estimate.settings import STALE_AFTER_S
+from sim.recording.course import DriveClock, times_of, utc
+from sim.recording.inputs import missing_files
+from sim.recording.opening import is_session, versions
 
-HASH = "_sha256"
-"""Ending of the metadata keys that hold the hash of an input file."""
-ELSEWHERE = ("trip_sha256", "what_if_of_sha256")
-"""Keys for the hashes of files that are not attached to a recording."""
+
+@dataclass(frozen=True, kw_only=True)
+class Rate:
+    """How many messages there are, in how many a second they came, the usual and the longest time between two (s)."""
+
+    messages: int
+    per_s: float
+    interval_s: float
+    longest_gap_s: float
+
+
+def rate_of(recording: Recording, topic: Topic) -> Rate | None:
+    """The rate of a topic; None where it has no messages."""
+    time_ns = np.sort(times_of(recording, topic))
+    if not len(time_ns):
+        return None
+    steps_s = np.diff(time_ns) * NS
+    span_s = float(time_ns[-1] - time_ns[0]) * NS
+    return Rate(
+        messages=len(time_ns),
+        per_s=len(steps_s) / span_s if span_s > 0 else float("nan"),
+        interval_s=float(np.median(steps_s)) if len(steps_s) else float("nan"),
+        longest_gap_s=float(steps_s.max()) if len(steps_s) else 0.0,
+    )
+
+
+LATE_AFTER_S = 1.0
+"""An advice that is recorded later than this after its time has come late to the driver as well (s)."""
+SLOW_AFTER_S = 1.0
+"""An advice that takes longer than this to compute is later than the next one is due (s)."""
+LONGEST_GAP_S = STALE_AFTER_S
+"""Without positions for longer than this the node withdraws its advice, and without advice the display shows none."""
+GAP_INTERVALS = 2.5
+"""What comes more rarely than once a second has a gap where so many of its usual intervals pass without it."""
+CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
+"""The topics that come all the time."""
+OF_A_SESSION = (topics.JOURNEY, topics.RESTRICTION, topics.POSITION, topics.ADVICE, topics.STATUS)
+OF_A_TRIP = (topics.POSITION,)
+"""What a recording must hold: one of a node at work, and one of a trip without a node."""
+MOST_OF_A_KIND = 5
+"""So many gaps of one topic are told one by one."""
+
+
+class CheckKind(StrEnum):
+    """What can be wrong with a recording."""
+
+    DAMAGE = "damage"
+    CUT_OFF = "cut-off"
+    MISSING_MESSAGES = "missing-messages"
+    UNCHECKED = "unchecked"
+    NO_TOPIC = "no-topic"
+    GAP = "gap"
+    DISORDER = "disorder"
+    UNANSWERED = "unanswered"
+    STALE = "stale-position"
+    EXPIRED = "expired-advice"
+    LATE = "late-advice"
+    SLOW = "slow-advice"
+    DROPPED = "dropped-messages"
+    VERSIONS = "versions"
+    INPUT = "input-file"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckFinding:
+    """Something that is wrong: what, in words, and when (ns since 1970; 0: it has no time)."""
+
+    kind: CheckKind
+    text: str
+    time_ns: int = 0
+
+
+def find(recording: Recording) -> list[CheckFinding]:
+    """All that is wrong with a recording, in the order of the checks."""
+    checks: tuple[Callable[[Recording], Iterator[CheckFinding]], ...] = (
+        _of_the_file,
+        _topics,
+        _gaps,
+        _disorder,
+        _unanswered,
+        _stale,
+        _expired,
+        _late,
+        _slow,
+        _dropped,
+        _versions,
+        _inputs,
+    )
+    return [finding for check in checks for finding in check(recording)]
+
+
+def _of_the_file(recording: Recording) -> Iterator[CheckFinding]:
+    health = recording.health
+    for one in health.damage:
+        lost = ", which is left out" if one.lost else ""
+        yield CheckFinding(kind=CheckKind.DAMAGE, text=f"{one}{lost}", time_ns=one.from_ns)
+    if health.missing:
+        text = f"{health.missing} messages are missing, by their running numbers"
+        yield CheckFinding(kind=CheckKind.MISSING_MESSAGES, text=text)
+    if not health.complete:
+        last_ns = max(entries[-1].log_time_ns for entries in recording.messages.values())
+        text = "the file was cut off: its recorder was killed, its disk was full, or it is still recording"
+        yield CheckFinding(kind=CheckKind.CUT_OFF, text=text, time_ns=last_ns)
+    for what in health.unchecked:
+        yield CheckFinding(kind=CheckKind.UNCHECKED, text=f"no checksum covers the {what}: damage would not be seen")
+
+
+def _topics(recording: Recording) -> Iterator[CheckFinding]:
+    for topic in OF_A_SESSION if is_session(recording) else OF_A_TRIP:
+        if not recording.of(topic):
+            yield CheckFinding(kind=CheckKind.NO_TOPIC, text=f"there is no message on the topic {topic.name}")
+
+
+def _gaps(recording: Recording) -> Iterator[CheckFinding]:
+    for topic in CYCLIC:
+        rate = rate_of(recording, topic)
+        if rate is None:
+            continue
+        time_ns = np.sort(times_of(recording, topic))
+        steps_s = np.diff(time_ns) * NS
+        gaps = np.nonzero(steps_s > max(LONGEST_GAP_S, GAP_INTERVALS * rate.interval_s))[0]
+        for i in gaps[:MOST_OF_A_KIND]:
+            text = f"{topic.name}: nothing for {steps_s[i]:.1f} s"
+            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[i]))
+        if len(gaps) > MOST_OF_A_KIND:
+            text = f"{topic.name}: {len(gaps) - MOST_OF_A_KIND} more gaps"
+            yield CheckFinding(kind=CheckKind.GAP, text=text, time_ns=int(time_ns[gaps[MOST_OF_A_KIND]]))
+
+
+def _disorder(recording: Recording) -> Iterator[CheckFinding]:
+    """Times that go back within what one sender says."""
+    for topic in (topics.POSITION, topics.CONTROL, topics.ADVICE):
+        time_ns = times_of(recording, topic)
+        back = np.nonzero(np.diff(time_ns) < 0)[0]
+        if len(back):
+            text = f"{topic.name}: {len(back)} messages have an earlier time than the one before"
+            yield CheckFinding(kind=CheckKind.DISORDER, text=text, time_ns=int(time_ns[back[0] + 1]))
+
+
+def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
+    """Ticks of a simulation that the node did not answer; the last Control asks for nothing."""
+    asked = recording.columns(topics.CONTROL, "tick", "time_ns", "command")
+    ticks = asked["tick"][asked["command"] == 0]
+    answered = set(recording.columns(topics.ADVICE, "tick")["tick"].tolist())
+    missing = [i for i, tick in enumerate(ticks.tolist()) if tick not in answered]
+    if missing:
+        text = f"{len(missing)} of {len(ticks)} ticks have no advice, the first is tick {ticks[missing[0]]}"
+        yield CheckFinding(kind=CheckKind.UNANSWERED, text=text, time_ns=int(asked["time_ns"][missing[0]]))
+
+
+def _stale(recording: Recording) -> Iterator[CheckFinding]:
+    time_ns, age_s = _position_ages(recording)
+    stale = np.nonzero(age_s > STALE_AFTER_S)[0]
+    if len(stale):
+        text = f"{len(stale)} advices were given on a position older than {STALE_AFTER_S:g} s"
+        text += f", the oldest of {age_s.max():.1f} s"
+        yield CheckFinding(kind=CheckKind.STALE, text=text, time_ns=int(time_ns[stale[0]]))
+
+
+def _position_ages(recording: Recording) -> tuple[Any, Any]:
+    """The time (ns) of each advice that rests on a position, and how old (s) that position then was."""
+    data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
+    used = (data["mode"] != Regime.NONE) & (data["position_time_ns"] > 0)
+    return data["time_ns"][used], (data["time_ns"][used] - data["position_time_ns"][used]) * NS
+
+
+def _expired(recording: Recording) -> Iterator[CheckFinding]:
+    """Advice that was not valid any more when the next one came: the display had nothing to show."""
+    data = recording.columns(topics.ADVICE, "time_ns", "valid_until_ns", "mode")
+    late_s = (data["time_ns"][1:] - data["valid_until_ns"][:-1]) * NS
+    expired = np.nonzero((data["mode"][:-1] != Regime.NONE) & (late_s > 0))[0]
+    if len(expired):
+        text = f"{len(expired)} times advice had run out before the next came, by up to {late_s[expired].max():.1f} s"
+        yield CheckFinding(kind=CheckKind.EXPIRED, text=text, time_ns=int(data["valid_until_ns"][expired[0]]))
+
+
+def _late(recording: Recording) -> Iterator[CheckFinding]:
+    late_s = to_recorder_s(recording)
+    late = np.nonzero(late_s > LATE_AFTER_S)[0]
+    if len(late):
+        text = f"{len(late)} advices came later than {LATE_AFTER_S:g} s after their time, by up to {late_s.max():.1f} s"
+        yield CheckFinding(
+            kind=CheckKind.LATE, text=text, time_ns=int(recording.columns(topics.ADVICE)["time_ns"][late[0]])
+        )
+
+
+def to_recorder_s(recording: Recording) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """How long each advice took from its time to the recorder (s); none by the clock of a simulation, which stands."""
+    if recording.of(topics.CONTROL):
+        return np.zeros(0)
+    data = recording.columns(topics.ADVICE, "time_ns")
+    return np.asarray((data["log_time_ns"] - data["time_ns"]) * NS, dtype=np.float64)
+
+
+def _slow(recording: Recording) -> Iterator[CheckFinding]:
+    data = recording.columns(topics.STATUS, "time_ns", "last_advice_s")
+    slow = np.nonzero(data["last_advice_s"] > SLOW_AFTER_S)[0]
+    if len(slow):
+        text = f"{len(slow)} advices took longer than {SLOW_AFTER_S:g} s, up to {data['last_advice_s'].max():.1f} s"
+        yield CheckFinding(kind=CheckKind.SLOW, text=text, time_ns=int(data["time_ns"][slow[0]]))
+
+
+def _dropped(recording: Recording) -> Iterator[CheckFinding]:
+    dropped = recording.metadata.get(topics.RECORDER.name, {}).get("dropped", "0")
+    if dropped != "0":
+        text = f"the recorder could not write {dropped} messages: too many came at once, or the disk was slow"
+        yield CheckFinding(kind=CheckKind.DROPPED, text=text)
+
+
+def _versions(recording: Recording) -> Iterator[CheckFinding]:
+    found = versions(recording)
+    if len(set(found.values())) > 1:
+        text = "programs of different versions: " + ", ".join(f"{who} {version}" for who, version in found.items())
+        yield CheckFinding(kind=CheckKind.VERSIONS, text=text)
 
 
 RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap")
@@ -88,14 +300,12 @@ def check_file(path: Path, train: str | None = None) -> Checked:
 
 def check_contents(contents: Contents, recording: Recording) -> Checked:
     """Check a recording that has been read: the contents of its file, and the recording of one train in it."""
-    hashes = _hashes(contents)
-    findings = [*find(recording), *_inputs(recording, hashes)]
     found = {topic.name: rate_of(recording, topic) for topic in TOPICS}
     return Checked(
         recording=recording,
         figures=_figures(contents, recording),
         rates={name: rate for name, rate in found.items() if rate is not None},
-        findings=tuple(findings),
+        findings=tuple(find(recording)),
         notes=tuple(_notes(contents, recording)),
     )
 
@@ -135,7 +345,7 @@ def _speed_of_advice(recording: Recording) -> dict[str, str]:
     way_s = to_recorder_s(recording)
     if len(way_s):
         rows["advice, from its time to the recorder"] = _up_to(way_s)
-    age_s = _ages_s(recording)
+    _, age_s = _position_ages(recording)
     if len(age_s):
         rows["age of the position behind an advice"] = _up_to(age_s)
     return rows
@@ -146,26 +356,10 @@ def _up_to(values_s: Any) -> str:
     return f"median {middle * 1000:.0f} ms, at most {most * 1000:.0f} ms"
 
 
-def _ages_s(recording: Recording) -> Any:
-    data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
-    used = (data["mode"] != 0) & (data["position_time_ns"] > 0)
-    return (data["time_ns"][used] - data["position_time_ns"][used]) * NS
-
-
-def _hashes(contents: Contents) -> dict[str, str]:
-    """Names of the attached files by their SHA-256."""
-    return {hashlib.sha256(one.data).hexdigest(): one.name for one in contents.attachments}
-
-
-def _inputs(recording: Recording, attached: dict[str, str]) -> list[CheckFinding]:
-    """Findings about input files whose hash matches no attached file."""
-    run = recording.metadata.get("run", {})
-    named = {key: value for key, value in run.items() if key.endswith(HASH) and key not in ELSEWHERE}
-    missing = [key[: -len(HASH)].replace("_", " ") for key, value in named.items() if value not in attached]
-    return [
-        CheckFinding(kind=CheckKind.INPUT, text=f"the {name} of the run is not among the attached files")
-        for name in missing
-    ]
+def _inputs(recording: Recording) -> Iterator[CheckFinding]:
+    for kind in missing_files(recording):
+        text = f"the {kind.replace('_', ' ')} of the run is not among the attached files"
+        yield CheckFinding(kind=CheckKind.INPUT, text=text)
 
 
 def _notes(contents: Contents, recording: Recording) -> list[str]:
@@ -201,11 +395,3 @@ def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
 def _line(one: CheckFinding, clock: DriveClock) -> str:
     when = f" at {clock.shown(one.time_ns)}, {utc(one.time_ns)} UTC" if one.time_ns else ""
     return f"finding ({one.kind}){when}: {one.text}"
-
-
-def utc(time_ns: int) -> str:
-    """A time (ns since 1970) as date and time of day (UTC), to the second."""
-    try:
-        return f"{datetime.fromtimestamp(time_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"
-    except (OverflowError, ValueError, OSError):
-        return f"{time_ns} ns"

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.bus import topics
-from das.bus.recording import Recording
+from das.bus.recorder import message_time_ns
+from das.bus.recording import Recording, Stamped
+from das.bus.topics import Topic
 from das.domain.errors import DasError
+from das.domain.units import NS
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -41,3 +49,166 @@ class DrivenCourse:
     def at(self, time_ns: Times, values: Floats) -> Floats:
         """Values along the course (one per position) at other times; before and after it, those of its ends."""
         return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)
+
+
+MINUTE_S: Final = 60
+HOUR_S: Final = 3600
+DAY_S: Final = 86400
+FORMS: Final = (
+    "12:34 (minutes and seconds on the drive's clock), 1:02:03, 754 (seconds), 08:16:34Z (time of day, UTC) or "
+    "2026-11-21T08:16:34"
+)
+_ON_CLOCK: Final = re.compile(r"(?P<sign>[+−-]?)(?:(?P<h>\d+):(?=\d\d:))?(?P<m>\d+):(?P<s>[0-5]\d(?:\.\d+)?)")
+_SECONDS: Final = re.compile(r"(?P<sign>[+−-]?)(?P<s>\d{1,9}(?:\.\d+)?)")
+_OF_DAY: Final = re.compile(r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(?::(?P<s>[0-5]\d(?:\.\d+)?))?Z", re.IGNORECASE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveClock:
+    """A clock that shows 0 at `zero_ns` (ns since 1970).
+
+    The zero is the timetable's first departure, as in the tables of a run; without a timetable it is the first
+    position.
+    """
+
+    zero_ns: int
+    zero_is: str = "the timetable's departure"
+    """What happens at zero, in words."""
+
+    @classmethod
+    def of_recording(cls, recording: Recording) -> DriveClock:
+        """The clock of any recording; without a timetable and positions, 0 is the first message."""
+        try:
+            first_ns = int(DrivenCourse.of(recording).time_ns[0])
+        except DasError:
+            first_ns = min(entries[0].log_time_ns for entries in recording.messages.values())
+            found = cls.of(recording, first_ns)
+            return found if found.zero_ns != first_ns else cls(zero_ns=first_ns, zero_is="the first message")
+        return cls.of(recording, first_ns)
+
+    @classmethod
+    def of(cls, recording: Recording, first_ns: int) -> DriveClock:
+        """The clock of a recording whose first position is at `first_ns`."""
+        for entry in recording.of(topics.JOURNEY):
+            for stop in entry.message.stops[:1]:
+                near = abs(stop.departure_ns - first_ns) * NS < DAY_S
+                if stop.departure_ns and near:
+                    return cls(zero_ns=int(stop.departure_ns))
+        return cls(zero_ns=first_ns, zero_is="the first position")
+
+    def since_s(self, time_ns: int) -> float:
+        """What the clock shows at a moment (s)."""
+        return (time_ns - self.zero_ns) * NS
+
+    def shown(self, time_ns: int) -> str:
+        """The clock in minutes and seconds, "12:34"; before zero "−0:10"."""
+        return minutes(self.since_s(time_ns))
+
+    def of_day(self, time_ns: int) -> str:
+        """The time of day in UTC, "08:16:34"."""
+        return f"{datetime.fromtimestamp(round(time_ns * NS), UTC):%H:%M:%S}"
+
+    def moment_ns(self, text: str) -> int:
+        """The moment (ns since 1970) that a user's text names; DasError where it is none (see `FORMS`)."""
+        text = text.strip()
+        for form in (_ON_CLOCK, _SECONDS):
+            if found := form.fullmatch(text):
+                return self.zero_ns + round(_seconds(found.groupdict()) / NS)
+        if "T" in text.upper():
+            return _of_date_ns(text)
+        found = _OF_DAY.fullmatch(text)
+        if found is None:
+            raise DasError(f"time {text!r}: expected {FORMS}")
+        zero = datetime.fromtimestamp(self.zero_ns * NS, UTC)
+        at = zero.replace(hour=int(found["h"]), minute=int(found["m"]), second=0, microsecond=0)
+        at += timedelta(seconds=float(found["s"] or 0.0))
+        # The moment nearest to the zero: a drive may pass midnight.
+        away = round((zero - at) / timedelta(days=1))
+        return round((at + timedelta(days=away)).timestamp() / NS)
+
+
+def _seconds(parts: Mapping[str, str | None]) -> float:
+    """Seconds of the named parts of a time: its sign, hours, minutes and seconds, as far as there are any."""
+    hours, minute, second = (float(parts.get(name) or 0.0) for name in ("h", "m", "s"))
+    return (HOUR_S * hours + MINUTE_S * minute + second) * (1.0 if parts["sign"] in ("", "+") else -1.0)
+
+
+def _of_date_ns(text: str) -> int:
+    """A date with a time of day (ISO 8601; UTC where it does not say otherwise) in ns since 1970."""
+    try:
+        moment = datetime.fromisoformat(text)
+        return round((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / NS)
+    except (ValueError, OverflowError):
+        raise DasError(f"time {text!r}: expected {FORMS}") from None
+
+
+def spell(time_s: float) -> str:
+    """A duration (s) in words: "41 min 38 s", "2 h 3 min"."""
+    whole = round(time_s)
+    hours, rest = divmod(whole, HOUR_S)
+    if hours:
+        return f"{hours} h {rest // MINUTE_S} min"
+    return f"{rest // MINUTE_S} min {rest % MINUTE_S} s" if rest >= MINUTE_S else f"{rest} s"
+
+
+def minutes(time_s: float) -> str:
+    """A time (s) as minutes and seconds, "12:34"; nothing for NaN."""
+    if math.isnan(time_s):
+        return ""
+    whole = round(time_s)
+    return f"{'−' if whole < 0 else ''}{abs(whole) // MINUTE_S}:{abs(whole) % MINUTE_S:02d}"
+
+
+def utc(time_ns: int) -> str:
+    """A time (ns since 1970) as date and time of day (UTC), to the second."""
+    try:
+        return f"{datetime.fromtimestamp(time_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"
+    except (OverflowError, ValueError, OSError):
+        return f"{time_ns} ns"
+
+
+def stated_ns(entry: Stamped) -> int:
+    """The time (ns since 1970) that a message states; the recorder's time for a message that states none."""
+    return message_time_ns(entry.message) or entry.log_time_ns
+
+
+def times_of(recording: Recording, topic: Topic) -> Times:
+    """The times (ns) that the messages of a topic state (see `stated_ns`), in the order recorded."""
+    return np.array([stated_ns(entry) for entry in recording.of(topic)], dtype=np.int64)
+
+
+WHOLE: Final = (topics.JOURNEY, topics.PLAN)
+"""Topics that keep all messages before the part: a journey holds for all of it, and so may the first plan."""
+HELD: Final = (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS)
+"""Topics of which the last message before the part still holds in it."""
+
+
+def part_of(recording: Recording, start: str | None, end: str | None) -> Recording:
+    """The part of a recording between two times as a user writes them (`sim.recording.course.FORMS`); None: its ends.
+
+    Raises DasError for a text that is no time, and where the train has no position in between.
+    """
+    if start is None and end is None:
+        return recording
+    trip = DrivenCourse.of(recording)
+    clock = DriveClock.of(recording, int(trip.time_ns[0]))
+    first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
+    from_ns = first_ns if start is None else clock.moment_ns(start)
+    to_ns = last_ns if end is None else clock.moment_ns(end)
+    if not ((trip.time_ns >= from_ns) & (trip.time_ns <= to_ns)).any():
+        said = f"--from {start or clock.shown(first_ns)} --to {end or clock.shown(last_ns)}"
+        raise DasError(f"{said}: expected times of the drive, {clock.shown(first_ns)} to {clock.shown(last_ns)}")
+    kept = {
+        name: _kept(entries, next(topic for topic in topics.TOPICS if topic.name == name), from_ns, to_ns)
+        for name, entries in recording.messages.items()
+    }
+    return replace(recording, messages=kept)
+
+
+def _kept(entries: Sequence[Stamped], topic: Topic, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
+    """The messages of a topic that say something about the part, in their order."""
+    timed = [(stated_ns(entry), entry) for entry in entries]
+    if topic in WHOLE:
+        return tuple(entry for at_ns, entry in timed if at_ns <= to_ns)
+    before = [entry for at_ns, entry in timed if at_ns < from_ns] if topic in HELD else []
+    return (*before[-1:], *(entry for at_ns, entry in timed if from_ns <= at_ns <= to_ns))

@@ -28,7 +28,7 @@ from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from sim.recording.metadata import NODE_ARGUMENTS
+from sim.recording.opening import NODE_ARGUMENTS
 
 
 def sha256(path: Path) -> str:
@@ -61,6 +61,8 @@ def _loss_map_of(vehicle: Path) -> Path | None:
 DEEP: Final = PurePosixPath("a/b/c/d")
 """A vehicle may name its loss map in a folder above its own: the files are put this deep, so that it stays inside."""
 LOSS_MAP: Final = "loss_map"
+HASH: Final = "_sha256"
+"""Ending of the metadata keys that hold the hash of an input file."""
 
 _Input = TypeVar("_Input", Route, Vehicle)
 
@@ -82,7 +84,7 @@ class AttachedFiles:
 
     def sha256(self, kind: str) -> str:
         """The hash of a file as the metadata have it; nothing where they do not name it."""
-        return self._run.get(f"{kind}_sha256", "")
+        return self._run.get(f"{kind}{HASH}", "")
 
     def others(self, but: Collection[str] = ()) -> list[records.Attachment]:
         """All attached files but those of some hashes (SHA-256), in the order of the recording."""
@@ -138,6 +140,19 @@ class AttachedFiles:
 
     def _of_name(self, name: str) -> records.Attachment | None:
         return next((one for one in self._attached.values() if Path(one.name).name == name), None)
+
+
+ELSEWHERE: Final = ("trip", "what_if_of")
+"""Files that the metadata name by their hash, but that a recording does not bring along."""
+
+
+def missing_files(recording: Recording) -> list[str]:
+    """What the metadata call each input file of the run that is not attached; hashes tell which files are."""
+    brought = {hashlib.sha256(one.data).hexdigest() for one in recording.attached}
+    named = {
+        key[: -len(HASH)]: hashed for key, hashed in recording.metadata.get("run", {}).items() if key.endswith(HASH)
+    }
+    return [kind for kind, hashed in named.items() if kind not in ELSEWHERE and hashed not in brought]
 
 
 def put(path: Path, content: bytes) -> Path:

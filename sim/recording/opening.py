@@ -7,11 +7,16 @@ whole.
 from __future__ import annotations
 
 import os
+import shlex
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
+from typing import Final
 
+from das.bus import topics
 from das.bus.contents import Contents, read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, recording_of
@@ -19,6 +24,26 @@ from das.command_line.printing import warn
 from das.domain.clocks import Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link
+
+NODE_ARGUMENTS: Final = "node_arguments"
+"""Key of the arguments with which the node was started (JSON list)."""
+WHAT_IF: Final = "what_if"
+"""Key of the kind of a what-if (`WhatIfKind`)."""
+
+
+class WhatIfKind(StrEnum):
+    """How a what-if is made from a recording."""
+
+    OPEN_LOOP = "open loop"
+    """The drive stays as it was recorded; only the advice on it is different."""
+    DRIVEN_ANEW = "driven anew"
+    """A simulated driver drives again, on a day with the recorded disturbances."""
+
+
+def typed_command() -> str:
+    """The command as the user typed it."""
+    return shlex.join(["das-sim", *sys.argv[1:]])
+
 
 _warned: set[str] = set()
 """Warnings that this process has printed."""
@@ -62,3 +87,17 @@ def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
             os.replace(beside, out)
     except OSError as error:
         raise DasError(f"{out}: cannot be written ({error.strerror})") from error
+
+
+def is_session(recording: Recording) -> bool:
+    """Whether a node was at work, so that there must be its words."""
+    return any(recording.of(topic) for topic in (topics.ADVICE, topics.STATUS, topics.CONTROL))
+
+
+def versions(recording: Recording) -> dict[str, str]:
+    """The versions of the programs that took part, by what they did."""
+    nodes = sorted({one.message.version for one in recording.of(topics.STATUS) if one.message.version})
+    found = {"node" if len(nodes) == 1 else f"node {i}": version for i, version in enumerate(nodes, 1)}
+    run = recording.metadata.get("run", {})
+    who = "recorder" if run.get("kind") == "session" else "simulator"
+    return {**({who: run["version"]} if "version" in run else {}), **found}

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from das.bus.recording import Recording
 from das.domain.units import KM, KMH, NS, kwh
 from sim.drive.drive import Drive
-from sim.recording.clock import minutes
-from sim.recording.course import Floats, Times
+from sim.recording.course import Floats, Times, minutes
 from sim.review.canvas import (
     SMALL,
     Along,

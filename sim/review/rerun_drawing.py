@@ -18,8 +18,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import topics
 from das.domain.units import KM, KMH, NS
-from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse, Floats, Times
+from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import ReviewScene

@@ -21,8 +21,7 @@ from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
-from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse, Floats
+from sim.recording.course import DriveClock, DrivenCourse, Floats
 from sim.review.colors import Meaning, Theme
 from sim.review.lanes import COST, Change, Lane, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, series

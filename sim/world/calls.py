@@ -11,7 +11,7 @@ from sim.drive.calls import KeptCall
 from sim.drive.limits import BEYOND_M, OVER_MPS, Violations
 from sim.drivers.cab import AT_STOP_M
 from sim.plant.plant import PlantState
-from sim.world.day import Day
+from sim.world.service import Day
 
 
 class Calls:

@@ -17,8 +17,7 @@ from das.domain.files.vehicles import read_loss_map
 from das.domain.losses import Level
 from das.domain.units import to_si
 from das.domain.vehicle import Vehicle
-from sim.drivers.parameters import HumanParameters
-from sim.drivers.population import Participant
+from sim.drivers.parameters import HumanParameters, Participant
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,13 +16,13 @@ from das.bus.session import Bus
 from das.bus.topics import CAB, CONTROL, CONTROLS, LOG
 from das.domain.errors import DasError
 from sim.drivers.cab import CabView, Driver
+from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
-from sim.drivers.registry import make_driver
 from sim.plant.plant import COAST, Command, lever
-from sim.world.day import Day
 from sim.world.lockstep import Lockstep, happened
+from sim.world.service import Day
 
 SILENT_S: Final = 2.0
 """A driver who has not answered for this long (s) is taken to be gone."""

@@ -1,18 +1,23 @@
-"""Node and recorder in lockstep with a simulation: time only moves when both have answered.
+"""Node and recorder as child processes in lockstep with a simulation: time only moves when both have answered.
 
-Every tick the node is asked (Control) and its answer awaited, so nothing is lost at any speed and a run does not
-depend on how fast the machine is.
+At every tick the simulation asks the node (Control) and waits for its answer. So no message is lost at any speed, and a
+run does not depend on how fast the machine is.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
@@ -22,29 +27,150 @@ from mcap.reader import make_reader
 
 from das.advice.regimes import Regime
 from das.bus import codec
+from das.bus.access import Role
+from das.bus.config import BusFolder
+from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, CONTROLS, RECORDER, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.heard import Heard, JourneyHeard
 from das.cab.outputs import NodeState
 from das.domain.errors import DasError
-from sim.world.processes import Processes, Stations
+from sim.recording.opening import NODE_ARGUMENTS
+
+STOP_TIMEOUT_S = 30.0
+"""A child process that has not ended this long (s) after SIGTERM is killed."""
+
+
+class Process:
+    """A child process that runs one of our modules; use with `with`. What it prints goes to a file and into errors."""
+
+    def __init__(self, name: str, module: str, arguments: Sequence[str]) -> None:
+        self.name = name
+        self._log = tempfile.NamedTemporaryFile(prefix=f"{name}-", suffix=".log", delete=False)  # noqa: SIM115
+        # A session of its own: Ctrl-C comes to us alone, and we stop the children in order.
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", module, "--with-parent", str(os.getpid()), *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+    def __enter__(self) -> Process:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        self._log.close()
+        Path(self._log.name).unlink(missing_ok=True)
+
+    def check(self) -> None:
+        """Raise DasError with the last line that the process printed, if the process has ended."""
+        code = self._child.poll()
+        if code is not None:
+            if code < 0:
+                raise DasError(f"the {self.name} was killed by {signal.Signals(-code).name}")
+            raise DasError(f"the {self.name} ended: {self._last_words()}")
+
+    def kill(self) -> None:
+        """End the process with SIGKILL, as a crash would."""
+        self._child.kill()
+        self._child.wait()
+
+    def stop(self) -> int:
+        """End the process with SIGTERM, after `STOP_TIMEOUT_S` with SIGKILL; returns its exit code."""
+        if self._child.poll() is None:
+            self._child.send_signal(signal.SIGTERM)
+            try:
+                self._child.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+        return self._child.wait()
+
+    def finish(self) -> None:
+        """End the process with SIGTERM; raise DasError with the last line it printed if its exit code is not 0."""
+        if self.stop() != 0:
+            self.check()
+
+    def _last_words(self) -> str:
+        lines = Path(self._log.name).read_text(errors="replace").strip().splitlines()
+        return lines[-1].removeprefix("error: ") if lines else "it said nothing"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Processes:
+    """How node and recorder of a run are started.
+
+    `driver_at` is the endpoint at which an external driver finds the simulator; None where there is no such driver.
+    With a bus folder the endpoint is in the bus file, and `driver_at` may be any text.
+    """
+
+    train: str
+    node_arguments: tuple[str, ...]
+    out: Path
+    metadata: dict[str, str]
+    start_ns: int
+    attachments: tuple[Path, ...] = ()
+    bus: BusFolder | None = None
+    driver_at: str | None = None
+
+
+class Stations:
+    """The endpoints of simulator, node and recorder: free ports of this machine, or those of a bus folder."""
+
+    def __init__(self, processes: Processes) -> None:
+        self._processes = processes
+        self._ports = [endpoint(port) for port in free_ports(3)]
+        if processes.driver_at is not None:
+            self._ports[0] = processes.driver_at
+
+    def open_bus(self) -> Bus:
+        """Open the simulator's own session, which receives the messages of node, recorder and an external driver."""
+        driver = () if self._processes.driver_at is None else (CONTROLS,)
+        hear, files = (ADVICE, STATUS, RECORDER, *driver), self._processes.bus
+        if files is not None:
+            return Bus(self._processes.train, hear=hear, file=files.file(Role.SIMULATOR))
+        return Bus(self._processes.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
+
+    def start_recorder(self) -> Process:
+        """Start the recorder of the run."""
+        processes = self._processes
+        metadata = {**processes.metadata, NODE_ARGUMENTS: json.dumps(processes.node_arguments)}
+        arguments = [*self._place(1, Role.RECORDER), "--out", str(processes.out), "--overwrite"]
+        arguments += ["--metadata", json.dumps(metadata), "--start-ns", str(processes.start_ns)]
+        for path in processes.attachments:
+            arguments += ["--attach", str(path)]
+        return Process("recorder", "das.recorder", arguments)
+
+    def start_node(self) -> Process:
+        """Start a node that goes by the simulation's clock."""
+        arguments = [*self._place(2, Role.NODE), "--clock", "bus", *self._processes.node_arguments]
+        return Process("node", "das.node", arguments)
+
+    def _place(self, own: int, role: Role) -> Sequence[str]:
+        """Arguments with the train and either the endpoints of a process (it listens on port `own`) or its bus file."""
+        if self._processes.bus is not None:
+            return ["--train", self._processes.train, *self._processes.bus.file(role).arguments()]
+        others = [port for i, port in enumerate(self._ports) if i != own]
+        connect = [word for port in others for word in ("--connect", port)]
+        return ["--train", self._processes.train, "--listen", self._ports[own], *connect]
 
 
 def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> LocationFix:
-    """A place of the train on the map."""
+    """The message that tells where the train is on the map."""
     fix = LocationFix(latitude=latitude_deg, longitude=longitude_deg, frame_id="train")
     fix.timestamp.FromNanoseconds(time_ns)
     return fix
 
 
 def happened(time_ns: int, text: str, level: Any = Log.INFO) -> Log:
-    """A message for people to read, about something that happened."""
+    """The message that tells people, in `text`, that something happened."""
     log = Log(level=level, message=text, name="das-sim")
     log.timestamp.FromNanoseconds(time_ns)
     return log
 
 
 class Written(NamedTuple):
-    """How far the recorder has got: the last tick and the last advice it wrote, and the node's state in the file."""
+    """The ticks of the last Control and the last advice that the recorder wrote, and the node's last written state."""
 
     tick: int = 0
     advice_tick: int = 0
@@ -52,26 +178,26 @@ class Written(NamedTuple):
 
 
 class Answers:
-    """Keeps the latest message of node, recorder and external driver."""
+    """The latest messages of node, recorder and external driver."""
 
     def __init__(self) -> None:
         self.node_state: int = NodeState.STARTING
-        """The state that the node said last."""
+        """The state that the node reported last."""
         self.reason = ""
-        """Why the node is in that state, in its words."""
+        """Why the node is in that state, as the node puts it."""
         self.written = Written()
-        """How far the recorder has got."""
+        """What the recorder has written so far."""
         self.advice: Any | None = None
         """The last advice (the bus's message); None before the first."""
         self.controls: Any | None = None
         """The external driver's latest answer (the bus's message); None before the first."""
         self.driver = ""
-        """Session of the external driver in control: the first one heard. If empty, the next one takes control."""
+        """Session of the external driver in control: the first one heard; while empty, the next one takes control."""
         self.other_drivers = 0
-        """How many messages were ignored because they came from other sessions that tried to drive as well."""
+        """How many messages of other sessions that tried to drive as well were ignored."""
 
     def take(self, topic: Topic, message: Any | None, source: str = "") -> None:
-        """Take note of a message of a session (`source`). A message that could not be read is None and is ignored."""
+        """Keep a message of a session (`source`); None, for a message that could not be decoded, is ignored."""
         if message is None:
             return
         if topic is ADVICE:
@@ -91,19 +217,20 @@ class Answers:
             self.other_drivers += 1
 
     def advised(self, tick: int) -> bool:
-        """Whether the node has answered a tick."""
+        """Whether the node's latest advice answers this tick."""
         return self.advice is not None and self.advice.tick == tick
 
     def answered(self, look: int) -> bool:
-        """Whether an external driver has answered a look."""
+        """Whether the external driver's latest answer is to this look."""
         return self.controls is not None and self.controls.look == look
 
 
 START_TIMEOUT_S = 120.0
 """Longest wait (s) for the start: the node compiles its solver the first time on a machine."""
 ANSWER_TIMEOUT_S = 10.0
+"""Longest wait (s) for an answer of node or recorder once both have started."""
 HEARD_EVERY_S = 0.2
-"""While no message comes, the processes of node and recorder are checked at this interval (s)."""
+"""While no message comes, the simulator checks at this interval (s) that node and recorder still run."""
 RECORDER_WINDOW = 50
 """The recorder may be this many ticks behind before the simulation waits for it."""
 
@@ -114,6 +241,7 @@ class Traffic:
 
     ticks: int = 0
     start_s: float = 0.0
+    """How long node and recorder took to start (s)."""
     sent: Counter[str] = field(default_factory=Counter)
     recorded: Counter[str] = field(default_factory=Counter)
     advices_given: int = 0
@@ -122,7 +250,7 @@ class Traffic:
 
     @property
     def lost(self) -> int:
-        """Messages sent or answered that are not in the recording."""
+        """Number of messages that were sent, or came as advice, but are not in the recording."""
         expected = {**self.sent, ADVICE.name: self.ticks}
         return sum(max(count - self.recorded[name], 0) for name, count in expected.items())
 
@@ -133,30 +261,24 @@ class Lockstep:
     def __init__(self, processes: Processes) -> None:
         self.processes, self.traffic = processes, Traffic()
         self._stations, self.answers = Stations(processes), Answers()
-        self._stack = ExitStack()
         self._asked_tick = 0
         self._told_ns = {RESTRICTION.name: 0, TARGET.name: 0}
 
     def __enter__(self) -> Lockstep:
-        try:
-            self._recorder = self._stack.enter_context(self._stations.start_recorder())
+        with ExitStack() as stack:
+            self._recorder = stack.enter_context(self._stations.start_recorder())
             self._node = self._stations.start_node()
-            self._stack.callback(lambda: self._node.__exit__(None, None, None))
-            self.bus = self._stack.enter_context(self._stations.open_bus())
-        except BaseException:
-            self._stack.close()
-            raise
+            stack.callback(lambda: self._node.__exit__(None, None, None))
+            self.bus = stack.enter_context(self._stations.open_bus())
+            self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     def begin(self, journey: JourneyHeard) -> None:
-        """Wait until node and recorder have started and the node has accepted the journey."""
-        began = time.perf_counter()
-        answers, waiting = self.answers, (NodeState.WAITING, NodeState.READY)
+        """Wait until node and recorder have started, send the journey, and wait until the node has accepted it."""
+        began, answers, waiting = time.perf_counter(), self.answers, (NodeState.WAITING, NodeState.READY)
         self._until(
             lambda: answers.node_state in waiting and answers.written.node_state in waiting,
             START_TIMEOUT_S,
@@ -167,8 +289,8 @@ class Lockstep:
         self.traffic.start_s = time.perf_counter() - began
 
     def restart_node(self) -> None:
-        """Kill the node, start it anew, and wait until it has the journey again, which the bus keeps."""
-        # No message of the node may be lost by the kill: how many got through would depend on the machine.
+        """Kill the node, start it anew, and wait until it has accepted the journey again, which the bus keeps."""
+        # No message may be lost by the kill, because how many are lost would depend on the machine.
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
         self._node.__exit__(None, None, None)
@@ -213,18 +335,9 @@ class Lockstep:
         self.traffic.recorded = recorded_counts(self.processes.out)
 
     def _ask(self, now_ns: int, tick: int, *, finish: bool = False) -> None:
-        """Send a Control message.
-
-        The node answers only when it has heard the restrictions and targets sent before, which travel separately.
-        """
-        asked = codec.control(
-            now_ns,
-            tick,
-            restrictions_ns=self._told_ns[RESTRICTION.name],
-            targets_ns=self._told_ns[TARGET.name],
-            finish=finish,
-        )
-        self.send(*asked)
+        """Send a Control message, which names the restrictions and targets that the node must have heard to answer."""
+        told = {"restrictions_ns": self._told_ns[RESTRICTION.name], "targets_ns": self._told_ns[TARGET.name]}
+        self.send(*codec.control(now_ns, tick, **told, finish=finish))
 
     def _all_written(self) -> bool:
         written = self.answers.written
@@ -250,7 +363,7 @@ class Lockstep:
         self.traffic.above_limit += advice.advised_speed_mps > advice.limit_mps + 1e-6
 
     def hear(self, done: Callable[[], bool], timeout_s: float, *, watch_node: bool = True) -> bool:
-        """Take messages until a condition holds; returns whether it does, DasError when a process ended."""
+        """Receive messages until a condition holds; False after the timeout, DasError where a process has ended."""
         deadline = time.monotonic() + timeout_s
         while not done():
             received = self.bus.receive(min(max(deadline - time.monotonic(), 0.0), HEARD_EVERY_S))
@@ -265,7 +378,7 @@ class Lockstep:
         return True
 
     def _until(self, done: Callable[[], bool], timeout_s: float, what: str, *, watch_node: bool = True) -> None:
-        """Take messages until a condition holds; DasError when a process ended or it takes too long."""
+        """Receive messages until a condition holds; DasError where a process has ended or after the timeout."""
         if not self.hear(done, timeout_s, watch_node=watch_node):
             raise DasError(f"waited {timeout_s:.0f} s for {what}")
 

@@ -1,29 +1,36 @@
-"""The figures of a run: punctuality, energies, where they went, and the optimum of the true train beside them."""
+"""The figures of a run, for programs and as tables: punctuality, energies, where they went, and the optimum."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
+from rich.table import Table
+
+from das.command_line.printing import print_table, tell, typed
 from das.domain.braking import ServiceBraking
+from das.domain.conditions import Conditions
 from das.domain.trajectory import EnergyBalance
 from das.domain.units import kmh, kwh
 from das.solver.front import Front
 from das.solver.section import build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import AboveOptimum, SectionEnergy
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy
 from sim.drive.calls import as_rows
 from sim.drive.drive import Drive, RunFigures
+from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
-from sim.world.day import Day
+from sim.recording.course import minutes
 from sim.world.loop import Counts, Run
+from sim.world.service import Day
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
-    """Each section's least-energy trajectory for the time really taken; the fastest one if even less time was taken."""
+    """The least-energy trajectory of each section for the time it took; the fastest one where it took even less."""
     return tuple(
         front.trajectory(arrived.time_s - departed.time_s)
         for front, (departed, arrived) in zip(fronts, run.legs, strict=True)
@@ -31,7 +38,7 @@ def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]
 
 
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
-    """What a run took above the optimum of its true train, by section; raises DasError where `true_fronts` does."""
+    """The energy above the optimum of the true train, by section; raises DasError where `true_fronts` does."""
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
     return AboveOptimum.measured_on(
         [
@@ -44,9 +51,9 @@ def above_optimum(day: Day, run: Run) -> AboveOptimum:
 
 
 def true_fronts(day: Day) -> tuple[Front, ...]:
-    """The fronts of the sections for the train and the conditions of the day; the plan's where they are the same.
+    """The fronts of the sections for the true train under the day's conditions; the plan's where both are as planned.
 
-    They do not know what happens on the way: signals, restrictions, slippery rail and wind on a part of the line.
+    These fronts ignore what happens on the way: signals, restrictions, slippery rail and wind on a part of the line.
     Raises DasError for losses that do not cover what the train can do.
     """
     service, truth = day.service, day.service.scenario.truth
@@ -65,7 +72,7 @@ def true_fronts(day: Day) -> tuple[Front, ...]:
 
 
 def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
-    """The true train's fronts with the braking that a human driver intends or, for others, that the advice plans."""
+    """The true train's fronts under the braking that a human driver intends or, for other drivers, the advice plans."""
     service, human = day.service, day.human
     braking = service.scenario.braking.of(service.vehicle)
     if driver is DriverKind.HUMAN:
@@ -81,21 +88,21 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
 
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
-"""Where energy is lost for good, as in the paper's figure, and what the line did not take back."""
+"""The ways in which energy is lost for good, as in the paper's figure; `unreturned` is what the line did not take."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunEnergies:
     """Energies of a run at the current collector, and the optima beside them (J).
 
-    `above` has the energy from departure to arrival of every section, and the least energy of the true train and its
-    losses for the times that the sections really took. `at_stops_j` is drawn at stops in between, `planned_j` is the
-    plan's least energy for the timetable; neither optimum knows what happened on the way.
+    `above` has the energy from departure to arrival of every section, and the least energy of the true train for the
+    times that the sections took. `at_stops_j` is drawn at stops in between. `planned_j` is the plan's least energy for
+    the timetable. Both optima ignore what happened on the way.
 
     Driven = optimum + `blending_j` + `profile_j`, where `blending_j` went to friction brakes although the motors could
-    have braked, and `profile_j` is what the speed profile cost. `own_braking_j` is the optimum for the same times with
-    the braking and the margin below limits that a human driver intends or, for other drivers, that the advice plans;
-    its difference from the optimum is what such braking costs.
+    have braked, and `profile_j` is what the speed profile cost. `own_braking_j` is the optimum for the same times under
+    the braking and the margin below limits that a human driver intends or, for other drivers, that the advice plans.
+    Its difference from the optimum is what such braking costs.
     """
 
     above: AboveOptimum
@@ -111,7 +118,7 @@ class RunEnergies:
 
     @property
     def optimum_as_driven_j(self) -> float:
-        """Least energy of the true train for the times that the sections really took (J)."""
+        """Least energy of the true train for the times that the sections took (J)."""
         return self.above.optimum_j
 
     @property
@@ -138,10 +145,10 @@ class RunEnergies:
 class DayOutcome:
     """The result of one day's run.
 
-    `drive` has the figures that a recording of the run has as well: stops, energy above the optimum, violations, and
-    how often the advice on the display changed. `running_time_s` is the time between departures and arrivals,
-    `simulated_s` the whole time of the run. `balance` is where the energy went from the first departure to the last
-    arrival (J), comfort systems included. `counts` say how the advice fared.
+    `drive` has the figures that a recording of the run also gives: stops, energy above the optimum, violations, and how
+    often the advice on the display changed. `running_time_s` is the time between departures and arrivals, `simulated_s`
+    the whole time of the run. `balance` is where the energy went from the first departure to the last arrival (J),
+    comfort systems included. `counts` tells on how many ticks advice was given, withdrawn or not heard.
     """
 
     scenario: str
@@ -156,7 +163,7 @@ class DayOutcome:
 
     @property
     def late_s(self) -> float:
-        """Arrival at the last stop after the timetable's (early < 0)."""
+        """How late the train arrived at the last stop (s; early < 0)."""
         return self.drive.late_s
 
     def as_dict(self) -> dict[str, Any]:
@@ -186,7 +193,7 @@ class DayOutcome:
 
 
 def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
-    """The result of one day's run, with the optimum for braking as a human driver intends or as the advice plans."""
+    """The result of one day's run. `driver` decides whose braking `own_braking_j` assumes (None: the advice's)."""
     service = day.service
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
@@ -229,7 +236,7 @@ def _parts(balance: EnergyBalance) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedFigures:
-    """A run's recording: its file, messages sent, written and lost, and how long node and recorder took to start."""
+    """The recording of a run: its file, messages sent, recorded and lost, and how long the start took (s)."""
 
     file: str
     messages_sent: int
@@ -253,7 +260,7 @@ class DayResult:
     """What `das-sim run` reports: the outcome, how the day was driven, what happened on it, and the recording.
 
     `happens` is one line about the disturbances, `drawn` everything that the seed drew (SI). `wall_s` is how long the
-    run took by the stopwatch. `recorded` is None for a run in one process, which records nothing.
+    run took in real time. `recorded` is None for a run in one process, which is not recorded.
     """
 
     outcome: DayOutcome
@@ -272,7 +279,7 @@ class DayResult:
 
     @property
     def warnings(self) -> list[str]:
-        """What is wrong with the advice of the run; empty where nothing is."""
+        """What is wrong with the advice of the run; empty where nothing is wrong."""
         warning = self.outcome.drive.stability.warning
         return [] if warning is None else [warning]
 
@@ -290,3 +297,104 @@ class DayResult:
             "warnings": self.warnings,
             **({"file": None} if self.recorded is None else self.recorded.as_dict()),
         }
+
+
+STOP_LEGEND: Final = {
+    "due, arrived, departed": "minutes and seconds since the timetable's first departure",
+    "missed": "by how much the train stood beyond the stop (before it: negative)",
+}
+"""The legend below the table of stops."""
+TIMES: Final = ("due", "arrived", "departed")
+"""Columns of times in the table of stops."""
+LABELS: Final = {
+    "component_loss": "component losses",
+    "resistance": "running resistance",
+    "friction_brake": "friction brake",
+    "unreturned": "brake resistors",
+    "comfort": "comfort systems",
+}
+"""The names of `SHARES` as the table prints them."""
+
+UNCHANGED: Final = asdict(Conditions())
+"""The conditions of a train and line that are as planned."""
+
+
+def print_result(result: DayResult) -> None:
+    """Print the table of stops, the figures, notes on them, warnings, and where the recording is."""
+    print_table(_stops(result), STOP_LEGEND)
+    table = Table(show_header=False)
+    table.add_column()
+    table.add_column(justify="right", no_wrap=True)
+    for row in _rows(result):
+        table.add_row(*row)
+    print_table(table)
+    for note in _notes(result):
+        tell(f"note: {note}")
+    for warning in result.warnings:
+        tell(f"warning: {warning}")
+    if result.recorded is not None:
+        tell(f"written: {result.recorded.file}")
+        tell(f"view it: {typed('das-sim')} view {shlex.quote(result.recorded.file)}")
+
+
+def _stops(result: DayResult) -> Table:
+    found = result.outcome
+    title = f"{found.scenario}, seed {found.seed}, driver {result.driver}, advice {result.advice}"
+    table = Table(title=title, title_justify="left")
+    table.add_column("stop")
+    for name in (*TIMES, "late", "missed"):
+        table.add_column(name, justify="right")
+    for call in as_rows(found.drive.calls):
+        times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
+        missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
+        table.add_row(call["name"], *times, f"{call['late_s']:+.0f} s", missed)
+    return table
+
+
+def _rows(result: DayResult) -> list[tuple[str, str]]:
+    """Rows of energies, where they went, the advice and the messages."""
+    found, energies = result.outcome, result.outcome.energies
+    braking = "this driver" if result.driver is DriverKind.HUMAN else "advised"
+    rows = [
+        ("energy, departures to arrivals", f"{kwh(energies.driven_j):.1f} kWh"),
+        ("  optimum of the plan", f"{kwh(energies.planned_j):.1f} kWh"),
+        ("  optimum for the times as driven", f"{kwh(energies.optimum_as_driven_j):.1f} kWh"),
+        ("  above that optimum", energies.above.words),
+        ("    friction where motors could brake", f"{kwh(energies.blending_j):+.1f} kWh"),
+        ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
+        (f"  optimum braking as {braking}", f"{kwh(energies.own_braking_j):.1f} kWh"),
+    ]
+    parts = shares(found.balance)
+    rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
+    counts, recorded = found.counts, result.recorded
+    rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
+    rows += found.drive.stability.rows()
+    if recorded is not None:
+        rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
+    rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
+    return rows
+
+
+def _notes(result: DayResult) -> list[str]:
+    """Notes that help to read the figures: what happened, who drove, what was violated."""
+    found, violations = result.outcome, result.outcome.drive.violations
+    notes = [f"on this day: {result.happens}"]
+    human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}
+    if human:
+        notes.append("the driver: " + ", ".join(f"{name} {value:.4g}" for name, value in human.items()))
+    truth = {name: value for name, value in result.drawn["truth"].items() if value != UNCHANGED[name]}
+    if truth:
+        notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
+    beyond = (call for call in found.drive.calls if call.missed_m > AT_STOP_M)
+    notes += [f"the train came to stand {call.missed_m:.0f} m beyond {call.name}" for call in beyond]
+    if violations.signals_passed:
+        beyond_m = violations.beyond_signal_m
+        notes.append(f"signals passed at danger: {violations.signals_passed}, by up to {beyond_m:.0f} m")
+    if violations.over_limit_s:
+        over_kmh = kmh(violations.over_limit_mps)
+        notes.append(f"{violations.over_limit_s:.0f} s above limits, by up to {over_kmh:.0f} km/h")
+    if found.energies.above.why_not:
+        notes.append(f"{NOT_COMPARABLE}: {found.energies.above.why_not}")
+    if found.counts.above_limit:
+        notes.append(f"{found.counts.above_limit} advices were above the limit: please report this")
+    return notes

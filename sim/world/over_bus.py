@@ -19,21 +19,19 @@ from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drive.stability import AdviceStability
-from sim.drivers.cab import KINDS, Driver, DriverEvent, Presentation
-from sim.drivers.kinds import DriverName, FrictionPolicy
+from sim.drivers.cab import KINDS, Driver, DriverEvent
+from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
 from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
 from sim.drivers.presentations.presenter import presenter_of
 from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.recording.inputs import sha256
-from sim.world.day import Day
 from sim.world.disturbances import described
 from sim.world.external import ExternalDriver
-from sim.world.lockstep import Lockstep, Traffic, happened, location
+from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location
 from sim.world.loop import BEFORE_S, Progress, Run, Tick, Told, World
 from sim.world.outcome import above_optimum
-from sim.world.processes import Processes
-from sim.world.service import Service, scenario_files
+from sim.world.service import Day, Service, scenario_files
 
 
 class OverBus:

@@ -29,7 +29,6 @@ from sim.drive.limits import Violations
 from sim.drivers.cab import AdviceView, CabView
 from sim.plant.plant import PlantState
 from sim.world.calls import Calls, Watch
-from sim.world.day import Day
 from sim.world.disturbances import (
     AnnouncedRestriction,
     BusOutage,
@@ -40,6 +39,7 @@ from sim.world.disturbances import (
     SignalStop,
     TrainAhead,
 )
+from sim.world.service import Day
 
 DELAY_EVERY_S = 10
 COMPARED_EVERY_S = 35.0

@@ -12,12 +12,10 @@ import pytest
 from das.advice.advice import Advice
 from das.cab.heard import DelayHeard
 from das.domain.errors import DasError
-from sim.drivers.cab import AT_STOP_M, Presentation
-from sim.drivers.registry import DriverKind
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Tick, World
-from sim.world.service import Service
+from sim.drivers.cab import AT_STOP_M
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.loop import InProcess, Tick, World
+from sim.world.service import Service, make_day
 from tests.support.crossing import few
 from tests.support.flat_days import FLAT, run_of, service_of, signal_at, standing_m, states_of
 
@@ -109,7 +107,7 @@ def test_who_has_arrived_is_not_late_any_more_than_that(flat: Callable[[str], Pa
     for seed in range(3):
         day, link = make_day(service, seed), Hears(service)
         run = World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, link).run()
-        assert link.delays_s[-1] == pytest.approx(run.late_s, abs=1e-6)
+        assert link.delays_s[-1] == pytest.approx(run.calls[-1].late_s, abs=1e-6)
 
 
 def test_a_stop_overrun_is_a_stop_and_said(flat: Callable[[str], Path]) -> None:

@@ -18,8 +18,8 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import Batch, make_run
 from sim.jobs.runner import attempted
-from sim.world.day import make_day
 from sim.world.over_bus import How, make_processes, run_over_bus
+from sim.world.service import make_day
 from tests.support.flat_days import service_of
 
 LOOK_S = 0.2

@@ -16,14 +16,12 @@ import pytest
 
 from das.bus import das_pb2
 from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, STATUS
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind, make_driver
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import World
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.loop import InProcess, World
 from sim.world.outcome import fronts_of_braking
 from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
+from sim.world.service import make_day, prepare_service
 from tests.support.followed import after_a_second_mps
 from tests.support.node_process import START_NS, a_journey, node, status, until
 

@@ -20,15 +20,13 @@ from das.bus.recording import read_recording
 from das.bus.topics import ADVICE
 from das.cab.heard import DelayHeard, Heard, PositionHeard, RestrictionsHeard, ToldRestriction
 from das.estimate.fix import PositionFix, Quality
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind, make_driver
-from sim.world.day import Day, make_day
-from sim.world.in_process import InProcess
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.lockstep import Lockstep
-from sim.world.loop import Link, Tick, Told, World
+from sim.world.loop import InProcess, Link, Tick, Told, World
 from sim.world.over_bus import How, OverBus, make_processes
 from sim.world.scenario import bundled_scenarios, read_scenario
-from sim.world.service import prepare_service
+from sim.world.service import Day, make_day, prepare_service
 
 pytestmark = [pytest.mark.slow, pytest.mark.processes]
 SEED = 1

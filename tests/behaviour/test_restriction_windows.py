@@ -12,13 +12,12 @@ import pytest
 from das.advice.advice import Advice
 from das.domain.restriction import COUNTS_AFTER_S
 from das.domain.units import KMH
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind, make_driver
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import PlantState
 from sim.world.calls import Violations
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, Tick, World
+from sim.world.loop import InProcess, Run, Tick, World
+from sim.world.service import make_day
 from sim.world.surroundings import DayNews
 from tests.support.flat_days import service_of
 

@@ -36,14 +36,12 @@ from das.bus.topics import (
 )
 from das.domain.units import KMH, NS, kwh
 from sim.drive.drive import Drive
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind, make_driver
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.lockstep import Traffic
-from sim.world.loop import World
+from sim.world.loop import InProcess, World
 from sim.world.scenario import read_scenario
-from sim.world.service import prepare_service
+from sim.world.service import make_day, prepare_service
 from tests.support.making import das_sim, in_a_process, refusal, wait_until
 from tests.support.recordings import advices_so_far
 

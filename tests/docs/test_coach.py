@@ -28,7 +28,7 @@ from docs.studies.coach import (
 from docs.studies.coach_days import draw_day, shown_seconds
 from docs.studies.driving import KEEPING, WatchedRun, watched_run
 from docs.studies.output import write_table
-from sim.drivers.cab import Presentation
+from sim.drivers.kinds import Presentation
 from sim.experiment.factors import study_days
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, prepare_service

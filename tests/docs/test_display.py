@@ -23,7 +23,8 @@ from docs.studies.display import (
     display_table,
     figures,
 )
-from sim.drivers.cab import AdviceView, Presentation
+from sim.drivers.cab import AdviceView
+from sim.drivers.kinds import Presentation
 from sim.world.scenario import read_scenario
 from sim.world.service import prepare_service
 

@@ -16,15 +16,13 @@ from das.advice.advice import Advice
 from das.advice.regimes import Regime
 from das.domain.units import KMH
 from sim.drive.stability import ShownWatch
-from sim.drivers.cab import Presentation
 from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Shown
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, Tick, World
+from sim.world.loop import InProcess, Run, Tick, World
 from sim.world.scenario import load_scenario
-from sim.world.service import Service, prepare_service
+from sim.world.service import Service, make_day, prepare_service
 from tests.support.crossing import numbered
 
 pytestmark = pytest.mark.slow

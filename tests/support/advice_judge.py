@@ -10,7 +10,7 @@ from typing import NamedTuple
 from das.advice.advice import Advice
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.regimes import Regime
-from sim.drivers.cab import Presentation
+from sim.drivers.kinds import Presentation
 from tests.support.assessed_day import AT_STOP_M, Seen, Stood
 from tests.support.drawn_day import Drawn, Style
 from tests.support.obedient_drivers import BRAKES, TRACTION

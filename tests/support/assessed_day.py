@@ -36,7 +36,8 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
-from sim.drivers.cab import CabView, Presentation
+from sim.drivers.cab import CabView
+from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.plant import Plant, PlantState
 from tests.support.drawn_day import Change, Drawn, Operators, Style, Upset

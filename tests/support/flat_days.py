@@ -5,14 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind, make_driver
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.plant import PlantState
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, World
+from sim.world.loop import InProcess, Run, World
 from sim.world.scenario import Scenario, read_scenario
-from sim.world.service import Service, prepare_service
+from sim.world.service import Service, make_day, prepare_service
 
 FLAT = """
 schema_version = 1

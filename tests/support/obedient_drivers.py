@@ -12,13 +12,13 @@ import numpy as np
 from das.advice.advice import Advice
 from das.advice.coach.coaching import Instruction
 from das.advice.regimes import Regime
-from sim.drivers.cab import CabView, Presentation
+from sim.drivers.cab import CabView
+from sim.drivers.drivers import TimetableDriver
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import FrictionPolicy
+from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import present
-from sim.drivers.rules import TimetableDriver
 from sim.plant.plant import COAST, Command, PlantState, force, speed
 from tests.support.drawn_day import Style
 from tests.support.raw_witness import RawLine

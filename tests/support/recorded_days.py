@@ -12,15 +12,15 @@ from das.bus import codec
 from das.bus.recording import Recording, Stamped
 from das.bus.topics import CAB, LOG, TRUTH
 from das.cab.heard import Heard
-from sim.drivers.cab import AdviceView, CabView, Driver, Presentation
+from sim.drivers.cab import AdviceView, CabView, Driver
+from sim.drivers.kinds import Presentation
 from sim.drivers.messages import CabLook, cab_message
 from sim.plant.plant import Command, speed
 from sim.recording.inputs import DriveInputs
-from sim.world.day import Day
-from sim.world.in_process import TRAIN, InProcess
 from sim.world.lockstep import happened
-from sim.world.loop import BEFORE_S, Tick, Told, World
+from sim.world.loop import BEFORE_S, TRAIN, InProcess, Tick, Told, World
 from sim.world.over_bus import _truth
+from sim.world.service import Day
 
 
 class KeptInProcess(InProcess):

@@ -29,10 +29,9 @@ from sim.options import ReplayOptions
 from sim.runs.replay.job import prepare
 from sim.runs.replay.replay import replay
 from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
-from sim.world.day import make_day
 from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import bundled_scenarios, read_scenario
-from sim.world.service import prepare_service
+from sim.world.service import make_day, prepare_service
 from tests.support.making import REPOSITORY
 
 FOLDER = REPOSITORY / "recordings" / "references"

@@ -9,7 +9,8 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from das.estimate.settings import LEAST_SD_M, LEAST_SD_MPS
-from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver, Presentation
+from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver
+from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.presentations.presenter import present
 from sim.plant.plant import Plant, PlantState

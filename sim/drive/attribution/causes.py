@@ -18,7 +18,7 @@ from das.domain.trajectory import Trajectory
 from das.domain.vehicle import Vehicle
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of, shown_presentation
 from sim.recording.course import Floats, Times
-from sim.recording.metadata import WHAT_IF, WhatIfKind
+from sim.recording.opening import WHAT_IF, WhatIfKind
 
 
 class EnergyCause(StrEnum):

@@ -32,8 +32,7 @@ from sim.drive.happenings import NOT_HEARD, Span, points, signals
 from sim.drive.limits import temporary_limits
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
-from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse, Floats
+from sim.recording.course import DriveClock, DrivenCourse, Floats
 
 NEWS_NS: Final = 3_000_000_000
 """A plan made within this time (ns) after news counts as made because of them: the node solves anew first."""

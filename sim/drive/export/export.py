@@ -30,7 +30,7 @@ from sim.drive.export.tables import (
     require_parquet,
     tables_of,
 )
-from sim.recording.clock import DriveClock
+from sim.recording.course import DriveClock
 from sim.recording.opening import open_recording
 
 STEP_M: Final = 10.0

@@ -21,8 +21,8 @@ from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import presenter_of
-from sim.recording.clock import spell
-from sim.recording.metadata import WHAT_IF
+from sim.recording.course import spell
+from sim.recording.opening import WHAT_IF
 from sim.runs.what_if.origin import CHANGED, OF
 from sim.world.disturbances import NOTHING
 

@@ -20,7 +20,7 @@ from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
 from sim.drivers.kinds import DriverKind, FrictionPolicy
-from sim.recording.clock import minutes, spell
+from sim.recording.course import minutes, spell
 from sim.review.report.sentences import compliance, shown_s, told_causes
 from sim.review.words import readable
 

@@ -30,7 +30,7 @@ from sim.runs.replay.replay import ReplayJob, plan_timing
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
-from sim.world.processes import Processes
+from sim.world.lockstep import Processes
 
 LONGEST_S = 86400.0
 """Running times and delays must be shorter than this (s): a day."""

@@ -25,8 +25,7 @@ from das.solver.solution import Solution
 from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.trips.estimate import DrivenEstimate
 from sim.trips.trip import Trip
-from sim.world.lockstep import Lockstep, Traffic, happened, location, sleep_until
-from sim.world.processes import Processes
+from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
 
 TICK_S = 1.0
 DELAY_EVERY_S = 10.0

@@ -23,7 +23,7 @@ from das.domain.files.load import catalogue
 from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
 from sim.recording.check import restarts_of
 from sim.recording.inputs import AttachedFiles
-from sim.recording.metadata import NODE_ARGUMENTS
+from sim.recording.opening import NODE_ARGUMENTS
 
 FILES: Final = {"--route": "route", "--vehicle": "vehicle", "--loss-map": "loss_map"}
 """Options of the node that name an input file, and what the recording's metadata call it."""

@@ -22,20 +22,19 @@ from sim.drive.calls import KeptCall, calls_of
 from sim.drive.limits import told_lists
 from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
-from sim.drivers.population import DEFAULT, Participant, load_population, participant_of
+from sim.drivers.parameters import DEFAULT, Participant, load_population, participant_of
 from sim.drivers.screen import recorded_screen
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import put, sha256, vehicle_files
-from sim.recording.metadata import WhatIfKind, typed_command
+from sim.recording.opening import WhatIfKind, typed_command
 from sim.runs.reproduce.hearing import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
-from sim.world.day import Day, make_day, with_disturbances
 from sim.world.disturbances import AnnouncedRestriction
 from sim.world.drawn import Truth
 from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario
-from sim.world.service import prepare_service
+from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
 LEAST_DELAY_S: Final = 1.0
 """A departure that was late by less than this (s) was in time."""

@@ -32,12 +32,11 @@ from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.estimate.estimate import Estimate
 from das.solver.section import build_section
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.loop import InProcess
 from sim.world.loop import World as ClosedLoop
 from sim.world.scenario import load_scenario
+from sim.world.service import make_day
 from tests.support.drawn_day import write_files
 from tests.support.driven_node import DrivenNode, S
 from tests.support.flat_days import service_for

@@ -34,8 +34,7 @@ from das.bus.topics import (
     decoded,
 )
 from das.cab.heard import JourneyHeard
-from sim.world.lockstep import Lockstep
-from sim.world.processes import Processes
+from sim.world.lockstep import Lockstep, Processes
 
 pytestmark = pytest.mark.processes
 TRAIN = "T1"

@@ -24,8 +24,9 @@ from das.estimate.calibration import Calibrator, Recalibration
 from das.estimate.effort import Effort
 from das.estimate.ratios import Belief, Estimates
 from das.estimate.settings import CALIBRATION
+from sim.drivers.drivers import make_driver
+from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import COAST, Patch, Plant, PlantState, force
 from tests.support.making import flat, make_train
 from tests.support.ride import Leg, ride

@@ -25,7 +25,7 @@ from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.errors import DasError
 from das.node.node import Node, WallClock
-from sim.world.processes import Process
+from sim.world.lockstep import Process
 from tests.support.driven_node import FRONTS, ROUTE, START_NS, TRAIN, VEHICLE, S, Sink, journey
 from tests.support.hand_clock import HandClock
 from tests.support.node_process import FLAT, until

@@ -17,12 +17,11 @@ from das.domain.errors import DasError
 from sim.drive.drive import Drive
 from sim.drive.happenings import Signal
 from sim.drive.limits import Violations, violations_of
-from sim.drivers.cab import Presentation
-from sim.drivers.kinds import DriverKind
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.recording.course import DrivenCourse
-from sim.world.day import make_day
 from sim.world.loop import World
 from sim.world.outcome import DayOutcome, outcome
+from sim.world.service import make_day
 from tests.support.flat_days import FLAT, service_of
 from tests.support.recorded_days import KeptInProcess, inputs_of_day
 

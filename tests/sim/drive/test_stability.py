@@ -18,14 +18,12 @@ from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from sim.drive.drive import Drive
 from sim.drive.stability import AdviceStability, ShownWatch, recorded_stability
-from sim.drivers.cab import Presentation
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown
-from sim.drivers.registry import DriverKind
 from sim.review.words import summary
-from sim.world.day import make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, Told, World
+from sim.world.loop import InProcess, Run, Told, World
 from sim.world.over_bus import OverBus
+from sim.world.service import make_day
 from tests.support.flat_days import service_of
 
 T, R, H, C, B, F, S = (

@@ -13,12 +13,13 @@ from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.regimes import Regime
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Driver, Efforts, Presentation
+from sim.drivers.cab import AdviceView, CabView, Driver, Efforts
+from sim.drivers.drivers import PerfectDriver
 from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Shown, present
-from sim.drivers.rules import PerfectDriver
 from sim.plant.kernels import electric_effort
 from sim.plant.plant import COAST
 

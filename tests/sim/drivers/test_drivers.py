@@ -28,14 +28,16 @@ from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.cli.run import DRIVERS
-from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, Presentation, lever_ratio
+from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, lever_ratio
+from sim.drivers.drivers import make_driver
 from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
-from sim.drivers.parameters import HumanParameters, parameter_markdown
+from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import present
-from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.kernels import LEVER
 from sim.plant.plant import Command, Plant, PlantState
+from tests.support.driver_tables import parameter_markdown
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
 from tests.support.one_section import OneSection
 from tests.support.ride import Advise, Leg, Ride, advised_by, ride
@@ -634,7 +636,7 @@ def test_every_parameter_is_documented_with_its_source() -> None:
         assert item.metadata["source"]
         assert item.metadata["meaning"]
     page = (REPOSITORY / "docs" / "reference" / "drivers.md").read_text(encoding="utf-8")
-    said = "docs/reference/drivers.md: put in what sim.drivers.parameters.parameter_markdown gives"
+    said = "docs/reference/drivers.md: put in what tests.support.driver_tables.parameter_markdown gives"
     assert parameter_markdown() in page, said
 
 

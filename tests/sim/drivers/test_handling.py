@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from das.advice.regimes import Regime
-from sim.drivers.cab import AdviceView, Diary, Presentation
+from sim.drivers.cab import AdviceView, Diary
 from sim.drivers.handling import HAND, Hand, HumanSettings, SpeedHold
 from sim.drivers.human import HumanDriver
-from sim.drivers.kinds import FrictionPolicy
+from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.plant.plant import COAST, Command, PlantState
 from tests.sim.drivers.test_drivers import STEADY, cab_of, endless

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from pathlib import Path
 
 import numpy as np
@@ -13,21 +12,20 @@ import pytest
 import sim
 from das.domain.errors import DasError, InputError
 from sim.drivers.kinds import DriverKind
-from sim.drivers.parameters import HumanParameters
-from sim.drivers.population import (
+from sim.drivers.parameters import (
+    HumanParameters,
     Participant,
     Population,
     Shape,
     Spread,
     load_population,
-    population_markdown,
     read_population,
 )
-from sim.world.day import make_day
 from sim.world.scenario import read_scenario
-from sim.world.service import Service
+from sim.world.service import Service, make_day
+from tests.support.driver_tables import population_markdown, population_on_page
 from tests.support.flat_days import FLAT, service_of
-from tests.support.making import REPOSITORY, das_sim, refusal
+from tests.support.making import das_sim, refusal
 
 HEAD = 'schema_version = 1\n[population]\nid = "few"\ntitle = "Few"\n'
 HASTE = '[parameters.haste_ratio]\ndistribution = "logit-normal"\nmedian = 0.4\nlogit_sd = 1.0\nsource = "assumption"\n'
@@ -235,10 +233,8 @@ def test_a_batch_has_a_row_for_every_participant(tmp_path: Path) -> None:
 
 
 def test_the_page_has_the_table_of_the_default_population(default: Population) -> None:
-    """Written anew by `python -m tests.support.population_table`."""
-    page = (REPOSITORY / "docs" / "reference" / "populations.md").read_text(encoding="utf-8")
-    (shown,) = re.findall(r"<!-- population: begin -->\n(.*?)\n<!-- population: end -->", page, re.DOTALL)
-    assert shown == population_markdown(default)
+    """Written anew by `python -m tests.support.driver_tables`."""
+    assert population_on_page() == population_markdown(default)
 
 
 def test_a_driver_without_a_population_is_who_he_was(service: Service) -> None:

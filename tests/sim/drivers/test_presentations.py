@@ -25,9 +25,8 @@ from sim.recording.course import DrivenCourse
 from sim.review.colors import DARK
 from sim.review.lanes import lanes
 from sim.review.words import cards
-from sim.world.day import make_day
 from sim.world.scenario import load_scenario
-from sim.world.service import prepare_service
+from sim.world.service import make_day, prepare_service
 from tests.support import presentations as made_up
 from tests.support.recorded_days import recorded_day
 

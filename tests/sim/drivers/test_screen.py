@@ -9,7 +9,8 @@ import pytest
 
 from das.advice.regimes import Regime
 from das.domain.errors import DasError, InputError
-from sim.drivers.cab import AdviceView, Presentation
+from sim.drivers.cab import AdviceView
+from sim.drivers.kinds import Presentation
 from sim.drivers.screen import Screen, ScreenSettings, recorded_screen, screen_metadata
 
 

@@ -17,8 +17,7 @@ import pytest
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.losses import Level
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds, write_table
 from sim.jobs.report import summary
 from sim.jobs.runner import Journal, attempted
@@ -237,7 +236,7 @@ def test_an_error_of_ours_is_a_row_too(folder: Path, monkeypatch: pytest.MonkeyP
     def broken(*_: object) -> None:
         raise ZeroDivisionError("of all things")
 
-    monkeypatch.setattr("sim.world.day.make_driver", lambda *_, **__: broken())
+    monkeypatch.setattr("sim.world.service.make_driver", lambda *_, **__: broken())
     row = attempted(make_run, jobs(folder)[0]).row
     assert row["error"] == "ZeroDivisionError: of all things"
     assert summary([row])[0]["failed"] == 1

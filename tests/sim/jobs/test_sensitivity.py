@@ -10,7 +10,7 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.drivers.kinds import FrictionPolicy, Presentation
-from sim.drivers.population import load_population
+from sim.drivers.parameters import load_population
 from sim.jobs.sensitivity import Study, drive, middle_driver, sensitivities, sensitivity_markdown, variations
 
 

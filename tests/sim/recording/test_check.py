@@ -14,8 +14,7 @@ from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
 from sim.cli.recordings import check
 from sim.cli.trips import bundled_recording
-from sim.recording.check import check_file
-from sim.recording.findings import CheckKind
+from sim.recording.check import CheckKind, check_file
 from tests.support.recordings import START_NS
 
 S = 1_000_000_000

@@ -12,8 +12,7 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording, read_recording
 from das.domain.units import KM, KMH, KN, PERMILLE, kwh
 from sim.drive.drive import Drive
-from sim.recording.clock import part_of
-from sim.recording.course import DrivenCourse
+from sim.recording.course import DrivenCourse, part_of
 from sim.recording.inputs import inputs_of
 from sim.review.scene import ReviewScene
 from sim.review.series import series

@@ -14,17 +14,14 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle, locate_vehicle
 from das.domain.losses import Level, LossMap
-from sim.drivers.cab import Presentation
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.registry import DriverKind
 from sim.jobs.batch import Batch, make_run
 from sim.jobs.runner import attempted
-from sim.world.day import Day, make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Told, World
+from sim.world.loop import InProcess, Told, World
 from sim.world.outcome import outcome
 from sim.world.scenario import read_scenario
-from sim.world.service import lay_out, scenario_files
+from sim.world.service import Day, lay_out, make_day, scenario_files
 from tests.support.flat_days import service_of
 from tests.support.making import das_sim
 

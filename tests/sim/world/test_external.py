@@ -20,16 +20,15 @@ from das.bus.topics import CAB, CONTROLS, LOG, Topic
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from sim.drive.stability import recorded_stability
-from sim.drivers.cab import AdviceView, CabView, Presentation
-from sim.drivers.kinds import EXTERNAL, DriverKind
+from sim.drivers.cab import AdviceView, CabView
+from sim.drivers.kinds import EXTERNAL, DriverKind, Presentation
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.plant import COAST, force, lever, speed
-from sim.world.day import Day, make_day
 from sim.world.external import SILENT_S, DeadMan, ExternalDriver
-from sim.world.in_process import InProcess
 from sim.world.lockstep import Answers
-from sim.world.loop import World
+from sim.world.loop import InProcess, World
 from sim.world.over_bus import How, Recorded, make_processes, run_over_bus
+from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim
 

@@ -15,16 +15,12 @@ from sim.drive.above_optimum import AboveOptimum
 from sim.drive.drive import Drive
 from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability
-from sim.drivers.cab import Presentation
-from sim.drivers.registry import DriverKind
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import FIGURES, SCHEMA_NAMES
-from sim.world.day import Day, make_day
-from sim.world.in_process import InProcess
-from sim.world.loop import Run, World
-from sim.world.outcome import SHARES, DayOutcome, DayResult, RecordedFigures, outcome, shares, true_fronts
-from sim.world.report import print_result
+from sim.world.loop import InProcess, Run, World
+from sim.world.outcome import SHARES, DayOutcome, DayResult, RecordedFigures, outcome, print_result, shares, true_fronts
 from sim.world.scenario import read_scenario
-from sim.world.service import Service, prepare_service
+from sim.world.service import Day, Service, make_day, prepare_service
 from tests.support.flat_days import service_of
 
 KEYS = [

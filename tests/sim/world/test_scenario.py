@@ -11,10 +11,9 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
-from sim.world.day import make_day
 from sim.world.disturbances import AnnouncedRestriction, as_figures, described
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
-from sim.world.service import lay_out, prepare_service
+from sim.world.service import lay_out, make_day, prepare_service
 from tests.support.flat_days import FLAT
 
 RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 1\nto_km = 2\nspeed_kmh = 60\nannounced_m = 500\n"

@@ -19,10 +19,10 @@ from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
 from sim.drive.attribution.rows import as_dict, worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
-from sim.drivers.rules import PerfectDriver
-from sim.world.day import Day, make_day
+from sim.drivers.drivers import PerfectDriver
 from sim.world.outcome import fronts_of_braking
 from sim.world.scenario import load_scenario
+from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_for, service_of
 from tests.support.recorded_days import BrakesByFriction, CoastsLate, DrivesFaster, inputs_of_day, recorded_day
 

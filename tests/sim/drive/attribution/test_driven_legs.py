@@ -11,10 +11,10 @@ from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
 from sim.drive.attribution.driven_legs import _friction_j
 from sim.drive.drive import Drive
-from sim.drivers.rules import PerfectDriver
+from sim.drivers.drivers import PerfectDriver
 from sim.recording.course import DrivenCourse
 from sim.review.series import series
-from sim.world.day import make_day
+from sim.world.service import make_day
 from tests.support.flat_days import FLAT, service_of
 from tests.support.recorded_days import recorded_day
 from tests.support.recordings import at_ns

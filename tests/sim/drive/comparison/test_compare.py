@@ -16,8 +16,8 @@ from sim.drive.comparison.aligned import AlignedDrives, DriveOnTrack, on_track
 from sim.drive.comparison.rows import as_csv, as_dict, sentences
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
-from sim.drivers.rules import PerfectDriver
-from sim.world.day import Day, make_day
+from sim.drivers.drivers import PerfectDriver
+from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 

@@ -24,8 +24,7 @@ from das.domain.units import NS
 from sim.drive.calls import calls_of, stands
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, Filter
-from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse
+from sim.recording.course import DriveClock, DrivenCourse
 from sim.recording.inputs import inputs_of
 from tests.support.making import das_sim, refusal
 from tests.support.recordings import at_ns, write_recording

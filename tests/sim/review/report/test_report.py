@@ -19,12 +19,12 @@ from das.domain.errors import DasError
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.cab import Driver
-from sim.drivers.rules import PerfectDriver
+from sim.drivers.drivers import PerfectDriver
 from sim.recording.check import check_contents, check_file
 from sim.review.report import tables
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of, write_pdf
 from sim.review.report.sentences import paragraph, title, where_time_went
-from sim.world.day import Day, make_day
+from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import das_sim, refusal
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day

@@ -25,7 +25,7 @@ from sim.runs.replay.replay import ReplayJob, _Feed, _journey, plan_timing
 from sim.trips.estimate import estimate_run
 from sim.trips.reading import read_trip
 from sim.trips.trip import Trip, load_trip
-from sim.world.processes import Processes
+from sim.world.lockstep import Processes
 from tests.support.dirt import Point, write
 from tests.support.making import flat, make_train
 

@@ -29,18 +29,17 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import NodeSaid
 from sim.recording.check import check_file
 from sim.recording.inputs import inputs_of, sha256
-from sim.recording.metadata import WhatIfKind
+from sim.recording.opening import WhatIfKind
 from sim.runs.reproduce.reproduce import reproduce
 from sim.runs.what_if.anew import _window, attached_scenario, day_again, drive_again, scenario_of_drive
 from sim.runs.what_if.difference import changed
 from sim.runs.what_if.open_loop import advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
-from sim.world.day import make_day
 from sim.world.disturbances import DepartureDelay
 from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import read_scenario
-from sim.world.service import lay_out, prepare_service, scenario_files
+from sim.world.service import lay_out, make_day, prepare_service, scenario_files
 from tests.sim.world.test_drawn import write_map
 from tests.support.flat_days import FLAT
 from tests.support.recordings import with_run

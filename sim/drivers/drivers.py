@@ -1,15 +1,18 @@
-"""Drivers without a human's limits: by rule, and the perfect follower of the advice."""
+"""The drivers by name: those who drive by rule, the perfect follower of the advice, the human, and the user's own."""
 
 from __future__ import annotations
 
 import math
 
 from das.advice.regimes import Regime
-from sim.drivers.cab import AdviceView, CabView, Efforts
-from sim.drivers.kinds import Presentation
+from sim.drivers.cab import AdviceView, CabView, Driver, Efforts
+from sim.drivers.human import HumanDriver
+from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
+from sim.drivers.own_class import OwnDriver
+from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Follower, SpeedIs, presenter_of
-from sim.drivers.tracking import FOLLOWING, RULE, RollOff, hold, stand, stop_at, under_ceiling
+from sim.drivers.tracking import FOLLOWING, RULE, RollOff, TimeRule, hold, stand, stop_at, under_ceiling
 from sim.plant.plant import Command
 
 LATE_BRAKING = Habit(braking_mps2=RULE.late_braking_mps2)
@@ -73,25 +76,6 @@ class TimetableDriver(FastDriver):
         return stand(cab) or self._drive(cab, outlook, self._rule.cap_mps(cab, outlook), RULE.roll_mps)
 
 
-class TimeRule:
-    """Experience with the line: the one highest speed with which the rest of the way takes the time that is left."""
-
-    def __init__(self, every_s: float = math.inf) -> None:
-        self._every_s = every_s
-        self._journey: tuple[float, float] | None = None
-        self._judged_s, self._cap_mps = -math.inf, math.inf
-
-    def cap_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """That speed (m/s), judged at departure for a stop and then every while, but not towards a signal at danger."""
-        journey = (cab.stop_m, cab.arrival_s)
-        due = journey != self._journey or cab.time_s - self._judged_s >= self._every_s
-        if due and cab.signal_m >= cab.stop_m:
-            self._journey, self._judged_s = journey, cab.time_s
-            left_s = max(cab.arrival_s - cab.time_s - RULE.spare_s, 0.0)
-            self._cap_mps = outlook.cap_for(left_s, cab.s_m, cab.speed_mps)
-        return self._cap_mps
-
-
 def shown_cap(cab: CabView) -> float | None:
     """The reduced maximum speed (m/s) on the display; None if it shows none."""
     view = cab.shown
@@ -138,3 +122,27 @@ class PerfectDriver:
         """Whether the train is near the highest speed that a restriction or signal allows; the advice may not know."""
         soon_m = cab.s_m + cab.speed_mps * RULE.anticipation_s
         return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
+
+
+def make_driver(
+    kind: DriverKind | OwnClass,
+    line: LineKnowledge,
+    *,
+    parameters: HumanParameters | None = None,
+    friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
+    seed: int = 0,
+    stream: int = 0,
+) -> Driver:
+    """Make a driver for a line.
+
+    Only the human driver uses the parameters, the friction policy and the stream (one per driver of a seed). A class of
+    the user's is given the seed as well. Raises DasError for a class that cannot be used.
+    """
+    if isinstance(kind, OwnClass):
+        return OwnDriver(kind, line, seed)
+    if kind is DriverKind.HUMAN:
+        return HumanDriver(line, parameters, friction=friction, seed=seed, stream=stream)
+    if kind is DriverKind.PERFECT:
+        return PerfectDriver(line)
+    ruled = {DriverKind.FAST: FastDriver, DriverKind.RMS: RmsDriver, DriverKind.TIMETABLE: TimetableDriver}
+    return ruled[kind](line)
