@@ -9,8 +9,8 @@ import numpy as np
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.staircase import Staircase
 from das.domain.units import NS
-from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope
-from das.solver.kernels.fastest import fastest_roll_out
+from das.solver.kernels.driving import ALL_OF_IT, braking_envelope
+from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section
 

@@ -14,8 +14,7 @@ from das.domain.losses import Level
 from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from das.solver.fastest import capped
-from das.solver.section import Section, SectionOptions, build_section
+from das.solver.section import Section, SectionOptions, build_section, capped
 
 AS_PLANNED = Conditions()
 SAME_W = 1e-6

@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.in_parts import in_parts
 from das.solver.kernels.landings import LANDINGS
-from das.solver.kernels.lanes import LANES
-from das.solver.kernels.sweep import backward_sweep
+from das.solver.kernels.sweep import LANES, backward_sweep
 from das.solver.kernels.transitions import transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
-from das.solver.policy_store import KEPT, PackedPolicies, PolicyStore, WholePolicies
+from das.solver.policy_store import KEPT, PackedPolicies, PolicyStore, WholePolicies, in_parts
 from das.solver.section import Section
 from das.solver.state import State
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.solver.front import Front
-from das.solver.kernels.packing import UNKNOWN_STEP, pack
+from das.solver.kernels.policy_values import UNKNOWN_STEP, pack
 from das.solver.kernels.tuples import PackedTimes
 from das.solver.section import Section
 

@@ -20,7 +20,7 @@ from das.domain.trajectory import Trajectory, evaluated_at
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
 from das.solver.front import Front
 from das.solver.kernels import forces
-from das.solver.params import train_params
+from das.solver.kernels.tuples import train_params
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from precompute.baselines import strategies as baselines

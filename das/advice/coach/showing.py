@@ -26,7 +26,7 @@ from das.advice.coach.shown_brakes import (
 from das.advice.planner import TrainState
 from das.advice.regimes import EFFORT_ORDER, Regime
 from das.domain.units import KMH, NS
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section

@@ -15,7 +15,7 @@ from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.planner import TrainState
 from das.advice.regimes import Regime
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 from das.solver.kernels.forces import traction_limit

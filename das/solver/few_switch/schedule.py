@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
 from das.solver.few_switch.as_run import phases_as_run, with_all_brakes, with_one_brake
-from das.solver.few_switch.notches import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.run_at_nodes import RunAtNodes
-from das.solver.kernels.few_switch_follow import follow
-from das.solver.kernels.few_switch_polish import cost_of_time
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.phases import Phase, RunAtNodes
+from das.solver.kernels.few_switch_schedule import cost_of_time, follow
 from das.solver.kernels.forces import electric_limit
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section

@@ -23,10 +23,8 @@ from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.bound.certificate import Certificate
 from das.solver.journey.certificate import PricedTimeline, lower_bound_j
-from das.solver.journey.chains import Chains, Solved, Split
-from das.solver.journey.section_fronts import DrivenStretch
-from das.solver.journey.sections import JourneySection, build_journey_sections
-from das.solver.journey.timeline import DriveLink, Tight
+from das.solver.journey.chains import Chains, DrivenStretch, Solved, Split
+from das.solver.journey.sections import DriveLink, JourneySection, Tight, build_journey_sections
 from das.solver.solution import trajectory_on
 
 Floats = NDArray[np.float64]

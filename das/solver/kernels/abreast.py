@@ -1,6 +1,6 @@
 """Landings of all speeds of a decision node and their costs, in loops over the speeds that the compiler vectorises.
 
-The formulas are those of `das.solver.kernels.landings` and `das.solver.kernels.speed_grid`, without branches: every
+The formulas are those of `das.solver.kernels.landings` and `das.solver.kernels.policy_values`, without branches: every
 speed is calculated, and what is out of reach is marked afterwards. Each function fills the arrays that it is given.
 With `fastmath` divisions may become products and sums may be taken in another order, as vectors need it.
 """
@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from das.compiling.kernels import compiled
-from das.solver.params import NO_LIMIT_N
+from das.solver.kernels.tuples import NO_LIMIT_N
 from das.solver.tolerances import INFEASIBLE, SMALLEST_SHARE
 
 _LANDING_STEPS = 4

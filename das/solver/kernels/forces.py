@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from das.compiling.kernels import kernel
 from das.domain.route import NEUTRAL
-from das.solver.params import NO_LIMIT_N, TrainParams
+from das.solver.kernels.tuples import NO_LIMIT_N, TrainParams
 
 
 @kernel
