@@ -18,27 +18,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.solver.front import Sweep
+from das.solver.kernels import few_switch_policy as kernels
 from das.solver.kernels.driving import run_energy
 from das.solver.kernels.few_switch_policy import NO_NOTCH, few_switch_moves, few_switch_roll_out, few_switch_sweep
 from das.solver.kernels.tuples import SpeedBounds
 from das.solver.policy_store import in_parts
 from das.solver.section import Section
-from das.solver.solve import DecisionGrid, node_behind
+from das.solver.solve import DecisionGrid, node_behind, usable_power_w
 from das.solver.state import State
 
 
 class NotchRegime(IntEnum):
-    """What a notch does; the kernels know these numbers."""
+    """What a driver does in a notch, with the numbers that the kernels know."""
 
-    TRACTION = 0
+    TRACTION = kernels.TRACTION
     """A share of the largest traction effort."""
-    HOLD = 1
+    HOLD = kernels.HOLD
     """The speed is held, by traction or by brakes."""
-    COAST = 2
+    COAST = kernels.COAST
     """No effort at all."""
-    BRAKE = 3
+    BRAKE = kernels.BRAKE
     """A share of the largest effort of the electric brake, until the lower speed ahead is reached."""
-    CURVE = 4
+    CURVE = kernels.CURVE
     """The brakes keep the train on the braking curve of a limit or stop ahead."""
 
 
@@ -222,7 +223,7 @@ class _FewSwitchSweep:
         self.grid = DecisionGrid.of(section)
         self.notches = make_notches(settings.traction_shares, settings.brake_shares)
         self.goal_mps = goals(section.envelope_mps)
-        usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
+        usable_w = usable_power_w(section)
         self.ladder = usable_w * np.geomspace(settings.low_ratio, settings.high_ratio, settings.ladder_size)
         self._change_j = np.full(len(self.ladder), settings.change_s * usable_w)
         n, states, size = len(self.grid.node_m) - 1, self.grid.speed_steps + 1, len(self.ladder)

@@ -110,6 +110,11 @@ class Schedule:
         kinds[(kinds == NotchRegime.BRAKE) & (np.abs(led_to - targets) < ON_CURVE_MPS)] = NotchRegime.CURVE
         return kinds, np.array([one.share for one in self.phases]), targets
 
+    @property
+    def run(self) -> RunAtNodes:
+        """The run that keeps to the schedule, as its phases are compared with it."""
+        return RunAtNodes.of(self.known.speed_mps, self.section.envelope_mps, self.section.step_m)
+
     def speed_at(self, s_m: float) -> float:
         """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
         return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
@@ -191,9 +196,7 @@ class Schedule:
         brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
         that it has there.
         """
-        section = self.section
-        run = RunAtNodes.of(self.known.speed_mps, section.envelope_mps, section.step_m)
-        phases = phases_as_run(self.phases, self.columns[0], run, self.back_share)
+        phases = phases_as_run(self.phases, self.columns[0], self.run, self.back_share)
         return replace(self, phases=phases)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
@@ -241,9 +244,7 @@ class Scheduled(NamedTuple):
         self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float
     ) -> Scheduled:
         """The same with other phases, made of its own and its run; as it is, where the train would stall so."""
-        section = self.schedule.section
-        run = RunAtNodes.of(self.schedule.known.speed_mps, section.envelope_mps, section.step_m)
-        phases = changed(self.schedule.phases, run)
+        phases = changed(self.schedule.phases, self.schedule.run)
         if phases == self.schedule.phases:
             return self
         try:

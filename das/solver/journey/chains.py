@@ -22,6 +22,7 @@ from das.domain.journey import clock
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.journey.sections import JourneySection, Stretch, Tight, TightSpan, Timeline, WaitLink
+from das.solver.section import Section
 from das.solver.solution import Fit
 from das.solver.solve import default_ladder, solve_front
 from das.solver.state import fastest, least_time_s
@@ -98,7 +99,7 @@ class SectionFronts:
         if ahead is None:
             return solve_front(journey_section.part(stretch.first, stretch.last), lambda_w=self.ladder_w, packed=False)
         section = journey_section.part(stretch.first, stretch.last, ahead.least_mps)
-        speeds = np.linspace(section.floor_mps[-1], section.envelope_mps[-1], section.speed_steps + 1)
+        speeds = _grid_mps(section, -1)
         value = np.interp(speeds**2, ahead.speed_mps**2, ahead.value_j)
         value[value > tol.UNREACHABLE] = tol.INFEASIBLE
         return solve_front(section, lambda_w=self.ladder_w, end_value_j=value, packed=False)
@@ -348,8 +349,12 @@ class Chains:
 
 def start_speeds(front: Front) -> Floats:
     """The speeds (J + 1,) of a front's first node."""
-    section = front.section
-    return np.linspace(section.floor_mps[0], section.envelope_mps[0], section.speed_steps + 1)
+    return _grid_mps(front.section, 0)
+
+
+def _grid_mps(section: Section, node: int) -> Floats:
+    """The speeds (J + 1,) of a node of a section."""
+    return np.linspace(section.floor_mps[node], section.envelope_mps[node], section.speed_steps + 1)
 
 
 def _proportional(span: TightSpan, times_s: Sequence[tuple[float, float]]) -> list[float]:

@@ -19,14 +19,20 @@ from das.solver.kernels.forces import (
 )
 from das.solver.kernels.landings import landing_under
 
-FIXED_POINT_STEPS = 60
+SLOW_MPS = 5.0
+"""Below this speed (m/s) a delay asks for no more reserve: the driver sees the mark, and brakes act already."""
+ALL_OF_IT = (1e9, 0.0)
+"""Brakes to their full: no smaller deceleration (m/s²) than the train's, and no delay (s)."""
+_ROUNDING_W = 1e-9
+"""A v² this little above the envelope's is rounding of the iterations."""
+_FIXED_POINT_STEPS = 60
 """Most iterations."""
-FIXED_POINT_TOLERANCE = 1e-13
+_FIXED_POINT_TOLERANCE = 1e-13
 """A speed has been found when an iteration changes it by at most this share."""
 
 
 @kernel
-def narrowed(v, new, low, low_gap, high, high_gap):
+def _narrowed(v, new, low, low_gap, high, high_gap):
     """The next guess of a speed that is its own `new`, where new falls as v rises, and the bounds of it.
 
     The power limit leaves less force, the faster the step: v would swing between too fast and too slow. So it is
@@ -42,11 +48,6 @@ def narrowed(v, new, low, low_gap, high, high_gap):
     return low, low_gap, high, high_gap, low + (high - low) * low_gap / (low_gap - high_gap)
 
 
-_BRAKE_STEPS = 60
-_ROUNDING_W = 1e-9
-"""A v² this little above the envelope's is rounding of the iterations."""
-
-
 @kernel
 def full_traction_speed(v0, h, g, q, p):
     """Speed after a step at full traction; the power limit holds over the whole step. 0 where the train stalls."""
@@ -54,11 +55,11 @@ def full_traction_speed(v0, h, g, q, p):
     if start <= 0.0:
         return 0.0
     low, low_gap, high, high_gap, v1 = 0.0, start, 0.0, 0.0, v0
-    for _ in range(FIXED_POINT_STEPS):
+    for _ in range(_FIXED_POINT_STEPS):
         new = _full_traction_step(v0, v1, h, g, q, p)
-        if abs(new - v1) <= FIXED_POINT_TOLERANCE * new:
+        if abs(new - v1) <= _FIXED_POINT_TOLERANCE * new:
             return new
-        low, low_gap, high, high_gap, v1 = narrowed(v1, new, low, low_gap, high, high_gap)
+        low, low_gap, high, high_gap, v1 = _narrowed(v1, new, low, low_gap, high, high_gap)
     return low
 
 
@@ -73,10 +74,10 @@ def _full_traction_step(v0, v1, h, g, q, p):
 def _hardest_brake_speed(v0, h, g, q, p, friction_n):
     """Speed after a step at full electric brake plus friction_n; the power limit holds over the whole step."""
     v1 = v0
-    for _ in range(_BRAKE_STEPS):
+    for _ in range(_FIXED_POINT_STEPS):
         w1 = v0 * v0 - 2.0 * h * largest_loss(max(v0, v1), mean_resistance(v0, v1, q, p) + g, p, friction_n)
         new = math.sqrt(w1) if w1 > 0.0 else 0.0
-        if abs(new - v1) <= 1e-13 * v0:
+        if abs(new - v1) <= _FIXED_POINT_TOLERANCE * v0:
             return new
         v1 = new
     return v1
@@ -181,12 +182,6 @@ def run_energy(line, p, c, v):
     return total
 
 
-SLOW_MPS = 5.0
-"""Below this speed (m/s) a delay asks for no more reserve: the driver sees the mark, and brakes act already."""
-ALL_OF_IT = (1e9, 0.0)
-"""Brakes to their full: no smaller deceleration (m/s²) than the train's, and no delay (s)."""
-
-
 @kernel
 def braking_envelope(line, limit, end_speed, p, service):
     """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
@@ -207,12 +202,12 @@ def braking_envelope(line, limit, end_speed, p, service):
         if start <= 0.0:
             return v, i
         low, low_gap, high, high_gap, v0 = 0.0, start, 0.0, 0.0, v1
-        for _ in range(FIXED_POINT_STEPS):
+        for _ in range(_FIXED_POINT_STEPS):
             new = min(_brake_start(v0, v1, step[i], g[i], q[i], here, service), cap)
-            if abs(new - v0) <= FIXED_POINT_TOLERANCE * new:
+            if abs(new - v0) <= _FIXED_POINT_TOLERANCE * new:
                 low = new
                 break
-            low, low_gap, high, high_gap, v0 = narrowed(v0, new, low, low_gap, high, high_gap)
+            low, low_gap, high, high_gap, v0 = _narrowed(v0, new, low, low_gap, high, high_gap)
         v[i] = low
     return v, -1
 
@@ -253,11 +248,11 @@ def climbing_floor(line, envelope, least, p):
         here = on_supply(p, u[i])
         v1 = max(v[i + 1], min(least, envelope[i + 1]))
         v0 = v1
-        for _ in range(FIXED_POINT_STEPS):
+        for _ in range(_FIXED_POINT_STEPS):
             gain = largest_gain(max(v0, v1), mean_resistance(v0, v1, q[i], p) + g[i], here)
             w0 = v1 * v1 - 2.0 * step[i] * gain
             new = math.sqrt(w0) if w0 > 0.0 else 0.0
-            if abs(new - v0) <= FIXED_POINT_TOLERANCE * max(new, 1.0):
+            if abs(new - v0) <= _FIXED_POINT_TOLERANCE * max(new, 1.0):
                 v0 = new
                 break
             v0 = new

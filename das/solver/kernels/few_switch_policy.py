@@ -22,21 +22,6 @@ NO_MOVE = -1
 CONTACT_MPS = 0.2
 """A notch may run into the highest allowed speed only from further below it than this (m/s)."""
 
-_LANDING_STEPS = 4
-
-
-@kernel
-def landing_with(kind, share, v0, h, g, q, p):
-    """Speed after a decision step with a share of the largest traction or electric brake; 0 if the train stops."""
-    v1 = v0
-    for _ in range(_LANDING_STEPS):
-        mid = 0.5 * (v0 + v1)
-        force = share * traction_limit(mid, p) if kind == TRACTION else -share * electric_limit(mid, p)
-        v1 = speed_under_force(force, v0, v1, h, g, q, p)
-        if v1 <= 0.0:
-            return 0.0
-    return v1
-
 
 @kernel
 def notch_landing(kind, share, v0, h, g, q, highest, top, goal, p):
@@ -48,7 +33,7 @@ def notch_landing(kind, share, v0, h, g, q, highest, top, goal, p):
     if kind == TRACTION:
         if traction_limit(v0, p) <= 0.0:
             return -1.0
-        v1 = landing_with(kind, share, v0, h, g, q, p)
+        v1 = landing_speed(v0, h, share, g, q, p)
     elif kind == HOLD:
         if v0 > top or v0 <= 0.0:
             return -1.0
@@ -60,7 +45,7 @@ def notch_landing(kind, share, v0, h, g, q, highest, top, goal, p):
         if kind == CURVE:
             v1 = top if top < v0 else -1.0
         else:
-            v1 = landing_with(kind, share, v0, h, g, q, p)
+            v1 = landing_speed(v0, h, -share, g, q, p)
             if v1 < goal < v0:
                 v1 = goal
             if v1 > top:
@@ -80,7 +65,7 @@ def final_landing(kind, share, v0, h, g, q, top, p):
     if top < v0:
         return kind == CURVE
     if kind == TRACTION:
-        return landing_with(kind, share, v0, h, g, q, p) >= top
+        return landing_speed(v0, h, share, g, q, p) >= top
     return kind == HOLD and v0 >= top
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling.kernels import kernel
+from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_OFFSET, ADHESION_SPEED
 
 Floats = NDArray[np.float64]
 
@@ -96,12 +97,6 @@ LOCAL = 5
 FIXED_ROWS = 10
 """Constraints of an interval before those of the energy's pieces."""
 
-_ADHESION_SPEED = 3.6
-_ADHESION_OFFSET = 44.0
-_ADHESION_LEAST = 0.161
-_ADHESION_EXTRA = 7.5
-"""Curtius & Kniffler, as `das.solver.kernels.forces.adhesion_coefficient`."""
-
 
 @kernel
 def constraints(k, z, free0, free1, program: Program, c, slope):
@@ -162,9 +157,9 @@ def _effort_limits(k, tau, f, efforts: RelaxedEfforts, c, slope):
     c[4] = -1.0
     weight = efforts.adhesive_force
     if weight > 0.0:
-        below = _ADHESION_SPEED + _ADHESION_OFFSET * tau
-        c[4] = f - weight * (_ADHESION_LEAST + _ADHESION_EXTRA * tau / below)
-        slope[4, 2] = -weight * _ADHESION_EXTRA * _ADHESION_SPEED / (below * below)
+        below = ADHESION_SPEED + ADHESION_OFFSET * tau
+        c[4] = f - weight * (ADHESION_LEAST + ADHESION_EXTRA * tau / below)
+        slope[4, 2] = -weight * ADHESION_EXTRA * ADHESION_SPEED / (below * below)
         slope[4, 3] = 1.0
     c[5] = -f - efforts.electric_force[k]
     slope[5, 3] = -1.0
@@ -190,8 +185,8 @@ def curvature(k, z, free0, free1, y, program: Program, out):
     bend = y[1] * 2.0 * program.motion.linear[k] / (tau * tau * tau)
     weight = program.efforts.adhesive_force
     if weight > 0.0:
-        below = _ADHESION_SPEED + _ADHESION_OFFSET * tau
-        bend += y[4] * 2.0 * weight * _ADHESION_EXTRA * _ADHESION_SPEED * _ADHESION_OFFSET / (below * below * below)
+        below = ADHESION_SPEED + ADHESION_OFFSET * tau
+        bend += y[4] * 2.0 * weight * ADHESION_EXTRA * ADHESION_SPEED * ADHESION_OFFSET / (below * below * below)
     out[2, 2] = bend
 
 

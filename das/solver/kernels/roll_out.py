@@ -14,7 +14,7 @@ from das.solver.kernels.policy_values import blended_values, locate, needed_line
 from das.solver.kernels.tuples import DecisionStep, LineArrays, Policy
 from das.solver.tolerances import CREEP_MPS, INFEASIBLE, UNREACHABLE
 
-FIRST = np.int64(0)
+_FIRST = np.int64(0)
 """The first node or grid line; for a literal 0 numba would compile the kernel that is called once more."""
 
 _GOLDEN = 0.3819660112501051
@@ -44,7 +44,7 @@ def best_landing(v0, step, policy, policies, c, out, row):
         return -1.0, INFEASIBLE
     if step.final:
         dt, energy = step_cost(v0, out[0], h, g, q, p, c)
-        blended_values(policies, policy, step.node, FIRST, FIRST, row)
+        blended_values(policies, policy, step.node, _FIRST, _FIRST, row)
         return out[0], energy + price * dt + row[0]
     left = out[0]
     right = out[0]
@@ -193,7 +193,7 @@ def fastest_run(line, envelope, start_speed, p):
 @kernel
 def fastest_roll_out(line, envelope, p, v):
     """The fastest run from v[0]; fills v, returns the trip time (s), or -1 after a stall."""
-    if not hurry(FIRST, line.step_m.size, line, envelope, p, v):
+    if not hurry(_FIRST, line.step_m.size, line, envelope, p, v):
         return -1.0
     return trip_time(line.step_m, v)
 
