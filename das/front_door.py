@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from das.domain.braking import SiteBraking
 from das.domain.errors import DasError, InputError
 from das.domain.journey import Journey
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.units import PERCENT
 from das.domain.vehicle import Vehicle

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InputError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.trajectory import EnergyBalance
 from das.front_door import chosen
 from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver
 from sim.drivers.parameters import Participant, participant_of
 from sim.drivers.presentations.presenter import presenter_of
-from sim.plant.plant import PlantState
+from sim.plant.kernels import PlantState
 from sim.world.loop import InProcess, World
 from sim.world.outcome import outcome
 from sim.world.scenario import load_scenario

@@ -28,7 +28,7 @@ MIRRORS: dict[str, str] = {
     "das/domain/route.py:Route": "the lists of a route file, one field each",
     "das/domain/vehicle.py:Vehicle": "the keys of a vehicle file, one field each",
     "das/estimate/track_filter.py:Track": "a mean of four and the upper half of its covariance",
-    "das/solver/params.py:TrainParams": "an argument of the kernels: one figure of the vehicle's file each",
+    "das/solver/kernels/tuples.py:TrainParams": "an argument of the kernels: one figure of the vehicle's file each",
     "sim/drivers/cab.py:AdviceView": "what any of the five presentations may show",
     "sim/drivers/parameters.py:HumanParameters": "the keys of the table [human] of a scenario, one field each",
     "sim/plant/kernels.py:PlantState": "the fields of the message Truth, and an argument of the kernels",

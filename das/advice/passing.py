@@ -18,12 +18,12 @@ from das.domain.errors import DasError
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.trajectory import Trajectory
 from das.solver import tolerances as tol
-from das.solver.fastest import capped, fastest
 from das.solver.front import Front
 from das.solver.journey.sections import build_journey_sections
-from das.solver.section import Section
+from das.solver.section import Section, capped
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_ahead, solve_front
+from das.solver.state import fastest
 
 Floats = NDArray[np.float64]
 SAME_W = 1e-6

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from das.advice import plan_kernels
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
-from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope
-from das.solver.kernels.fastest import fastest_roll_out
+from das.solver.kernels.driving import ALL_OF_IT, braking_envelope
 from das.solver.kernels.forces import largest_gain, mean_resistance, on_supply
+from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section
 

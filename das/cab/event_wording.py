@@ -15,7 +15,7 @@ from das.advice.cause import Cause, Withdrawal
 from das.advice.regimes import Regime, mode_name
 from das.cab.heard import Kind, Target
 from das.domain.conditions import Conditions
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.units import KM, NS
 from das.estimate.estimate import Problem

@@ -16,7 +16,7 @@ from das.cab.situation import AS_PLANNED, Situation
 from das.cab.withdrawal import LastWords
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.route import Stop
 from das.domain.vehicle import Vehicle

@@ -11,7 +11,7 @@ from das.cab import event_wording
 from das.cab.heard import JourneyHeard, OrderedStop
 from das.cab.trains import Trains
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 

@@ -10,12 +10,11 @@ from das.cab import event_wording
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
-from das.solver.fastest import capped
-from das.solver.section import Section, SectionOptions, build_section
+from das.solver.section import Section, SectionOptions, build_section, capped
 
 AS_PLANNED = Conditions()
 SAME_W = 1e-6

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.formulary import mean_davis_resistance_n
-from das.domain.losses import Level, LossModel
+from das.domain.levels import Level
+from das.domain.losses import LossModel
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Resistance, Vehicle
 

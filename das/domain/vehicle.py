@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
 from das.domain.formulary import adhesion_coefficient, davis_in_head_wind, davis_resistance_n, effort_n
-from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossMap, LossModel, fit_mean_efficiency
+from das.domain.levels import Level
+from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, LossModel, fit_mean_efficiency
 from das.domain.route import NEUTRAL
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 

@@ -1,26 +1,24 @@
 """Front of a section: the supported time–energy trade-off and the optimal continuation from any state.
 
 For every multiplier λ of a ladder a backward sweep minimises energy + λ·time (`das.solver.solve`). The tables of values
-and times-to-go are feedback policies. `Front.trajectory` answers for one trip time from any state.
+and times-to-go are feedback policies. `Front.trajectory` searches for the trajectory of one trip time from any state.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError
-from das.solver import fastest as without_front
 from das.solver import tolerances as tol
 from das.solver.kernels.tuples import PackedTimes, Policies, Policy
-from das.solver.search import TimeSearch
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
-from das.solver.state import State
+from das.solver.state import RollOut, State, fastest, least_time_s
 
 Floats = NDArray[np.float64]
 
@@ -63,12 +61,12 @@ class Front:
         return Policies(self.lambda_w, self.value_j, self.time_to_go_s)
 
     def fastest(self, s_m: float | None = None, v_mps: float | None = None) -> Solution:
-        """The fastest run from a state (see `das.solver.fastest.fastest`, which needs no front)."""
-        return without_front.fastest(self.section, s_m, v_mps)
+        """The fastest run from a state (see `das.solver.state.fastest`, which needs no front)."""
+        return fastest(self.section, s_m, v_mps)
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
-        """Time of the fastest run from a state (see `das.solver.fastest.least_time_s`, which needs no front)."""
-        return without_front.least_time_s(self.section, s_m, v_mps)
+        """Time of the fastest run from a state (see `das.solver.state.least_time_s`, which needs no front)."""
+        return least_time_s(self.section, s_m, v_mps)
 
     def trajectory(
         self,
@@ -113,3 +111,168 @@ class Front:
     def _cover(self, state: State) -> None:
         if self.sweep is not None and state.first_node + 1 < self.sweep.known_from:
             self.sweep.come_down_to(0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """How the search for a time narrows, and when it stops."""
+
+    max_roll_outs: int = 12
+    """At most this number of multipliers is tried."""
+    overshoot_s: float = 0.15
+    """The next run is aimed this far (s) beyond the wanted time, so that two runs enclose it."""
+    first_step: float = 0.05
+    """As long as all runs tried are on one side of the time, the next is at least this part of a step of the ladder
+    from the last one, then four times that, and so on."""
+    blend_loss_ratio: float = 2e-5
+    """Two runs are blended when no multiplier between theirs could save more than this share of the train's kinetic
+    energy at the highest speed ahead."""
+    max_blends: int = 40
+    """At most this number of blends of two runs is tried."""
+    least_share: float = 0.02
+    """The next trial keeps at least this share of the interval away from both ends, so that the interval shrinks."""
+
+
+SETTINGS: Final = SearchSettings()
+
+
+class Trial(NamedTuple):
+    """A run that was tried.
+
+    `place` is its multiplier as a number on the ladder, between two of its steps where it is no whole number (inf: the
+    fastest run). `miss_s` is how much longer than wanted the run takes.
+    """
+
+    place: float
+    run: RollOut
+    miss_s: float
+
+
+class TimeSearch:
+    """Finds the run from a state that takes a given time: a multiplier, or a blend where the front jumps.
+
+    The policies tell where on the ladder to look. Each run tried corrects that, and the next one is aimed a little
+    beyond the wanted time, so that the two enclose it; from there by false position (Illinois).
+    """
+
+    def __init__(
+        self,
+        policies: Policies,
+        state: State,
+        time_s: float,
+        *,
+        quickest: RollOut,
+        tolerance_s: float = tol.TIME_TOLERANCE_S,
+        settings: SearchSettings = SETTINGS,
+    ) -> None:
+        self.policies, self.state, self.time_s, self.quickest = policies, state, time_s, quickest
+        self.tolerance_s, self.settings = tolerance_s, settings
+        self.last = len(policies.lambda_w) - 1
+        self._steps = np.arange(self.last + 1)
+        self._totals = state.totals(policies)
+        # Where the front is almost a jump the times of the policies need not fall.
+        self._table_s = np.minimum.accumulate(self._totals.time_s)
+
+    def run(self) -> Solution:
+        """The run of the wanted time, or the nearest that is efficient (see `Fit`)."""
+        slow, quick = self._enclose()
+        for trial in (slow, quick):
+            if trial is not None and abs(trial.miss_s) <= self.tolerance_s:
+                return self._answer(trial.run, trial.place, Fit.ON_TIME)
+        if slow is None:
+            return self._answer(quick.run, quick.place, Fit.EARLY)
+        run = self._blend(slow, quick)
+        miss = run.time_s - self.time_s
+        fit = Fit.ON_TIME if abs(miss) <= self.tolerance_s else Fit.LATE if miss > 0 else Fit.EARLY
+        return self._answer(run, 0.5 * (slow.place + min(quick.place, self.last)), fit)
+
+    def attempt(self, place: float) -> Trial:
+        """Roll out the multiplier at a place of the ladder."""
+        run = self.state.roll_out(self.policies, self.policy(place))
+        return Trial(place, run, run.time_s - self.time_s)
+
+    def policy(self, place: float) -> Policy:
+        """The policy at a place of the ladder."""
+        ladder, index = self.policies.lambda_w, int(place)
+        gap = float(ladder[index + 1] - ladder[index]) if place > index else 0.0
+        offset = (place - index) * gap
+        return Policy(price_w=float(ladder[index]) + offset, ladder_index=index, offset_w=offset, gap_w=gap)
+
+    def price_w(self, place: float) -> float:
+        """The multiplier (W) at a place of the ladder."""
+        return float(np.interp(place, self._steps, self.policies.lambda_w))
+
+    def _answer(self, run: RollOut, place: float, fit: Fit) -> Solution:
+        return self.state.solution(
+            run,
+            least_time_s=self.quickest.time_s,
+            requested_s=self.time_s,
+            fit=fit,
+            lambda_w=self.price_w(place),
+            table_bound_j=self.state.table_bound_j(self.policies, self._totals, run.time_s),
+        )
+
+    def _enclose(self) -> tuple[Trial | None, Trial]:
+        """A slow and a quick run that can be blended; no slow one where even the smallest multiplier is early."""
+        slow, quick = None, Trial(math.inf, self.quickest, self.quickest.time_s - self.time_s)
+        above, below, kept = 0.0, 0.0, 0
+        place, step = self._place(self.time_s), self.settings.first_step
+        for _ in range(self.settings.max_roll_outs):
+            trial = self.attempt(place)
+            # The end that is kept twice in a row counts half, so that both ends move.
+            if trial.miss_s > 0:
+                slow, above, below, kept = trial, trial.miss_s, below * (0.5 if kept > 0 else 1.0), 1
+            else:
+                quick, below, above, kept = trial, trial.miss_s, above * (0.5 if kept < 0 else 1.0), -1
+            if abs(trial.miss_s) <= self.tolerance_s or self._blendable(slow, quick):
+                break
+            if slow is None or math.isinf(quick.place):
+                place, step = self._beyond(trial, step), 4 * step
+            else:
+                place = slow.place + self._share(above, below) * (quick.place - slow.place)
+        return slow, quick
+
+    def _share(self, above: float, below: float) -> float:
+        """Where between two runs the next one should lie, by their misses (false position)."""
+        least = self.settings.least_share
+        return float(np.clip(above / (above - below), least, 1.0 - least))
+
+    def _blendable(self, slow: Trial | None, quick: Trial) -> bool:
+        """Whether next to nothing is to be gained between two runs, or no multiplier lies between them."""
+        if slow is None:
+            return quick.place <= 0
+        if math.isinf(quick.place):
+            return slow.place >= self.last
+        # The front lies above its tangents at both runs, whose slopes are −λ.
+        late, early = slow.miss_s, -quick.miss_s
+        gain_j = (self.price_w(quick.place) - self.price_w(slow.place)) * late * early / (late + early)
+        kinetic_j = 0.5 * self.state.section.train.inertial_mass_kg * float(self.state.envelope_mps.max()) ** 2
+        return gain_j <= self.settings.blend_loss_ratio * kinetic_j
+
+    def _place(self, time_s: float) -> float:
+        """Where on the ladder the policies put a trip time."""
+        return float(np.interp(-time_s, -self._table_s, self._steps))
+
+    def _beyond(self, trial: Trial, step: float) -> float:
+        """A place just on the other side of the wanted time, if the policies err there as they did at `trial`."""
+        side = math.copysign(1.0, trial.miss_s)
+        known_s = float(np.interp(trial.place, self._steps, self._table_s))
+        aimed = self._place(known_s - trial.miss_s - side * self.settings.overshoot_s)
+        place = trial.place + side * max(side * (aimed - trial.place), step)
+        return min(max(place, 0.0), float(self.last))
+
+    def _blend(self, slow: Trial, quick: Trial) -> RollOut:
+        """The run of the wanted time between two runs; its energy is near the chord between theirs."""
+        low, high, above, below = 0.0, 1.0, slow.miss_s, quick.miss_s
+        best, kept = slow.run, 0
+        for _ in range(self.settings.max_blends):
+            share = low + (high - low) * self._share(above, below)
+            best = self.state.blend(share, quick.run, slow.run)
+            miss = best.time_s - self.time_s
+            if abs(miss) <= 0.1 * self.tolerance_s:
+                break
+            if miss > 0:
+                low, above, below, kept = share, miss, below * (0.5 if kept > 0 else 1.0), 1
+            else:
+                high, below, above, kept = share, miss, above * (0.5 if kept < 0 else 1.0), -1
+        return best

@@ -4,16 +4,30 @@ from __future__ import annotations
 
 import math
 import weakref
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from threading import RLock
 from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.in_parts import in_parts
-from das.solver.kernels.packing import pack
+from das.solver.kernels.policy_values import pack
 from das.solver.kernels.tuples import PackedTimes
+
+
+def in_parts(
+    pool: ThreadPoolExecutor, threads: int, size: int, work: Callable[..., None], *args: object, of: int = 1
+) -> None:
+    """Call work(first, last, *args) for equal parts of range(size), each on a thread of its own.
+
+    The parts begin at multiples of `of`.
+    """
+    edges = [min(of * round(size * i / (threads * of)), size) for i in range(threads)] + [size]
+    for future in [pool.submit(work, first, last, *args) for first, last in pairwise(edges)]:
+        future.result()
+
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.solver import tolerances as tol
-from das.solver.kernels.few_switch_roll_out import run_energy
+from das.solver.kernels.driving import run_energy
 from das.solver.kernels.roll_out import blend_runs
 from das.solver.kernels.tube import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
 from das.solver.solution import Fit, Solution

@@ -8,27 +8,27 @@ on which trajectories are given.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError, InfeasibleError
-from das.domain.losses import Level, LossMap, LossModel, outside_map
+from das.domain.levels import Level
+from das.domain.losses import LossMap, LossModel, outside_map
 from das.domain.route import NEUTRAL, Route
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
 from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes, subdivide
-from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope, climbing_floor
-from das.solver.kernels.fastest import fastest_roll_out, fastest_run
+from das.solver.kernels.driving import ALL_OF_IT, braking_envelope, climbing_floor
 from das.solver.kernels.forces import mean_resistance
-from das.solver.kernels.tuples import KnownRun, SpeedBounds
+from das.solver.kernels.roll_out import fastest_roll_out, fastest_run
+from das.solver.kernels.tuples import KnownRun, LossParams, SpeedBounds, TrainParams, loss_params, train_params
 from das.solver.line_profile import LineProfile
-from das.solver.params import LossParams, TrainParams, loss_params, train_params
 
 Floats = NDArray[np.float64]
 AT_STOP_M = 1.0
@@ -230,6 +230,16 @@ def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
             braking=braking,
         ),
     )
+
+
+def capped(section: Section, cap_mps: ArrayLike) -> Section:
+    """The section with a lower speed envelope: at each node the smaller of envelope and cap (m/s).
+
+    `cap_mps` is one speed, or one for each integration node. The envelope is nowhere taken below the floor, so that
+    a train on it can still climb every hill ahead.
+    """
+    cap = np.maximum(np.minimum(section.envelope_mps, cap_mps), section.floor_mps)
+    return replace(section, envelope_mps=cap)
 
 
 class _Ends(NamedTuple):

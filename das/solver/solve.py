@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.in_parts import in_parts
 from das.solver.kernels.landings import LANDINGS
-from das.solver.kernels.lanes import LANES
-from das.solver.kernels.sweep import backward_sweep
+from das.solver.kernels.sweep import LANES, backward_sweep
 from das.solver.kernels.transitions import transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
-from das.solver.policy_store import KEPT, PackedPolicies, PolicyStore, WholePolicies
+from das.solver.policy_store import KEPT, PackedPolicies, PolicyStore, WholePolicies, in_parts
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -160,8 +158,12 @@ def default_ladder(section: Section) -> Floats:
     lowest, highest = np.array(tol.LADDER_LOWEST_RATIOS), np.array(tol.LADDER_HIGHEST_RATIOS)
     between = tol.LADDER_SIZE - len(lowest) - len(highest)
     ladder = np.geomspace(tol.LADDER_LOW_RATIO, tol.LADDER_HIGH_RATIO, between)
-    usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
-    return np.asarray(usable_w * np.concatenate((lowest, ladder, highest)), dtype=float)
+    return np.asarray(usable_power_w(section) * np.concatenate((lowest, ladder, highest)), dtype=float)
+
+
+def usable_power_w(section: Section) -> float:
+    """The largest traction power (W) that the train can use on a section."""
+    return float(min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""A state of a train on a section, and the runs that lead on from it."""
+"""A state of a train on a section, and the trajectories that lead on from it; the fastest one needs no front."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.solver import tolerances as tol
-from das.solver.kernels.best_landing import one_step_totals
-from das.solver.kernels.fastest import fastest_roll_out
 from das.solver.kernels.forces import on_supply
-from das.solver.kernels.roll_out import blend_runs, roll_out
+from das.solver.kernels.roll_out import blend_runs, fastest_roll_out, least_time, one_step_totals, roll_out
 from das.solver.kernels.tuples import DecisionStep, Policies, Policy, SpeedBounds
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
@@ -193,3 +191,27 @@ def check_state(section: Section, s_m: float, v_mps: float) -> None:
 def following_node(section: Section, s_m: float) -> int:
     """Index of the integration node after a position."""
     return int(section.node_m.searchsorted(s_m + tol.MIN_STEP_M, side="right"))
+
+
+def fastest(section: Section, s_m: float | None = None, v_mps: float | None = None) -> Solution:
+    """The fastest run from a position (m) and speed (m/s), by default from the start of the section.
+
+    Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
+    """
+    state = State.at(section, s_m, v_mps)
+    run = state.fastest()
+    return state.solution(run, least_time_s=run.time_s, requested_s=run.time_s, fit=Fit.ON_TIME)
+
+
+def least_time_s(section: Section, s_m: float, v_mps: float) -> float:
+    """Time (s) of the fastest run from a position (m) and speed (m/s); raises as `fastest` does.
+
+    The run is followed only until it meets the section's own fastest run, which the section keeps.
+    """
+    check_state(section, s_m, v_mps)
+    following = following_node(section, s_m)
+    time_s = least_time(
+        following - 1, float(section.node_m[following]) - s_m, v_mps, section.for_kernels, section.envelope_mps,
+        section.train, section.fastest_run,
+    )  # fmt: skip
+    return section.finished_s(time_s, s_m, v_mps)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from das.domain.losses import EfficiencyLoss, Level
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop, Stretches
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
-from das.solver.fastest import least_time_s
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from das.solver.state import least_time_s
 
 
 def warm_up() -> Front:

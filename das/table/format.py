@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from das.domain.errors import DasError
 from das.solver.front import Front
-from das.solver.kernels.packing import pack
+from das.solver.kernels.policy_values import pack
 from das.solver.kernels.tuples import PackedTimes
 from das.solver.section import Section
 

@@ -19,7 +19,8 @@ from das.compiling import cache_root, code_sha256, sources_of, text_sha256
 from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
-from das.domain.losses import Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import LossMap
 from das.domain.route import Route, Stretches, Zone
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol

@@ -33,8 +33,9 @@ from das.domain.errors import DasError
 from das.domain.files.load import locate_vehicle
 from das.domain.files.vehicles import read_loss_chain
 from das.domain.files.writing import check_writable, write_whole
+from das.domain.levels import Level
 from das.domain.loss_chain import LossChain
-from das.domain.losses import Level, LossMap, fit_mean_efficiency
+from das.domain.losses import LossMap, fit_mean_efficiency
 from das.domain.trajectory import consumed_j
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import Vehicle

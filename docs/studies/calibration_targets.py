@@ -12,14 +12,9 @@ from typing import Final
 
 import numpy as np
 
+from das.domain.levels import Level
 from das.domain.loss_chain import LossChain
-from das.domain.losses import (
-    Level,
-    LossMap,
-    fit_error,
-    fit_mean_efficiency,
-    operating_points,
-)
+from das.domain.losses import LossMap, fit_error, fit_mean_efficiency, operating_points
 from das.domain.trajectory import Trajectory, consumed_j
 from das.domain.units import KMH, KW
 from das.domain.vehicle import Vehicle

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import EfficiencyLoss, Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import Route, Stretches
 from das.domain.trajectory import EnergyBalance, Trajectory, consumed_j, evaluated_at
 from das.domain.units import KM, KMH, PERCENT

@@ -17,8 +17,7 @@ from das.advice.coach.settings import KeepingSettings
 from das.command_line.files import load_route, load_vehicle
 from das.domain.route import section_stops
 from das.domain.units import KMH
-from das.solver.few_switch.few_switch import solve_few_switch
-from das.solver.few_switch.settings import FewSwitchSettings
+from das.solver.few_switch.few_switch import FewSwitchSettings, solve_few_switch
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.driving import KEEPING, WatchedRun, watched_run

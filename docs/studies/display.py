@@ -21,7 +21,7 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 from sim.experiment.factors import day_of
-from sim.plant.plant import Command
+from sim.plant.kernels import Command
 from sim.world.outcome import outcome
 from sim.world.service import Service, make_day, prepare_service
 

@@ -20,7 +20,7 @@ from sim.drivers.cab import CabView
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
-from sim.plant.plant import Command
+from sim.plant.kernels import Command
 from sim.world.loop import LOOK_S
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, make_day, prepare_service

@@ -22,7 +22,7 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.experiment.factors import day_of
-from sim.plant.plant import Command
+from sim.plant.kernels import Command
 from sim.world.outcome import DayOutcome, outcome
 from sim.world.service import Service, make_day, prepare_service
 

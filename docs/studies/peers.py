@@ -16,7 +16,7 @@ import numpy as np
 
 from das.domain.errors import InfeasibleError
 from das.domain.files.load import load_vehicle
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route, Stretches, Zone
 from das.domain.units import KMH, KWH
 from das.domain.vehicle import Vehicle

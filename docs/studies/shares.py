@@ -21,7 +21,8 @@ from typing import Any, Final
 from matplotlib.patches import Patch
 
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import EfficiencyLoss, Level
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KW, PERCENT, kwh
 from das.domain.vehicle import Vehicle

@@ -14,7 +14,7 @@ from das.domain.errors import InfeasibleError
 from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
-from das.solver.kernels.envelope import climbing_floor
+from das.solver.kernels.driving import climbing_floor
 from das.solver.kernels.tuples import SpeedBounds
 from das.solver.section import Section
 from das.solver.solution import trajectory_on

@@ -17,7 +17,7 @@ from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import trip_time
-from das.solver.kernels.fastest import fastest_roll_out
+from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, trajectory_on
 from das.solver.warm_up import tiny_route, tiny_vehicle

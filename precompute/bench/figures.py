@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.units import KM, KMH
 from das.solver.front import Front
 from das.solver.kernels.landings import LANDINGS

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from das.solver.in_parts import in_parts
+from das.solver.policy_store import in_parts
 from precompute.workers import available_cores
 
 STATUS = Path("/proc/self/status")

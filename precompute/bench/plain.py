@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from das.compiling import kernel
 from das.solver import tolerances as tol
-from das.solver.front import Front
-from das.solver.in_parts import in_parts
+from das.solver.front import Front, TimeSearch
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS, landings, step_cost
-from das.solver.kernels.speed_grid import grid_speed, locate
-from das.solver.search import TimeSearch
+from das.solver.kernels.policy_values import grid_speed, locate
+from das.solver.policy_store import in_parts
 from das.solver.section import Section
 from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, default_ladder
 from das.solver.state import State

@@ -117,8 +117,7 @@ def few_switch(
 
 def _few_switch_fronts(section: Section, prices_s: list[float]) -> Iterator[tuple[float, FewSwitchFront]]:
     """The few-switch trajectories of a section for each price of a change (s)."""
-    from das.solver.few_switch.few_switch import solve_few_switch
-    from das.solver.few_switch.settings import FewSwitchSettings
+    from das.solver.few_switch.few_switch import FewSwitchSettings, solve_few_switch
 
     for price_s in prices_s:
         yield price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))

@@ -13,8 +13,8 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.route import NEUTRAL
 from das.domain.units import KMH
 from das.solver.kernels.forces import on_supply
+from das.solver.kernels.tuples import TrainParams
 from das.solver.line_profile import LineProfile
-from das.solver.params import TrainParams
 from das.solver.section import Section
 from precompute.exact import kernels
 

@@ -21,7 +21,7 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KMH, PERCENT, PERMILLE
 from das.solver import tolerances as tol
-from das.solver.kernels.envelope import ALL_OF_IT, braking_envelope
+from das.solver.kernels.driving import ALL_OF_IT, braking_envelope
 from das.solver.kernels.roll_out import blend_runs
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section

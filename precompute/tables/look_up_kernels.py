@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import kernel
-from das.solver.kernels.best_landing import best_landing
 from das.solver.kernels.forces import brake_limit, mean_resistance, on_supply, traction_limit
 from das.solver.kernels.landings import LANDINGS
-from das.solver.kernels.policy_values import time_at
-from das.solver.kernels.speed_grid import locate
-from das.solver.kernels.tuples import DecisionStep, LineArrays, Policies, Policy, SpeedBounds
-from das.solver.params import LossParams
+from das.solver.kernels.policy_values import locate, time_at
+from das.solver.kernels.roll_out import best_landing
+from das.solver.kernels.tuples import DecisionStep, LineArrays, LossParams, Policies, Policy, SpeedBounds
 from das.solver.tolerances import INFEASIBLE, MIN_STEP_M, TIME_TOLERANCE_S
 
 ON_TIME, LATE, EARLY, STUCK = 0, 1, 2, 3

@@ -16,7 +16,7 @@ from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from das.domain.files.reading import Fields, number, read_toml
 from das.domain.files.vehicles import read_loss_map, site_braking
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 from das.table.hashes import Course

@@ -20,7 +20,8 @@ from sim.drivers.cab import AT_STOP_M, CabView, Driver
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
-from sim.plant.plant import Plant, PlantState
+from sim.plant.kernels import PlantState
+from sim.plant.plant import Plant
 
 LOOK_S: Final = 0.2
 """A driver looks and acts this often (s)."""

@@ -13,7 +13,7 @@ from das.bus.recorder import RecordingFile
 from das.bus.topics import LOCATION
 from das.cab.heard import DelayHeard, Heard, JourneyHeard, OrderedStop, PositionHeard
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle

@@ -13,7 +13,7 @@ from sim.drivers.own_class import OwnDriver
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Follower, SpeedIs, presenter_of
 from sim.drivers.tracking import FOLLOWING, RULE, RollOff, TimeRule, hold, stand, stop_at, under_ceiling
-from sim.plant.plant import Command
+from sim.plant.kernels import Command
 
 LATE_BRAKING = Habit(braking_mps2=RULE.late_braking_mps2)
 """The habit of a driver who brakes late."""

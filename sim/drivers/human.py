@@ -15,7 +15,8 @@ from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.drivers.tracking import RULE, TimeRule
-from sim.plant.plant import COAST, Command, lever
+from sim.plant.kernels import Command
+from sim.plant.plant import COAST, lever
 
 
 class Chance:

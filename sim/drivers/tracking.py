@@ -9,7 +9,8 @@ from typing import Final
 from das.domain.units import KMH
 from sim.drivers.cab import AT_STOP_M, CabView
 from sim.drivers.knowledge import Outlook
-from sim.plant.plant import COAST, Command, force, speed
+from sim.plant.kernels import Command
+from sim.plant.plant import COAST, force, speed
 
 
 @dataclass(frozen=True, kw_only=True)

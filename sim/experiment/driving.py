@@ -19,8 +19,7 @@ from sim.drivers.parameters import Participant, Population, load_population
 from sim.experiment.factors import Setting
 from sim.jobs.runner import JobRecording, ServiceMemory, drive_day
 from sim.plant import kernels
-from sim.plant.kernels import Command
-from sim.plant.plant import PlantState
+from sim.plant.kernels import Command, PlantState
 from sim.world.loop import LOOK_S, TICK_S, Run
 from sim.world.outcome import DayOutcome, outcome, true_fronts
 from sim.world.over_bus import How

@@ -20,7 +20,7 @@ from das import __version__
 from das.command_line.files import warn_unusual
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
-from das.domain.losses import Level
+from das.domain.levels import Level
 from precompute.workers import source_sha256
 from sim.drivers.cab import DriverEvent
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation

@@ -26,7 +26,7 @@ from das.cab.warm_up import warm_up
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
-from das.domain.losses import Level
+from das.domain.levels import Level
 from precompute.pool import Made
 from precompute.workers import Workers
 from sim.drivers.cab import Driver

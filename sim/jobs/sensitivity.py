@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters, Population, Spread
 from sim.jobs.runner import ServiceMemory, drive_day

@@ -16,7 +16,8 @@ import numpy as np
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
 from das.domain.formulary import curve_resistance_mps2
-from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel, outside_map
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap, LossModel, outside_map
 from das.domain.route import Floats, Route, Stretches
 from das.domain.trajectory import EnergyBalance
 from das.domain.units import STANDARD_GRAVITY_MPS2

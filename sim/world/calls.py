@@ -10,7 +10,7 @@ from das.domain.units import KM, kmh
 from sim.drive.calls import KeptCall
 from sim.drive.limits import BEYOND_M, OVER_MPS, Violations
 from sim.drivers.cab import AT_STOP_M
-from sim.plant.plant import PlantState
+from sim.plant.kernels import PlantState
 from sim.world.service import Day
 
 

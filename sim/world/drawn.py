@@ -14,7 +14,7 @@ from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.load import load_vehicle
 from das.domain.files.reading import Fields, number
 from das.domain.files.vehicles import read_loss_map
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.units import to_si
 from das.domain.vehicle import Vehicle
 from sim.drivers.parameters import HumanParameters, Participant

@@ -20,7 +20,8 @@ from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
-from sim.plant.plant import COAST, Command, lever
+from sim.plant.kernels import Command
+from sim.plant.plant import COAST, lever
 from sim.world.lockstep import Lockstep, happened
 from sim.world.service import Day
 

@@ -24,7 +24,8 @@ from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import Shown, present
 from sim.drivers.screen import Screen, ScreenSettings
-from sim.plant.plant import COAST, Command, PlantState
+from sim.plant.kernels import Command, PlantState
+from sim.plant.plant import COAST
 from sim.world.service import Day, Service
 from sim.world.surroundings import Surroundings
 

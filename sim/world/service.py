@@ -17,7 +17,7 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.vehicles import read_loss_map
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle

@@ -27,7 +27,7 @@ from das.estimate.fix import PositionFix, Quality
 from das.estimate.settings import LEAST_SD_M, LEAST_SD_MPS
 from sim.drive.limits import Violations
 from sim.drivers.cab import AdviceView, CabView
-from sim.plant.plant import PlantState
+from sim.plant.kernels import PlantState
 from sim.world.calls import Calls, Watch
 from sim.world.disturbances import (
     AnnouncedRestriction,

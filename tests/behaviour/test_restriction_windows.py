@@ -12,10 +12,10 @@ import pytest
 from das.advice.advice import Advice
 from das.domain.restriction import COUNTS_AFTER_S
 from das.domain.units import KMH
+from sim.drive.limits import Violations
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import PlantState
-from sim.world.calls import Violations
 from sim.world.loop import InProcess, Run, Tick, World
 from sim.world.service import make_day
 from sim.world.surroundings import DayNews

@@ -34,9 +34,10 @@ from sim.world.disturbances import (
     SlipperyRail,
     TrainAhead,
 )
+from sim.world.drawn import Drawn
 from sim.world.loop import InProcess, Run, Tick, Told, World
 from sim.world.outcome import outcome
-from sim.world.scenario import Drawn, bundled_scenarios, load_scenario
+from sim.world.scenario import bundled_scenarios, load_scenario
 from sim.world.service import Day, Service, make_day
 from tests.support.flat_days import service_for, service_of
 

@@ -189,7 +189,7 @@ def test_all_ways_to_import_are_followed(package: Path) -> None:
 
 def test_the_solver_depends_on_its_kernels_and_on_the_domain_and_on_nothing_else() -> None:
     found = set(sources_of(["das.solver.front"]))
-    assert {"das.solver.front", "das.solver.section", "das.solver.tolerances", "das.solver.params"} <= found
+    assert {"das.solver.front", "das.solver.section", "das.solver.tolerances", "das.solver.kernels.tuples"} <= found
     assert {"das.domain.vehicle", "das.domain.route", "das.domain.losses", "das.domain.units"} <= found
     assert any(name.startswith("das.solver.kernels") for name in found)
     assert all(name.startswith(("das.solver", "das.domain")) or name == "das.compiling" for name in found)

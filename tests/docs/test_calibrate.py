@@ -11,8 +11,8 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle, locate_vehicle
 from das.domain.files.vehicles import read_loss_chain, read_vehicle
+from das.domain.levels import Level
 from das.domain.loss_chain import LossChain
-from das.domain.losses import Level
 from das.domain.vehicle import Vehicle
 from docs.studies import calibrate
 from docs.studies import calibration_targets as paper

@@ -15,7 +15,8 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import LOSSLESS, Level
+from das.domain.levels import Level
+from das.domain.losses import LOSSLESS
 from das.domain.trajectory import Trajectory, mean_resistance_n
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle

@@ -12,7 +12,7 @@ from das.advice.advice import Advice
 from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.regimes import Regime
 from sim.drivers.kinds import Presentation
-from sim.plant.plant import PlantState
+from sim.plant.kernels import PlantState
 from tests.support.advice_judge import DayJudge, Judge
 from tests.support.assessed_day import Seen, Stood
 from tests.support.drawn_day import Drawn, Sensors, Style, Upset, draw, write_files

@@ -23,10 +23,10 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.estimate.fix import PositionFix
-from das.solver.fastest import fastest, least_time_s
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import solve_front
+from das.solver.state import fastest, least_time_s
 from tests.support.crossing import numbered
 from tests.support.followed import after_a_second_mps
 from tests.support.one_section import OneSection

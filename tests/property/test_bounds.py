@@ -15,14 +15,22 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.domain.losses import Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import LossMap
 from das.solver.bound.cells import all_cells, cell_line, even_rows
 from das.solver.bound.certificate import behind_fastest, fastest_is_ahead, task_of
 from das.solver.bound.relaxation import MapPlanes, Task, efficiency_planes, map_rows, relaxation
 from das.solver.front import Front
-from das.solver.kernels.relaxed_interval import FIXED_ROWS, LOCAL, constraints
-from das.solver.kernels.relaxed_program import proven_bound
-from das.solver.kernels.relaxed_tuples import Multipliers, Planes, Program, RelaxedRun
+from das.solver.kernels.relaxed_program import (
+    FIXED_ROWS,
+    LOCAL,
+    Multipliers,
+    Planes,
+    Program,
+    RelaxedRun,
+    constraints,
+    proven_bound,
+)
 from das.solver.kernels.speed_cells import values_behind
 from das.solver.solution import Solution, trajectory_on
 from das.solver.solve import solve_front

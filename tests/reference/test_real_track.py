@@ -15,13 +15,14 @@ from das.domain.errors import DasError, InfeasibleError, InputError
 from das.domain.files.routes import read_route
 from das.domain.files.vehicles import read_vehicle
 from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
-from das.domain.losses import EfficiencyLoss, Level
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
 from das.domain.route import NEUTRAL, NO_REGENERATION, Route, Stretches, Tunnel, Zone
 from das.domain.trajectory import Trajectory, evaluated_at
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
 from das.solver.front import Front
 from das.solver.kernels import forces
-from das.solver.params import train_params
+from das.solver.kernels.tuples import train_params
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from precompute.baselines import strategies as baselines

@@ -13,7 +13,7 @@ import pytest
 
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle, locate_route, locate_vehicle
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
 from precompute.cli.report import solution_json

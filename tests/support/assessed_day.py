@@ -39,7 +39,8 @@ from das.estimate.fix import PositionFix
 from sim.drivers.cab import CabView
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
-from sim.plant.plant import Plant, PlantState
+from sim.plant.kernels import PlantState
+from sim.plant.plant import Plant
 from tests.support.drawn_day import Change, Drawn, Operators, Style, Upset
 from tests.support.obedient_drivers import AssessedDriver, CarelessDriver, ObedientDriver, Scene
 from tests.support.raw_witness import Place, RawLine

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.plant.plant import PlantState
+from sim.plant.kernels import PlantState
 from sim.world.loop import InProcess, Run, World
 from sim.world.scenario import Scenario, read_scenario
 from sim.world.service import Service, make_day, prepare_service

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 import precompute.cli.program
 import sim.cli.program
 from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS
+from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
-from das.domain.losses import LOSSLESS, Level, LossModel
+from das.domain.losses import LOSSLESS, LossModel
 from das.domain.route import Route, Stop, Stretches
 from das.domain.trajectory import Trajectory
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle

@@ -187,13 +187,13 @@ MUTANTS = [
         ("no deviation", "DEVIATION_M = 5.0", "DEVIATION_M = 0.0"),
     ),
     *_of(
-        "das/solver/kernels/envelope.py",
+        "das/solver/kernels/driving.py",
         SOLVER,
         ("the delay makes brakes stronger", "rate / (1.0 + rate * delay / max(v, SLOW_MPS))", "rate * (1.0 + rate * delay / max(v, SLOW_MPS))"),
         ("service deceleration is no bound", "rate = min(loss, largest)", "rate = max(loss, largest)"),
     ),
     *_of(
-        "das/solver/kernels/few_switch_follow.py",
+        "das/solver/kernels/few_switch_schedule.py",
         FEW_SWITCH,
         ("named: brakes go unsaid", "UNSAID_MPS = 0.05", "UNSAID_MPS = 1.0"),
         ("unsaid brakes of a coasting train", "and v[i + 1] < v[i]", "and v[i + 1] > v[i]"),

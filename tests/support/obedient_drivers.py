@@ -19,7 +19,8 @@ from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import present
-from sim.plant.plant import COAST, Command, PlantState, force, speed
+from sim.plant.kernels import Command, PlantState
+from sim.plant.plant import COAST, force, speed
 from tests.support.drawn_day import Style
 from tests.support.raw_witness import RawLine
 

@@ -9,7 +9,8 @@ from hypothesis import assume
 from hypothesis import strategies as st
 
 from das.domain.errors import InfeasibleError
-from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap, LossModel
 from das.domain.route import Route, Stretches, Zone
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 from das.solver.section import Section, SectionOptions, build_section

@@ -15,7 +15,8 @@ from das.cab.heard import Heard
 from sim.drivers.cab import AdviceView, CabView, Driver
 from sim.drivers.kinds import Presentation
 from sim.drivers.messages import CabLook, cab_message
-from sim.plant.plant import Command, speed
+from sim.plant.kernels import Command
+from sim.plant.plant import speed
 from sim.recording.inputs import DriveInputs
 from sim.world.lockstep import happened
 from sim.world.loop import BEFORE_S, TRAIN, InProcess, Tick, Told, World

@@ -13,7 +13,8 @@ from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.presentations.presenter import present
-from sim.plant.plant import Plant, PlantState
+from sim.plant.kernels import PlantState
+from sim.plant.plant import Plant
 from tests.support.one_section import OneSection
 
 LOOK_S = 0.2

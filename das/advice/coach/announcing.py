@@ -13,7 +13,7 @@ from das.advice.coach.coaching import Instruction
 from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake
 from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, FULL_RATIO, TRACTION, Regime
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 

@@ -17,8 +17,7 @@ from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.few_switch.few_switch import FewSwitchFront
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime
 from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from das.advice.coach.settings import CoachSettings
 from das.domain.errors import DasError
-from das.solver.few_switch.few_switch import FewSwitchFront, solve_few_switch, solve_few_switch_ahead
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime, solve_few_switch, solve_few_switch_ahead
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import (
     Prospect,

@@ -18,7 +18,7 @@ from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, Sp
 from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, EFFORT_ORDER, TRACTION, Regime
 from das.domain.units import KMH, NS
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section

@@ -15,7 +15,7 @@ from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown_safely import BRAKED_MORE
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 from das.solver.kernels.forces import traction_limit

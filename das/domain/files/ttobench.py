@@ -12,7 +12,8 @@ import numpy as np
 from das.domain.errors import MISSING, InputError
 from das.domain.files.reading import Fields, bound_of_window, in_si, read_json, train_length_m
 from das.domain.journey import Call, Journey, Passing, Window
-from das.domain.losses import EfficiencyLoss, Level
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
 from das.domain.plausibility import check_route, check_vehicle
 from das.domain.route import Route, Stop, Stretches, Tunnel
 from das.domain.units import FACTORS

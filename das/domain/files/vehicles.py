@@ -16,8 +16,9 @@ from das.domain.braking import REACTION_S, SiteBraking
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.reading import MOST_BYTES, Fields, in_si, read_text, read_toml, train_length_m
 from das.domain.files.ttobench import check_tunnel_resistance
+from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
-from das.domain.losses import EfficiencyLoss, Level, LossMap, LossModel
+from das.domain.losses import EfficiencyLoss, LossMap, LossModel
 from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, check_vehicle
 from das.domain.units import FACTORS, KMH, KN
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, ServiceBrake, Vehicle

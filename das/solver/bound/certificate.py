@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from das.domain.losses import LossMap
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.solver import tolerances as tol
+from das.solver.bound.cells import ROUNDING_RATIO, Incumbent, tightened_j
 from das.solver.bound.cells import SETTINGS as TIGHT
-from das.solver.bound.cells import Incumbent, tightened_j
 from das.solver.bound.relaxation import MapPlanes, Task, acceleration_limits, efficiency_planes, joined, relaxation
-from das.solver.kernels.fastest import fastest_roll_out
 from das.solver.kernels.forces import adhesion_coefficient
 from das.solver.kernels.interior_point import best_bound
 from das.solver.kernels.loss_planes import MeanSpeeds
-from das.solver.kernels.relaxed_interval import FIXED_ROWS
-from das.solver.kernels.relaxed_tuples import Multipliers, Planes, Program, RelaxedRun
+from das.solver.kernels.relaxed_program import FIXED_ROWS, Multipliers, Planes, Program, RelaxedRun
+from das.solver.kernels.roll_out import fastest_roll_out
+from das.solver.kernels.tuples import NO_LIMIT_N, TrainParams
 from das.solver.line_profile import LineProfile
-from das.solver.params import NO_LIMIT_N, TrainParams
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -80,8 +79,6 @@ INSIDE: Final = 0.05
 LEAST_PRICE: Final = 1e-3
 LARGEST_PRICE: Final = 1e3
 """The first price of time is between these, in units of force times speed."""
-ROUNDING_RATIO: Final = 1e-9
-"""The bound is lowered by this share of the sizes of its terms, which is more than their rounding errors."""
 
 
 class ProvenBound(NamedTuple):

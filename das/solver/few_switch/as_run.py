@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.units import KMH
-from das.solver.few_switch.notches import NotchRegime
-from das.solver.few_switch.phases import BRAKES, NEAR_MPS, Phase
-from das.solver.few_switch.run_at_nodes import STEADY_MPS, RunAtNodes, ends_of
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.phases import BRAKES, NEAR_MPS, STEADY_MPS, Phase, RunAtNodes, ends_of
 
 FASTER_MPS = 1.0 * KMH
 """A limit holds a train that is to go faster than it by more than this (m/s),"""

@@ -1,34 +1,83 @@
-"""Few-switch trajectories: among runs with few changes of the notch, those of least cost.
+"""Few-switch trajectories: those of least cost where every change of the notch has a price.
 
-The backward sweep of `das.solver.solve` has a second price here: beside energy + λ·time, every change of the notch
-costs a fixed energy, so that a change must save at least that much. A state is a decision node, a speed and the notch
-that the train is in; the moves do not depend on λ. What is kept is the policy alone: the best notch of each state, and
-which notches are kept there.
+A notch is one of the few things that a driver does with the controller, one at a time. The backward sweep of
+`das.solver.solve` has a second price here: beside energy + λ·time, every change of the notch costs a fixed energy, so
+that a change must save at least that much. A state is a decision node, a speed and the notch that the train is in; the
+moves do not depend on λ. Only the policy is kept: the best notch of each state, and which notches are kept there.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from enum import IntEnum
 from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.few_switch.notches import Notches, make_notches
-from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Sweep
-from das.solver.in_parts import in_parts
-from das.solver.kernels.few_switch_moves import few_switch_moves
-from das.solver.kernels.few_switch_roll_out import few_switch_roll_out, run_energy
-from das.solver.kernels.few_switch_sweep import NO_NOTCH, few_switch_sweep
+from das.solver.kernels import few_switch_policy as kernels
+from das.solver.kernels.driving import run_energy
+from das.solver.kernels.few_switch_policy import NO_NOTCH, few_switch_moves, few_switch_roll_out, few_switch_sweep
 from das.solver.kernels.tuples import SpeedBounds
+from das.solver.policy_store import in_parts
 from das.solver.section import Section
-from das.solver.solve import DecisionGrid, node_behind
+from das.solver.solve import DecisionGrid, node_behind, usable_power_w
 from das.solver.state import State
 
+
+class NotchRegime(IntEnum):
+    """What a driver does in a notch, with the numbers that the kernels know."""
+
+    TRACTION = kernels.TRACTION
+    """A share of the largest traction effort."""
+    HOLD = kernels.HOLD
+    """The speed is held, by traction or by brakes."""
+    COAST = kernels.COAST
+    """No effort at all."""
+    BRAKE = kernels.BRAKE
+    """A share of the largest effort of the electric brake, until the lower speed ahead is reached."""
+    CURVE = kernels.CURVE
+    """The brakes keep the train on the braking curve of a limit or stop ahead."""
+
+
+class Notches(NamedTuple):
+    """The notches as the kernels take them (M,): the kind of each, and its share of the largest effort."""
+
+    kind: NDArray[np.int64]
+    share: NDArray[np.float64]
+
+
+def make_notches(traction_shares: tuple[float, ...], brake_shares: tuple[float, ...]) -> Notches:
+    """The notches with these shares of traction and of the electric brake, and the three that have no share."""
+    kinds = [NotchRegime.TRACTION] * len(traction_shares) + [NotchRegime.HOLD, NotchRegime.COAST]
+    kinds += [NotchRegime.BRAKE] * len(brake_shares) + [NotchRegime.CURVE]
+    shares = (*traction_shares, 0.0, 0.0, *brake_shares, 0.0)
+    return Notches(np.array([int(kind) for kind in kinds], dtype=np.int64), np.array(shares))
+
+
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FewSwitchSettings:
+    """What few-switch trajectories are made of, and what a change costs them."""
+
+    traction_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
+    """The steps of traction effort, as shares of the largest."""
+    brake_shares: tuple[float, ...] = (1.0, 0.7, 0.4)
+    """The steps of the electric brake, as shares of the largest."""
+    change_s: float = 0.08
+    """A change of the notch must save as much energy as the train's full power needs in this time: 0.13 kWh of a
+    locomotive of 6 MW. `das-precompute few-switch` shows what other prices do."""
+    ladder_size: int = 32
+    """The number of multipliers λ."""
+    low_ratio: float = 0.004
+    """The lowest multiplier, as a share of the traction power that can be used on the section."""
+    high_ratio: float = 3.0
+    """The highest multiplier, as a multiple of that power; its run is almost the fastest."""
 
 
 DEFAULT = FewSwitchSettings()
@@ -174,7 +223,7 @@ class _FewSwitchSweep:
         self.grid = DecisionGrid.of(section)
         self.notches = make_notches(settings.traction_shares, settings.brake_shares)
         self.goal_mps = goals(section.envelope_mps)
-        usable_w = min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max())
+        usable_w = usable_power_w(section)
         self.ladder = usable_w * np.geomspace(settings.low_ratio, settings.high_ratio, settings.ladder_size)
         self._change_j = np.full(len(self.ladder), settings.change_s * usable_w)
         n, states, size = len(self.grid.node_m) - 1, self.grid.speed_steps + 1, len(self.ladder)

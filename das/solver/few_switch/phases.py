@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.few_switch.few_switch import FewSwitchTrajectory
-from das.solver.few_switch.notches import NotchRegime
-from das.solver.few_switch.settings import ScheduleSettings
+from das.solver.few_switch.few_switch import FewSwitchTrajectory, NotchRegime
 
 Floats = NDArray[np.float64]
 BRAKES = (NotchRegime.BRAKE, NotchRegime.CURVE)
@@ -37,11 +36,15 @@ class _Part:
     last: int
 
 
-def phases_of(run: FewSwitchTrajectory, first: int, settings: ScheduleSettings) -> tuple[Phase, ...]:
-    """The stretches of a run in one notch, without short ones; `first` is the run's first interval on the section."""
+def phases_of(run: FewSwitchTrajectory, first: int, *, least_s: float, ripple_mps: float) -> tuple[Phase, ...]:
+    """The stretches of a trajectory in one notch, without those shorter than `least_s`, unless they are brakes.
+
+    `first` is the trajectory's first interval on the section. A short acceleration by less than `ripple_mps`, from one
+    speed to hold to the next, is left out.
+    """
     speeds = run.speeds_mps
     elapsed_s = run.state.elapsed_s(speeds)
-    parts = _without_short(_parts(run), elapsed_s, speeds, settings)
+    parts = _without_short(_parts(run), elapsed_s, speeds, least_s, ripple_mps)
     found: list[Phase] = []
     for part, after in zip(reversed(parts), [None, *reversed(parts[1:])], strict=True):
         target = float(speeds[part.last + 1])
@@ -85,21 +88,23 @@ def _done(run: FewSwitchTrajectory, i: int, kind: NotchRegime) -> NotchRegime:
     return NotchRegime.HOLD if met and after >= before else NotchRegime.COAST
 
 
-def _without_short(parts: list[_Part], elapsed_s: Floats, speeds: Floats, settings: ScheduleSettings) -> list[_Part]:
+def _without_short(
+    parts: list[_Part], elapsed_s: Floats, speeds: Floats, least_s: float, ripple_mps: float
+) -> list[_Part]:
     """The parts without those too short to be followed: the shortest first becomes part of a neighbour."""
 
     def lasts_s(k: int) -> float:
         return float(elapsed_s[parts[k].last + 1] - elapsed_s[parts[k].first])
 
     while True:
-        short = [k for k in range(len(parts)) if lasts_s(k) < settings.least_s and _may_go(parts, k)]
+        short = [k for k in range(len(parts)) if lasts_s(k) < least_s and _may_go(parts, k)]
         if not short:
             return parts
         k = min(short, key=lasts_s)
         part, rises = parts[k], float(speeds[parts[k].last + 1] - speeds[parts[k].first])
         before, after = parts[k - 1] if k else None, parts[k + 1] if k + 1 < len(parts) else None
         if part.kind is NotchRegime.TRACTION and after is not None and after.kind is NotchRegime.HOLD:
-            if before is not None and before.kind is NotchRegime.HOLD and rises < settings.ripple_mps:
+            if before is not None and before.kind is NotchRegime.HOLD and rises < ripple_mps:
                 before.last = after.last
                 del parts[k : k + 2]
                 continue
@@ -142,3 +147,31 @@ def _joined(parts: list[_Part]) -> list[_Part]:
         else:
             found.append(part)
     return found
+
+
+STEADY_MPS = 0.01
+"""A speed that changes by less than this (m/s) from node to node is held."""
+
+
+class RunAtNodes(NamedTuple):
+    """Speeds of a run and the highest ones allowed (m/s), the places of the nodes (m), and when it is there (s)."""
+
+    speeds_mps: Floats
+    envelope_mps: Floats
+    node_m: Floats
+    elapsed_s: Floats
+
+    @classmethod
+    def of(cls, speeds_mps: Floats, envelope_mps: Floats, step_m: Floats) -> RunAtNodes:
+        """The run with these speeds over steps of these lengths (m)."""
+        took_s = 2.0 * step_m / np.maximum(speeds_mps[:-1] + speeds_mps[1:], 1e-3)
+        return cls(speeds_mps, envelope_mps, *(np.concatenate(([0.0], one.cumsum())) for one in (step_m, took_s)))
+
+    def lasts_s(self, first: int, last: int) -> float:
+        """How long the run takes from one node to another (s)."""
+        return float(self.elapsed_s[last] - self.elapsed_s[first])
+
+
+def ends_of(phases: Sequence[Phase], run: RunAtNodes) -> list[int]:
+    """The last node of every phase."""
+    return [*(one.begin for one in phases[1:]), len(run.speeds_mps) - 1]

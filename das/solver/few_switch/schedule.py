@@ -16,18 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.solver.fastest import least_time_s
 from das.solver.few_switch.as_run import phases_as_run, with_all_brakes, with_one_brake
-from das.solver.few_switch.notches import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.run_at_nodes import RunAtNodes
-from das.solver.kernels.few_switch_follow import follow
-from das.solver.kernels.few_switch_polish import cost_of_time
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.phases import Phase, RunAtNodes
+from das.solver.kernels.few_switch_schedule import cost_of_time, follow
 from das.solver.kernels.forces import electric_limit
 from das.solver.kernels.tuples import KnownRun, LineArrays
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
-from das.solver.state import RollOut, State, following_node
+from das.solver.state import RollOut, State, following_node, least_time_s
 
 Floats = NDArray[np.float64]
 MET_MPS = 1e-3
@@ -114,6 +111,11 @@ class Schedule:
         kinds[(kinds == NotchRegime.BRAKE) & (np.abs(led_to - targets) < ON_CURVE_MPS)] = NotchRegime.CURVE
         return kinds, np.array([one.share for one in self.phases]), targets
 
+    @property
+    def run(self) -> RunAtNodes:
+        """The run that keeps to the schedule, as its phases are compared with it."""
+        return RunAtNodes.of(self.known.speed_mps, self.section.envelope_mps, self.section.step_m)
+
     def speed_at(self, s_m: float) -> float:
         """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
         return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
@@ -195,9 +197,7 @@ class Schedule:
         brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
         that it has there.
         """
-        section = self.section
-        run = RunAtNodes.of(self.known.speed_mps, section.envelope_mps, section.step_m)
-        phases = phases_as_run(self.phases, self.columns[0], run, self.back_share)
+        phases = phases_as_run(self.phases, self.columns[0], self.run, self.back_share)
         return replace(self, phases=phases)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
@@ -261,9 +261,7 @@ class Scheduled(NamedTuple):
         self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float
     ) -> Scheduled:
         """The same with other phases, made of its own and its run; as it is, where the train would stall so."""
-        section = self.schedule.section
-        run = RunAtNodes.of(self.schedule.known.speed_mps, section.envelope_mps, section.step_m)
-        phases = changed(self.schedule.phases, run)
+        phases = changed(self.schedule.phases, self.schedule.run)
         if phases == self.schedule.phases:
             return self
         try:

@@ -3,18 +3,44 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from das.domain.errors import InfeasibleError
-from das.solver.few_switch.few_switch import FewSwitchFront, FewSwitchTrajectory
-from das.solver.few_switch.notches import NotchRegime
+from das.domain.units import KMH
+from das.solver.few_switch.few_switch import FewSwitchFront, FewSwitchTrajectory, NotchRegime
 from das.solver.few_switch.phases import BRAKES, phases_of
 from das.solver.few_switch.schedule import PricesOfTime, Prospect, Schedule, Scheduled, topped
-from das.solver.few_switch.settings import PolishSettings, ScheduleSettings
-from das.solver.kernels.few_switch_polish import polish
+from das.solver.kernels.few_switch_schedule import polish
 from das.solver.kernels.tuples import KnownRun
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScheduleSettings:
+    """How a few-switch trajectory becomes a schedule."""
+
+    least_s: float = 10.0
+    """A phase that is no brake lasts at least this long, or it becomes part of a neighbour."""
+    back_share: float = 0.6
+    """A train slower than the speed to hold gets back to it with this share of its traction."""
+    ripple_mps: float = 1.5
+    """A short acceleration by less than this, from one speed to hold to the next, is left out."""
+    reach_m: float = 2000.0
+    """Coasting begins at most this much earlier than in the few-switch trajectory, so that the train is not early."""
+    tries: int = 8
+    """The place where coasting begins is narrowed down so many times."""
+    near_s: float = 0.3
+    """A schedule that arrives within this time of what was asked is near enough."""
+    early_s: float = 1.0
+    """A schedule that arrives earlier than asked by more than this gets a lower highest speed,"""
+    lowest_top_ratio: float = 0.8
+    """but not lower than this share of the highest speed before."""
+    late_s: float = 1.0
+    """A schedule that arrives later than asked by more than this is made from a quicker run."""
+    rounds: int = 4
+    """So many runs are tried, each quicker than the one before."""
+
 
 DEFAULT = ScheduleSettings()
 SHORTER = (1.0, 0.4, 0.0)
@@ -65,7 +91,7 @@ def _settled(run: FewSwitchTrajectory, settings: ScheduleSettings) -> tuple[Sche
     )
     stalls: InfeasibleError | None = None
     for share in SHORTER:
-        phases = phases_of(run, first, replace(settings, least_s=share * settings.least_s))
+        phases = phases_of(run, first, least_s=share * settings.least_s, ripple_mps=settings.ripple_mps)
         try:
             return replace(raw, phases=phases).settled(float(state.node_m[0]), state.speed_mps)
         except InfeasibleError as error:
@@ -132,6 +158,31 @@ def _coasting_earlier(schedule: Schedule, by_m: float, least_s: float) -> Schedu
             begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
             moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
     return replace(schedule, phases=tuple(moved))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolishSettings:
+    """How far phases are changed in place, speed and effort."""
+
+    steps_m: tuple[float, ...] = (200.0, 80.0, 30.0)
+    """A phase begins this much earlier or later, in rounds of smaller and smaller steps."""
+    steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH, 0.5 * KMH)
+    """A speed is made this much lower or higher, in the same rounds."""
+    steps_share: tuple[float, ...] = (0.2, 0.2, 0.0)
+    """An effort is made this much smaller or larger, in the same rounds: a fifth, as finely as a driver reads it. An
+    effort between two fifths would flicker on a display that rounds to them."""
+    thorough_steps_share: tuple[float, ...] = (0.2, 0.1, 0.1)
+    """The same of a schedule that is polished thoroughly, which is one for a train that departs or is new."""
+    prices: int = 3
+    """A schedule that is polished thoroughly is polished at so many prices of time first,"""
+    price_ratio: float = 2.0
+    """at most so many times lower or higher than that of the run that it was made from."""
+    least_s: float = 10.0
+    """No phase but a brake is made shorter than this by moving its neighbours."""
+    rounds: int = 2
+    """A schedule is polished so many times,"""
+    late_s: float = 1.0
+    """each time for less time than before, while it is later than this."""
 
 
 DEFAULT_POLISH = PolishSettings()

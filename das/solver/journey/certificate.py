@@ -15,10 +15,8 @@ from das.domain.trajectory import Trajectory
 from das.solver import tolerances as tol
 from das.solver.bound.certificate import NOT_FOUND, Certificate, behind_fastest, bound_of, fastest_is_ahead
 from das.solver.bound.relaxation import Task
-from das.solver.journey.chains import Chains, Parts, Solved, start_speeds
-from das.solver.journey.section_fronts import Ahead
-from das.solver.journey.sections import JourneySection
-from das.solver.journey.timeline import DriveLink, TightSpan, Timeline, WaitLink
+from das.solver.journey.chains import Ahead, Chains, Parts, Solved, start_speeds
+from das.solver.journey.sections import DriveLink, JourneySection, TightSpan, Timeline, WaitLink
 
 Floats = NDArray[np.float64]
 

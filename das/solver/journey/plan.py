@@ -16,17 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.journey import Call, Held, Journey, Passing, Window
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.bound.certificate import Certificate
 from das.solver.journey.certificate import PricedTimeline, lower_bound_j
-from das.solver.journey.chains import Chains, Solved, Split
-from das.solver.journey.section_fronts import DrivenStretch
-from das.solver.journey.sections import JourneySection, build_journey_sections
-from das.solver.journey.timeline import DriveLink, Tight
+from das.solver.journey.chains import Chains, DrivenStretch, Solved, Split
+from das.solver.journey.sections import DriveLink, JourneySection, Tight, build_journey_sections
 from das.solver.solution import trajectory_on
 
 Floats = NDArray[np.float64]

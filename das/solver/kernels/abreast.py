@@ -1,6 +1,6 @@
 """Landings of all speeds of a decision node and their costs, in loops over the speeds that the compiler vectorises.
 
-The formulas are those of `das.solver.kernels.landings` and `das.solver.kernels.speed_grid`, without branches: every
+The formulas are those of `das.solver.kernels.landings` and `das.solver.kernels.policy_values`, without branches: every
 speed is calculated, and what is out of reach is marked afterwards. Each function fills the arrays that it is given.
 With `fastmath` divisions may become products and sums may be taken in another order, as vectors need it.
 """
@@ -12,10 +12,11 @@ import math
 import numpy as np
 
 from das.compiling import compiled
-from das.solver.params import NO_LIMIT_N
+from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_OFFSET, ADHESION_SPEED
+from das.solver.kernels.landings import LANDING_STEPS
+from das.solver.kernels.tuples import NO_LIMIT_N
 from das.solver.tolerances import INFEASIBLE, SMALLEST_SHARE
 
-_LANDING_STEPS = 4
 _ELECTRIC_BRAKE = -1
 _ROUNDING = 1e-9
 """A place on the grid this little below a line is on it."""
@@ -34,7 +35,7 @@ def _speed_after(f, v0, v1, total, step, g, q, p):
 
 @compiled(fastmath=True)
 def adhesion(v):
-    return 0.161 + 7.5 / (3.6 * v + 44.0)
+    return ADHESION_LEAST + ADHESION_EXTRA / (ADHESION_SPEED * v + ADHESION_OFFSET)
 
 
 @compiled(fastmath=True)
@@ -47,7 +48,7 @@ def full_effort_landings(direction, speeds, step, g, q, p, out):
     n = speeds.size
     for j in range(n):
         out[j] = speeds[j]
-    for _ in range(_LANDING_STEPS):
+    for _ in range(LANDING_STEPS):
         for j in range(n):
             v0, v1 = speeds[j], out[j]
             total = v0 + v1
@@ -64,7 +65,7 @@ def landings_under(forces, speeds, step, g, q, p, out):
     n = speeds.size
     for j in range(n):
         out[j] = speeds[j]
-    for _ in range(_LANDING_STEPS):
+    for _ in range(LANDING_STEPS):
         for j in range(n):
             v0, v1 = speeds[j], out[j]
             new = _speed_after(forces[j], v0, v1, v0 + v1, step, g, q, p)

@@ -1,24 +1,51 @@
-"""Driving over the integration nodes towards a speed, within what train and envelope allow."""
+"""Driving over the integration nodes within what train and envelope allow, and the bounds of the speed there."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from das.compiling import kernel
-from das.solver.kernels.fixed_point import FIXED_POINT_STEPS, FIXED_POINT_TOLERANCE, narrowed
 from das.solver.kernels.forces import (
     brake_limit,
+    electric_share,
     largest_gain,
     largest_loss,
+    loss_power,
     mean_resistance,
     on_supply,
     traction_limit,
 )
 from das.solver.kernels.landings import landing_under
 
-_BRAKE_STEPS = 60
+SLOW_MPS = 5.0
+"""Below this speed (m/s) a delay asks for no more reserve: the driver sees the mark, and brakes act already."""
+ALL_OF_IT = (1e9, 0.0)
+"""Brakes to their full: no smaller deceleration (m/s²) than the train's, and no delay (s)."""
 _ROUNDING_W = 1e-9
 """A v² this little above the envelope's is rounding of the iterations."""
+_FIXED_POINT_STEPS = 60
+"""Most iterations."""
+_FIXED_POINT_TOLERANCE = 1e-13
+"""A speed has been found when an iteration changes it by at most this share."""
+
+
+@kernel
+def _narrowed(v, new, low, low_gap, high, high_gap):
+    """The next guess of a speed that is its own `new`, where new falls as v rises, and the bounds of it.
+
+    The power limit leaves less force, the faster the step: v would swing between too fast and too slow. So it is
+    bracketed and found by false position (Illinois); `high_gap` is 0 as long as nothing was too fast.
+    """
+    gap = new - v
+    if gap > 0.0:
+        low, low_gap, high_gap = v, gap, 0.5 * high_gap
+    else:
+        high, high_gap, low_gap = v, gap, 0.5 * low_gap
+    if high_gap == 0.0:
+        return low, low_gap, high, high_gap, new
+    return low, low_gap, high, high_gap, low + (high - low) * low_gap / (low_gap - high_gap)
 
 
 @kernel
@@ -28,11 +55,11 @@ def full_traction_speed(v0, h, g, q, p):
     if start <= 0.0:
         return 0.0
     low, low_gap, high, high_gap, v1 = 0.0, start, 0.0, 0.0, v0
-    for _ in range(FIXED_POINT_STEPS):
+    for _ in range(_FIXED_POINT_STEPS):
         new = _full_traction_step(v0, v1, h, g, q, p)
-        if abs(new - v1) <= FIXED_POINT_TOLERANCE * new:
+        if abs(new - v1) <= _FIXED_POINT_TOLERANCE * new:
             return new
-        low, low_gap, high, high_gap, v1 = narrowed(v1, new, low, low_gap, high, high_gap)
+        low, low_gap, high, high_gap, v1 = _narrowed(v1, new, low, low_gap, high, high_gap)
     return low
 
 
@@ -47,10 +74,10 @@ def _full_traction_step(v0, v1, h, g, q, p):
 def _hardest_brake_speed(v0, h, g, q, p, friction_n):
     """Speed after a step at full electric brake plus friction_n; the power limit holds over the whole step."""
     v1 = v0
-    for _ in range(_BRAKE_STEPS):
+    for _ in range(_FIXED_POINT_STEPS):
         w1 = v0 * v0 - 2.0 * h * largest_loss(max(v0, v1), mean_resistance(v0, v1, q, p) + g, p, friction_n)
         new = math.sqrt(w1) if w1 > 0.0 else 0.0
-        if abs(new - v1) <= 1e-13 * v0:
+        if abs(new - v1) <= _FIXED_POINT_TOLERANCE * v0:
             return new
         v1 = new
     return v1
@@ -132,3 +159,102 @@ def trip_time(step, v):
     for i in range(step.size):
         total += 2.0 * step[i] / (v[i] + v[i + 1])
     return total
+
+
+@kernel
+def step_energy(i, v0, v1, line, p, c):
+    """Energy at the current collector (J) of interval i, at constant acceleration."""
+    step, g, q, u = line
+    here = on_supply(p, u[i])
+    mid = 0.5 * (v0 + v1)
+    force = p.inertial_mass_kg * (v1 * v1 - v0 * v0) / (2.0 * step[i]) + mean_resistance(v0, v1, q[i], p) + g[i]
+    el = electric_share(force, max(v0, v1), here)
+    energy = el * step[i] + loss_power(el, mid, c) * step[i] / mid
+    return energy if energy > 0.0 else here.receptivity_ratio * energy
+
+
+@kernel
+def run_energy(line, p, c, v):
+    """Energy at the current collector (J) of a run, at constant acceleration between its nodes."""
+    total = 0.0
+    for i in range(line.step_m.size):
+        total += step_energy(i, v[i], v[i + 1], line, p, c)
+    return total
+
+
+@kernel
+def braking_envelope(line, limit, end_speed, p, service):
+    """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
+
+    `service` are the largest deceleration (m/s²) and how late the brakes act (s); `ALL_OF_IT`: the train's full brakes.
+    Returns the speeds with the index of the first interval (from the end) where braking is impossible, or -1.
+    The brake power limit is taken at the faster end of each step, so it holds over the whole step.
+    """
+    step, g, q, u = line
+    n = step.size
+    v = np.empty(n + 1)
+    v[n] = min(end_speed, limit[n - 1])
+    for i in range(n - 1, -1, -1):
+        cap = limit[i] if i == 0 else min(limit[i], limit[i - 1])
+        here = on_supply(p, u[i])
+        v1 = v[i + 1]
+        start = min(_brake_start(0.0, v1, step[i], g[i], q[i], here, service), cap)
+        if start <= 0.0:
+            return v, i
+        low, low_gap, high, high_gap, v0 = 0.0, start, 0.0, 0.0, v1
+        for _ in range(_FIXED_POINT_STEPS):
+            new = min(_brake_start(v0, v1, step[i], g[i], q[i], here, service), cap)
+            if abs(new - v0) <= _FIXED_POINT_TOLERANCE * new:
+                low = new
+                break
+            low, low_gap, high, high_gap, v0 = _narrowed(v0, new, low, low_gap, high, high_gap)
+        v[i] = low
+    return v, -1
+
+
+@kernel
+def _brake_start(v0, v1, h, g, q, p, service):
+    """Speed from which the hardest brake in service of a start at v0 lands at v1 (0: it would run away)."""
+    faster = max(v0, v1)
+    loss = largest_loss(faster, mean_resistance(v0, v1, q, p) + g, p, p.friction_force_n)
+    w0 = v1 * v1 + 2.0 * h * _in_service(loss, faster, service)
+    return math.sqrt(w0) if w0 > 0.0 else 0.0
+
+
+@kernel
+def _in_service(loss, v, service):
+    """The deceleration to plan with where full brakes give `loss` at speed v.
+
+    A brake that acts late by t needs the way D(v) + (v − u)·t to come down to u, where D is its way without delay. Per
+    speed that is v/a + t, so the deceleration is 1/(1/a + t/v).
+    """
+    largest, delay = service
+    rate = min(loss, largest)
+    return rate / (1.0 + rate * delay / max(v, SLOW_MPS)) if rate > 0.0 else rate
+
+
+@kernel
+def climbing_floor(line, envelope, least, p):
+    """Slowest speed at each node from which full traction still reaches the end speed and climbs every hill ahead.
+
+    0 where the train can set off from a standstill; no crest is passed slower than `least`. Never above the envelope,
+    whose last value is the end speed. Integrated backwards; the power limit is taken at the faster end of each step.
+    """
+    step, g, q, u = line
+    n = step.size
+    v = np.zeros(n + 1)
+    v[n] = envelope[n]
+    for i in range(n - 1, -1, -1):
+        here = on_supply(p, u[i])
+        v1 = max(v[i + 1], min(least, envelope[i + 1]))
+        v0 = v1
+        for _ in range(_FIXED_POINT_STEPS):
+            gain = largest_gain(max(v0, v1), mean_resistance(v0, v1, q[i], p) + g[i], here)
+            w0 = v1 * v1 - 2.0 * step[i] * gain
+            new = math.sqrt(w0) if w0 > 0.0 else 0.0
+            if abs(new - v0) <= _FIXED_POINT_TOLERANCE * max(new, 1.0):
+                v0 = new
+                break
+            v0 = new
+        v[i] = min(v0, envelope[i])
+    return v

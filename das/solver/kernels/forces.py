@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from das.compiling import kernel
 from das.domain.route import NEUTRAL
-from das.solver.params import NO_LIMIT_N, TrainParams
+from das.solver.kernels.tuples import NO_LIMIT_N, TrainParams
+
+ADHESION_LEAST, ADHESION_EXTRA, ADHESION_SPEED, ADHESION_OFFSET = 0.161, 7.5, 3.6, 44.0
+"""Curtius & Kniffler: friction between wheel and rail is least + extra/(speed·v + offset)."""
 
 
 @kernel
@@ -44,7 +47,7 @@ def on_supply(p, u):
 @kernel
 def adhesion_coefficient(v):
     """Friction between wheel and rail by Curtius & Kniffler, as `das.domain.formulary.adhesion_coefficient`."""
-    return 0.161 + 7.5 / (3.6 * v + 44.0)
+    return ADHESION_LEAST + ADHESION_EXTRA / (ADHESION_SPEED * v + ADHESION_OFFSET)
 
 
 @kernel

@@ -20,16 +20,20 @@ SPECIAL_LANDINGS = 2
 LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 """Most landings of a step."""
 
-_LANDING_STEPS = 4
+LANDING_STEPS = 4
+"""Iterations that find a landing, whose mean speed the forces depend on."""
 
 
 @kernel
-def landing_speed(v0, h, sign, g, q, p):
-    """Speed after a decision step at full traction (sign 1) or electric brake (−1) of its mean speed; 0 if it stops."""
+def landing_speed(v0, h, share, g, q, p):
+    """Speed after a decision step with a share of the largest traction, or of the electric brake (share < 0).
+
+    The largest effort is that of the mean speed. Returns 0 if the train stops.
+    """
     v1 = v0
-    for _ in range(_LANDING_STEPS):
+    for _ in range(LANDING_STEPS):
         mid = 0.5 * (v0 + v1)
-        f = traction_limit(mid, p) if sign > 0.0 else -electric_limit(mid, p)
+        f = share * (traction_limit(mid, p) if share > 0.0 else electric_limit(mid, p))
         v1 = speed_under_force(f, v0, v1, h, g, q, p)
         if v1 <= 0.0:
             return 0.0
@@ -40,7 +44,7 @@ def landing_speed(v0, h, sign, g, q, p):
 def landing_under(f, v0, h, g, q, p):
     """Speed after a decision step under the constant wheel force f; 0 if it stops."""
     v1 = v0
-    for _ in range(_LANDING_STEPS):
+    for _ in range(LANDING_STEPS):
         v1 = speed_under_force(f, v0, v1, h, g, q, p)
         if v1 <= 0.0:
             return 0.0

@@ -1,18 +1,55 @@
-"""Values of a policy between the multipliers of the ladder and between the lines of the speed grid.
+"""Values of a policy: the speed grid that they are kept on, interpolation between its lines, and packing.
 
 Values are interpolated in λ by the cubic through both values and both slopes (dV/dλ is the time-to-go) and in speed by
-a cubic, so that decisions are smooth where the optimum is.
+a cubic, so that decisions are smooth where the optimum is. Packed, they take half the space: values in single
+precision, times-to-go as steps of 16 bits.
 """
 
 from __future__ import annotations
 
+import numpy as np
 from numba import types
 from numba.extending import overload
 
 from das.compiling import kernel
-from das.solver.kernels.speed_grid import locate
 from das.solver.kernels.tuples import PackedTimes
-from das.solver.tolerances import INFEASIBLE
+from das.solver.tolerances import INFEASIBLE, SMALLEST_SHARE, UNREACHABLE
+
+
+@kernel
+def grid_speed(floor, top, j, steps):
+    """Speed of grid line j of a decision node: evenly from the floor to the envelope."""
+    return floor + (top - floor) * j / steps
+
+
+@kernel
+def locate(v, floor, top, steps):
+    """Grid line below speed v and the share of the line above it, linear in v²; (-1, 0.0) outside the table.
+
+    A standing train (line 0 of a floor of 0) is not in the table. A speed less than half a line below a floor
+    is taken as on it: that is the rounding of the integration.
+    """
+    span = top - floor
+    if span <= 0.0:
+        return 0, 0.0
+    x = (v - floor) * (steps / span)
+    if floor <= 0.0:
+        if x < 1.0:
+            return -1, 0.0
+    elif x < 0.0:
+        if x < -0.5:
+            return -1, 0.0
+        return 0, 0.0
+    lower = min(int(x), steps - 1)
+    # (v² − a²)/(b² − a²) with the lines a = v − beyond and b = a + span/steps: one division, no cancellation.
+    u = x - lower
+    beyond = u * (span / steps)
+    share = u * (2.0 * v - beyond) / (2.0 * (v - beyond) + span / steps)
+    if share < SMALLEST_SHARE:
+        share = 0.0
+    elif share > 1.0 - SMALLEST_SHARE:
+        share = 1.0
+    return lower, share
 
 
 def time_at(time_to_go, k, j, a):
@@ -86,3 +123,40 @@ def needed_lines(low, high, floor, top, steps):
     """First and last grid line that `value_at` reads for speeds low … high."""
     first = max(locate(low, floor, top, steps)[0] - 1, 0)
     return first, min(max(locate(high, floor, top, steps)[0], 0) + 2, steps)
+
+
+UNKNOWN_STEP = 65535
+"""The time-to-go of a state from which the section cannot be finished; the longest one of a node is a step less."""
+
+_LEAST_STEP_S = np.finfo(np.float32).tiny
+
+
+@kernel
+def pack(first, last, value, time_to_go, packed_value, packed_times):
+    """Pack the rows first … last − 1 of values (J) and times-to-go (s): (nodes, speeds, L) into arrays of that shape.
+
+    Of each node and multiplier the times lie between the shortest one and 65534 equal steps above it.
+    """
+    steps, low_s, step_s = packed_times
+    _, states, size = value.shape
+    low, high = np.empty(size), np.empty(size)
+    for k in range(first, last):
+        low[:], high[:] = INFEASIBLE, -INFEASIBLE
+        for j in range(states):
+            for l in range(size):
+                time_s = time_to_go[k, j, l]
+                known = value[k, j, l] < UNREACHABLE
+                low[l] = time_s if known and time_s < low[l] else low[l]
+                high[l] = time_s if known and time_s > high[l] else high[l]
+        for l in range(size):
+            if high[l] < low[l]:
+                low[l], high[l] = 0.0, 0.0
+            low_s[k, l] = low[l]
+            step_s[k, l] = (high[l] - low[l]) / (UNKNOWN_STEP - 1)
+            high[l] = max(step_s[k, l], _LEAST_STEP_S)
+        for j in range(states):
+            for l in range(size):
+                part = np.rint((time_to_go[k, j, l] - low[l]) / high[l])
+                known = value[k, j, l] < UNREACHABLE
+                steps[k, j, l] = np.uint16(min(part, UNKNOWN_STEP - 1.0) if known else UNKNOWN_STEP)
+                packed_value[k, j, l] = value[k, j, l]

@@ -8,7 +8,7 @@ from das.compiling import kernel
 from das.solver.kernels.abreast import costs, full_brake_forces, full_effort_landings, landings_under, locations
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS
-from das.solver.kernels.speed_grid import grid_speed
+from das.solver.kernels.policy_values import grid_speed
 from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT
 
 _COAST = LANDINGS_BRAKE + LANDINGS_EFFORT

@@ -1,4 +1,4 @@
-"""What the kernels take: named tuples of arrays and numbers, which numba passes on without copying."""
+"""Arguments of the kernels: named tuples of arrays and numbers, which numba passes on without copying."""
 
 from __future__ import annotations
 
@@ -7,7 +7,93 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.solver.params import TrainParams
+from das.domain.losses import EfficiencyLoss, LossModel
+from das.domain.vehicle import BrakePolicy, Vehicle
+
+NO_LIMIT_N = 1e30
+"""A force (N) that no train reaches; it is finite, so that products stay defined."""
+
+
+class TrainParams(NamedTuple):
+    """The numbers of a train as the kernels take them (SI).
+
+    `adhesive_force_n` and `braked_adhesive_force_n` are the weights on the driven and on all axles times the state of
+    the rail; times the adhesion coefficient they limit the forces of the motors and of all brakes. `receptivity_ratio`
+    is the share of the power fed back that the line takes. `brakes_dissipate` says that no brake feeds back.
+    """
+
+    inertial_mass_kg: float
+    c0_n: float
+    c1_n_per_mps: float
+    c2_n_per_mps2: float
+    traction_force_n: float
+    traction_power_w: float
+    electric_force_n: float
+    electric_power_w: float
+    friction_force_n: float
+    adhesive_force_n: float
+    braked_adhesive_force_n: float
+    max_acceleration_mps2: float
+    max_deceleration_mps2: float
+    receptivity_ratio: float
+    brakes_dissipate: bool
+
+
+class LossParams(NamedTuple):
+    """A loss model as the kernels take it.
+
+    `table_w[i, j]` is the loss of a map at the speed i/steps_per_mps and the force force0_n + j/steps_per_n.
+    """
+
+    is_map: bool
+    traction_ratio: float
+    brake_ratio: float
+    idle_w: float
+    steps_per_mps: float
+    force0_n: float
+    steps_per_n: float
+    table_w: NDArray[np.float64]
+
+
+def train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
+    """The numbers of a train that brakes by a policy."""
+    electric = vehicle.electric_brake
+    has_friction = BrakePolicy.ELECTRIC not in (vehicle.brake_policy, brakes)
+    return TrainParams(
+        vehicle.inertial_mass_kg,
+        vehicle.resistance.c0_n,
+        vehicle.resistance.c1_n_per_mps,
+        vehicle.resistance.c2_n_per_mps2,
+        vehicle.traction.max_force_n,
+        vehicle.traction.max_power_w,
+        electric.max_force_n,
+        electric.max_power_w,
+        vehicle.friction_brake_force_n if has_friction else 0.0,
+        min(vehicle.adhesive_force_n, NO_LIMIT_N),
+        min(vehicle.braked_adhesive_force_n, NO_LIMIT_N),
+        min(vehicle.max_acceleration_mps2, 1e6),
+        min(vehicle.max_deceleration_mps2, 1e6),
+        1.0,
+        brakes is BrakePolicy.FRICTION,
+    )
+
+
+def loss_params(loss: LossModel) -> LossParams:
+    """The numbers of a loss model."""
+    if isinstance(loss, EfficiencyLoss):
+        empty = np.zeros((2, 2))
+        return LossParams(False, loss.traction_ratio, loss.brake_ratio, loss.idle_w, 1.0, 0.0, 1.0, empty)
+    return LossParams(
+        True,
+        0.0,
+        0.0,
+        0.0,
+        1.0 / loss.speed_step_mps,
+        float(loss.force_n[0]),
+        1.0 / loss.force_step_n,
+        np.array(loss.filled_w),  # a writable copy: numba compiles anew for read-only arrays
+    )
+
 
 Floats = NDArray[np.float64]
 

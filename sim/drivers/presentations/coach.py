@@ -13,8 +13,8 @@ from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
 from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
-from sim.plant.kernels import TrainNumbers, electric_effort
-from sim.plant.plant import COAST, Command, force
+from sim.plant.kernels import Command, TrainNumbers, electric_effort
+from sim.plant.plant import COAST, force
 
 
 class CoachPresenter(Presenter):

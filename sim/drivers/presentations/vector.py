@@ -12,8 +12,8 @@ from sim.drivers.handling import HAND
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, Presenter
 from sim.drivers.tracking import FOLLOWING, RULE, TRACKING, hold, needed_braking_mps2
-from sim.plant.kernels import TrainNumbers, electric_effort
-from sim.plant.plant import Command, force, speed
+from sim.plant.kernels import Command, TrainNumbers, electric_effort
+from sim.plant.plant import force, speed
 
 
 class VectorPresenter(Presenter):

@@ -11,7 +11,7 @@ from das.advice.planner import PlanBasis, Planner
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
-from das.solver.fastest import fastest
+from das.solver.state import fastest
 from tests.support.crossing import crossed
 
 PLANNED = Situation(route=load_route("zurich-luzern"), vehicle=load_vehicle("re460-ic"))

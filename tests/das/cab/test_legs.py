@@ -23,7 +23,7 @@ from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS

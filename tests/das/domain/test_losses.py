@@ -15,15 +15,8 @@ from hypothesis import strategies as st
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_vehicle
 from das.domain.files.vehicles import read_loss_map
-from das.domain.losses import (
-    EfficiencyLoss,
-    Level,
-    LossMap,
-    deviation_ratio,
-    fit_error,
-    fit_mean_efficiency,
-    operating_points,
-)
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap, deviation_ratio, fit_error, fit_mean_efficiency, operating_points
 
 FORCES = np.linspace(-200e3, 200e3, 41)
 SPEEDS = np.linspace(0.0, 50.0, 26)

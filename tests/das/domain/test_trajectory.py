@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle
-from das.domain.losses import EfficiencyLoss, Level
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
 from das.domain.trajectory import Trajectory, consumed_j, evaluated_at, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
 

@@ -9,7 +9,8 @@ import pytest
 
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_vehicle
-from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossMap, fit_mean_efficiency
+from das.domain.levels import Level
+from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, fit_mean_efficiency
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 
 

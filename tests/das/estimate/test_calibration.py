@@ -27,7 +27,8 @@ from das.estimate.settings import CALIBRATION
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
-from sim.plant.plant import COAST, Patch, Plant, PlantState, force
+from sim.plant.kernels import PlantState
+from sim.plant.plant import COAST, Patch, Plant, force
 from tests.support.making import flat, make_train
 from tests.support.ride import Leg, ride
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from das.domain.files.load import load_vehicle
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route
 from das.solver import tolerances as tol
 from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes

@@ -9,10 +9,10 @@ import pytest
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.losses import EfficiencyLoss
-from das.solver.fastest import capped, fastest, least_time_s
-from das.solver.section import Section, SectionOptions, build_section
+from das.solver.section import Section, SectionOptions, build_section, capped
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
+from das.solver.state import fastest, least_time_s
 from tests.support.making import flat, make_route, make_train
 
 

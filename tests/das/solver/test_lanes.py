@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from das.solver.front import Front
-from das.solver.in_parts import in_parts
-from das.solver.kernels.lanes import LANES
+from das.solver.kernels.sweep import LANES
+from das.solver.policy_store import in_parts
 from das.solver.section import Section, build_section
 from das.solver.solve import DecisionGrid, Transitions, solve_front
 from tests.support.making import make_route, make_train

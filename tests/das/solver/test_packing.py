@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from das.solver import solve
 from das.solver.front import Front
-from das.solver.kernels.packing import UNKNOWN_STEP
+from das.solver.kernels.policy_values import UNKNOWN_STEP
 from das.solver.kernels.tuples import PackedTimes
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front

@@ -11,7 +11,7 @@ import pytest
 
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle, locate_route, locate_vehicle
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Route, Zone
 from das.domain.units import KMH, PERMILLE
 from das.solver.front import Front

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from das.domain.losses import EfficiencyLoss
-from das.solver.front import Front
-from das.solver.search import SearchSettings, TimeSearch
+from das.solver.front import Front, SearchSettings, TimeSearch
 from das.solver.section import build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front

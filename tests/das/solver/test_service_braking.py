@@ -11,7 +11,7 @@ import pytest
 from das.domain.braking import USUAL, ServiceBraking, SiteBraking
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.vehicle import BrakePolicy, Resistance, ServiceBrake, Vehicle
-from das.solver.kernels.envelope import SLOW_MPS
+from das.solver.kernels.driving import SLOW_MPS
 from das.solver.section import Section, SectionOptions, build_section, with_braking
 from tests.support.making import make_route, make_train
 

@@ -18,7 +18,8 @@ from das.compiling import kernel
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.vehicles import read_loss_map
-from das.domain.losses import EfficiencyLoss, Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import Route
 from das.domain.vehicle import BrakePolicy, EffortEnvelope
 from das.solver import tolerances as tol

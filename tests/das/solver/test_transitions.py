@@ -9,7 +9,7 @@ import pytest
 
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_vehicle
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Zone
 from das.domain.vehicle import BrakePolicy
 from das.solver.section import Section, SectionOptions, build_section

@@ -13,14 +13,13 @@ import numpy as np
 import pytest
 
 from das.cab.warm_up import warm_up_tables
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.route import Stop
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
 from das.solver.front import Front
-from das.solver.kernels.best_landing import one_step_totals
-from das.solver.kernels.packing import UNKNOWN_STEP
-from das.solver.kernels.roll_out import roll_out
+from das.solver.kernels.policy_values import UNKNOWN_STEP
+from das.solver.kernels.roll_out import one_step_totals, roll_out
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front

@@ -11,21 +11,15 @@ import pytest
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import LOSSLESS, EfficiencyLoss, Level, LossModel
+from das.domain.levels import Level
+from das.domain.losses import LOSSLESS, EfficiencyLoss, LossModel
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
-from precompute.baselines.strategies import (
-    Baseline,
-    Strategy,
-    baseline,
-    fastest,
-    four_modes,
-    reduced_maximum_speed,
-    warm_up,
-)
+from precompute.baselines import Strategy
+from precompute.baselines.strategies import Baseline, baseline, fastest, four_modes, reduced_maximum_speed, warm_up
 from precompute.cli.report import solution_json
 from tests.support.benchmark import track_path, train_path
 from tests.support.crossing import crossed

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from das.command_line.files import load_route, load_vehicle
-from das.solver.few_switch.few_switch import solve_few_switch
-from das.solver.few_switch.settings import FewSwitchSettings
+from das.solver.few_switch.few_switch import FewSwitchSettings, solve_few_switch
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front

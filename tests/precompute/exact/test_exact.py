@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import EfficiencyLoss, Level, LossModel
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossModel
 from das.domain.vehicle import BrakePolicy
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front

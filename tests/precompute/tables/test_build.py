@@ -24,7 +24,7 @@ from distributed import Client
 from das.domain.errors import DasError
 from das.domain.files.load import load_route
 from das.domain.files.writing import folder_held
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute import pool, workers

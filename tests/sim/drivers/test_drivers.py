@@ -35,8 +35,8 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import present
-from sim.plant.kernels import LEVER
-from sim.plant.plant import Command, Plant, PlantState
+from sim.plant.kernels import LEVER, Command, PlantState
+from sim.plant.plant import Plant
 from tests.support.driver_tables import parameter_markdown
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
 from tests.support.one_section import OneSection

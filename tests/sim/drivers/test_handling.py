@@ -13,7 +13,8 @@ from sim.drivers.handling import HAND, Hand, HumanSettings, SpeedHold
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
-from sim.plant.plant import COAST, Command, PlantState
+from sim.plant.kernels import Command, PlantState
+from sim.plant.plant import COAST
 from tests.sim.drivers.test_drivers import STEADY, cab_of, endless
 
 WILLING = replace(

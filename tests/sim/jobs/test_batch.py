@@ -16,7 +16,7 @@ import pytest
 
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
-from das.domain.losses import Level
+from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds, write_table
 from sim.jobs.report import summary

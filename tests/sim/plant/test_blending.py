@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from das.domain.losses import EfficiencyLoss
-from sim.plant.plant import Plant, PlantState, force
+from sim.plant.kernels import PlantState
+from sim.plant.plant import Plant, force
 from tests.support.making import flat, make_train
 
 BRAKING_N = -60e3

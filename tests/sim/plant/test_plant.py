@@ -14,10 +14,12 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
-from das.domain.losses import EfficiencyLoss, Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import Route, Stretches, Tunnel, Zone
 from das.domain.vehicle import EffortEnvelope, Vehicle
-from sim.plant.plant import COAST, Command, Dynamics, Patch, Plant, PlantState, force, lever, speed
+from sim.plant.kernels import Command, PlantState
+from sim.plant.plant import COAST, Dynamics, Patch, Plant, force, lever, speed
 from tests.support.making import flat, make_route, make_train
 
 G = 9.81

@@ -13,7 +13,8 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle, locate_vehicle
-from das.domain.losses import Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import LossMap
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.jobs.batch import Batch, make_run

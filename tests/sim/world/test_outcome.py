@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from das.domain.losses import Level
+from das.domain.levels import Level
 from das.domain.units import KMH, KWH
 from sim.drive.above_optimum import AboveOptimum
 from sim.drive.drive import Drive

@@ -10,10 +10,9 @@ import pytest
 
 from das.advice.coach.planning import Wanted, elapsed_s, passes_s, planned
 from das.advice.coach.settings import DEFAULT
-from das.solver.fastest import fastest
 from das.solver.few_switch.schedule import Scheduled
 from das.solver.solution import trajectory_on
-from das.solver.state import State
+from das.solver.state import State, fastest
 from tests.support.coach import coach_front
 from tests.support.crossing import crossed
 from tests.support.few_switch import BUNDLED, Which, asked_s, front_of, section_of

@@ -20,7 +20,7 @@ from das.advice.coach.shown_brakes import ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import KMH
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule, known_run
 from das.solver.kernels.forces import electric_limit, traction_limit

@@ -13,7 +13,8 @@ from das.domain.errors import MOST_OF_A_MESSAGE, DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.routes import read_route
 from das.domain.files.vehicles import read_loss_chain, read_vehicle
-from das.domain.losses import EfficiencyLoss, Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.vehicle import BrakePolicy
 from tests.support.making import CHAIN
 

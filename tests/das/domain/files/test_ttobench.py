@@ -17,7 +17,8 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.domain.files.ttobench import read_track, read_train
-from das.domain.losses import EfficiencyLoss, Level
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
 from das.domain.vehicle import BrakePolicy, Vehicle
 from tests.support.benchmark import DATA, JOURNEY, SHARED, TRACKS, TRAINS, journey_path, track_path, train_path
 

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from das.domain.files.load import load_vehicle
-from das.domain.losses import Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import LossMap
 from das.domain.vehicle import BrakePolicy
 from das.solver.bound.cells import (
     SETTINGS,

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from das.domain.losses import EfficiencyLoss, Level
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stretches, Zone
 from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
 from das.solver.bound.certificate import behind_fastest, certificate, fastest_is_ahead, task_of

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.losses import EfficiencyLoss, Level, LossMap
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss, LossMap
 from das.solver.bound.certificate import task_of
 from das.solver.bound.relaxation import MapPlanes, efficiency_planes
 from das.solver.section import build_section

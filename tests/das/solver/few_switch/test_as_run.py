@@ -7,9 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from das.solver.few_switch.as_run import phases_as_run, speeds_as_held
-from das.solver.few_switch.notches import NotchRegime
-from das.solver.few_switch.phases import Phase
-from das.solver.few_switch.run_at_nodes import RunAtNodes
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.phases import Phase, RunAtNodes
 
 Floats = NDArray[np.float64]
 HOLD, COAST, BRAKE, TRACTION = NotchRegime.HOLD, NotchRegime.COAST, NotchRegime.BRAKE, NotchRegime.TRACTION

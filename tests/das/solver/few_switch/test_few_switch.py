@@ -10,8 +10,7 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import locate_route, locate_vehicle
-from das.solver.few_switch.few_switch import FewSwitchTrajectory, goals
-from das.solver.few_switch.notches import NotchRegime
+from das.solver.few_switch.few_switch import FewSwitchTrajectory, NotchRegime, goals
 from das.solver.solution import trajectory_on
 from das.solver.state import State
 from tests.support.few_switch import BUFFERS, BUNDLED, Which, asked_s, excess_ratio, few_switch_of, front_of, section_of
