@@ -24,7 +24,7 @@ from precompute.cli.options import Pose, TableFiles, TripTime
 if TYPE_CHECKING:
     from das.solver.section import Section
     from das.solver.solution import Solution
-    from precompute.sensitivity.analysis import Followed, Variation, VariationOutcome
+    from precompute.sensitivity import Followed, Variation, VariationOutcome
 
 DEFAULT = "mass=±5%,±10%, resistance=±10%,±20%, wind=-20..20, receptivity=0.5,0, adhesion=0.6,0.3"
 """What is varied unless the user says something else."""
@@ -56,7 +56,7 @@ def sensitivity(
     if files.plot is not None:
         offscreen_pyplot()  # refuse before the work begins
     with loading_solver():
-        from precompute.sensitivity.analysis import assess, by_effect
+        from precompute.sensitivity import assess, by_effect
     variations, left_out = _variations(pose, vary)
     section, plan, planned = _plan(pose, trip)
     outcomes = [assess(plan, one, pose.section) for one in shown(variations, lambda one: one.label)]
@@ -77,7 +77,7 @@ def sensitivity(
 
 def _variations(pose: Pose, vary: str | None) -> tuple[list[Variation], list[str]]:
     """What to vary, and a line for what the default had to leave out."""
-    from precompute.sensitivity.analysis import Parameter, parse_variations
+    from precompute.sensitivity import Parameter, parse_variations
 
     plan, vehicle = pose.conditions(), pose.vehicle()
     variations = parse_variations(DEFAULT if vary is None else vary, plan)

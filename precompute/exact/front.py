@@ -27,9 +27,8 @@ from das.domain.trajectory import Trajectory
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
 from precompute.exact import kernels
-from precompute.exact.bounds import Duals, Known, first_ladder, refined_ladder, undominated
 from precompute.exact.grid import Graph, Grid, Layer, fastest_run, totals, viable_layers
-from precompute.exact.passes import Pass, Progress, Search
+from precompute.exact.passes import Duals, Known, Pass, Progress, Search, first_ladder, refined_ladder, undominated
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -137,11 +136,12 @@ def solve_exact(
         max_memory_bytes=default_memory_bytes() if limits.max_memory_bytes is None else limits.max_memory_bytes,
     )
     last = _last_pass(search, swept, limits.bucket_ms, progress)
-    time_ns, energy_mj = (np.concatenate(both) for both in zip(last.found, swept.found, strict=True))
+    time_ns = np.concatenate((last.runs.time_ns, swept.time_ns))
+    energy_mj = np.concatenate((last.runs.energy_mj, swept.energy_mj))
     keep = undominated(time_ns, energy_mj)
     time_s, energy_j = time_ns[keep] / kernels.NS, energy_mj[keep] / kernels.MJ
     hull = kernels.lower_hull(time_s, energy_j)
-    count = len(last.found[0])
+    count = len(last.runs.time_ns)
     return ExactFront(
         section=section,
         grid=graph.grid,
@@ -162,7 +162,8 @@ def _last_pass(search: Search, known: Known, bucket_ms: float, progress: Progres
     """The last of the passes, after quicker ones whose runs make its bounds tight."""
     *buckets, last_bucket_ns = passes(bucket_ms)
     for bucket_ns in buckets:
-        known = known.with_runs(*Pass(search, known, bucket_ns, progress).found)
+        runs = Pass(search, known, bucket_ns, progress).runs
+        known = known.with_runs(runs.time_ns, runs.energy_mj)
     return Pass(search, known, last_bucket_ns, progress)
 
 
@@ -180,11 +181,11 @@ def _swept(
     The runs come as times with energies, and as speeds at the nodes (runs, nodes).
     """
     fastest = fastest_run(graph, layers)[np.newaxis]
-    known = Known.none().with_runs(*totals(graph, fastest))
+    least_ns = int(totals(graph, fastest)[0][0])
     ladder = first_ladder(graph.section.train.traction_power_w)
     first_runs = Duals(graph, layers, ladder, threads, told).runs()
     time_ns, _ = totals(graph, first_runs)
-    ladder = refined_ladder(ladder, time_ns, int(known.time_ns[0]), latest_ns)
+    ladder = refined_ladder(ladder, time_ns, least_ns, latest_ns)
     duals = Duals(graph, layers, ladder, threads, told)
     runs = np.concatenate((fastest, first_runs, duals.runs(), duals.switched_runs()))
     duals.forget_runs()

@@ -21,7 +21,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from precompute.cli.sensitivity import DEFAULT
-from precompute.sensitivity.analysis import (
+from precompute.sensitivity import (
     RANGE_VALUES,
     Parameter,
     Variation,
