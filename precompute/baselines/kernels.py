@@ -25,12 +25,12 @@ _ON_BASE_MPS = 1e-9
 _EARLY_SHARE = 0.25
 """An arc may end earlier than planned by this share of its nodes."""
 _NO_FRICTION = 1.0 - 1e-9
-"""So much less than the electric brake can do that no friction slips in from rounding."""
+"""Factor on the electric brake's limit, so that rounding brings in no friction brake."""
 
 
 @kernel
 def electric_envelope(line, envelope, p):
-    """Fastest speed at each node from which motors alone keep the envelope; where they cannot hold, friction does."""
+    """Fastest speed at each node from which motors alone keep the envelope; friction helps where they cannot."""
     step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)

@@ -1,4 +1,4 @@
-"""The command `das-precompute few-switch`: what it costs that a driver has few things to do."""
+"""The command `das-precompute few-switch`: how much energy it costs that a driver changes the controller rarely."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from das.command_line.options import JsonOption
 from das.command_line.printing import busy
 from das.domain.errors import DasError
 from das.domain.units import kwh
-from precompute.cli.options import Pose, buffered, numbers
+from precompute.cli.options import Pose, buffer_numbers, buffered, numbers
 from precompute.cli.solve import solved_front
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 BUFFERS_PERCENT = "7"
 PRICES_S = "0,0.01,0.03,0.08,0.3,1"
 MOST_S = 100.0
-"""A change of the notch that costs more than this is never made."""
+"""Largest price of a change (s) that is accepted; for more than this no change is ever worth making."""
 OPTIMUM, FOUR_MODES = "optimum", "four modes"
 LEGEND = {
     "price": "of a change, as seconds of the train's full power",
@@ -41,7 +41,7 @@ LEGEND = {
 
 @dataclass(frozen=True, kw_only=True)
 class FewSwitchRow:
-    """A run beside what calm costs; `price_s` is None for the optimum and for four modes.
+    """A run and what its few changes cost; `price_s` is None for the optimum and for four modes.
 
     `shortest_s` is the shortest time between two changes in which the train does not brake, NaN where there is none.
     `more_j` is the energy above the optimum of the same time.
@@ -90,9 +90,7 @@ def few_switch(
     time given as its price. The rows show the schedule that the coach would make of such a run, with the section's
     own braking, beside the optimum and the best run of four modes.
     """
-    wanted = numbers("--buffers", buffers)
-    for one in wanted:
-        buffered(1.0, one)
+    wanted = buffer_numbers(buffers)
     prices_s = numbers("--prices", prices)
     for price_s in prices_s:
         if not 0 <= price_s <= MOST_S:
@@ -139,7 +137,7 @@ def few_switch_rows(
 
 
 def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_s: float) -> FewSwitchRow:
-    """The schedule of a price, made as the coach makes it."""
+    """The row of the schedule for a price, which is made as the coach makes it."""
     from das.solver.few_switch.phases import BRAKES
     from das.solver.few_switch.scheduling import polished, scheduled
     from das.solver.solution import trajectory_on
@@ -155,7 +153,7 @@ def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_
 
 
 def _row_of_modes(name: str, run: Trajectory, front: Front) -> FewSwitchRow:
-    """A run by the modes of its intervals."""
+    """The row of a run whose phases are the modes of its intervals."""
     from das.advice.classifying import classify_modes
     from das.advice.regimes import Regime
 
@@ -172,7 +170,7 @@ def _row(
     front: Front,
     phases: tuple[NDArray[np.int64], NDArray[np.bool_]],
 ) -> FewSwitchRow:
-    """The row of a run; of each of its phases the first interval, and whether it is a brake."""
+    """The row of a run; `phases` holds the first interval of each phase, and whether the phase is a brake."""
     begins, brakes = phases
     lasts_s = np.diff(np.append(run.t_s[begins], run.t_s[-1]))
     others = lasts_s[~brakes]
@@ -190,7 +188,7 @@ def _row(
 
 
 def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
-    """Print the runs of a buffer as a table, the last one with a legend."""
+    """Print the runs of one buffer as a table, with a legend below the `last` table."""
     from rich import box
     from rich.table import Table
 

@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STATES = "states"
-"""What is being done while the states of the grid and the bounds are looked for."""
+"""Name of the step in which the states of the grid and the bounds are found, for `Progress`."""
 
 NS_PER_MS = 1e6
 BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000, 0)
@@ -49,9 +49,9 @@ class ExactFront:
     `time_s` rises and `energy_j` (at the current collector) falls. `supported_j` is the supported front, the lower
     convex hull, at the same times. `swept_time_s` and `swept_energy_j` are the runs that the fast solver's method finds
     on this grid: one multiplier, or one up to a node and its neighbour from there. `labels` counts all partial runs
-    that were kept in the last pass. `bound_j` is the dual bound: no run on the grid
-    needs less in the same time. Where `bucket_ms` is not 0 the last pass kept one partial run per state and so much
-    time, and the runs are the best of those and of the swept ones.
+    that were kept in the last pass. `bound_j` is the dual bound: no run on the grid needs less in the same time. Where
+    `bucket_ms` is not 0, the last pass kept one partial run per state and bucket of time, and the runs are the best of
+    those and of the swept ones.
     """
 
     section: Section
@@ -83,7 +83,7 @@ class ExactFront:
         return (self.swept_energy_j - front_j) / np.maximum(np.abs(front_j), 1.0)
 
     def index_at(self, time_s: float) -> int:
-        """The least-energy run that takes at most this time; DasError where there is none."""
+        """Index of the least-energy run that takes at most this time; DasError where there is none."""
         index = int(np.searchsorted(self.time_s, time_s + 1e-9, side="right")) - 1
         if index < 0:
             raise DasError(f"time {time_s:.3f} s: expected at least {self.least_time_s:.3f} s on this grid")
@@ -97,10 +97,10 @@ class ExactFront:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """How much the search may keep.
+    """Limits on what the search keeps.
 
     `max_memory_bytes` is the memory of its labels (None: 80 % of the machine's, at most 20 GB). With a `bucket_ms` it
-    keeps one partial run per state and so much time: it finds runs near the front and a bound below it.
+    keeps one partial run per state and bucket of time: it finds runs near the front and a bound below it.
     """
 
     max_memory_bytes: float | None = None
@@ -123,14 +123,14 @@ def solve_exact(
     """
     graph = Graph.of(section, grid or Grid())
     limits = limits or Limits()
-    told = _States(progress, graph.intervals)
-    layers, latest_ns = viable_layers(graph, max_buffer_ratio, told)
-    duals, swept, swept_runs = _swept(graph, layers, latest_ns, threads, told)
+    layer_done = _States(progress, graph.intervals)
+    layers, latest_ns = viable_layers(graph, max_buffer_ratio, layer_done)
+    duals, swept, swept_runs = _swept(graph, layers, latest_ns, threads, layer_done)
     search = Search(
         graph=graph,
         layers=layers,
         to_end=duals,
-        from_start=Duals(graph, layers, duals.lambda_w, threads, told, onward=False),
+        from_start=Duals(graph, layers, duals.lambda_w, threads, layer_done, onward=False),
         latest_ns=latest_ns,
         threads=threads,
         max_memory_bytes=default_memory_bytes() if limits.max_memory_bytes is None else limits.max_memory_bytes,
@@ -168,13 +168,13 @@ def _last_pass(search: Search, known: Known, bucket_ms: float, progress: Progres
 
 
 def passes(bucket_ms: float) -> tuple[int, ...]:
-    """The buckets (ns) of the passes that end with this one; the exact front has 0."""
+    """The buckets (ns) of all passes; the last one has `bucket_ms`, which is 0 for the exact front."""
     last = round(bucket_ms * NS_PER_MS)
     return (*(bucket_ns for bucket_ns in BUCKETS_NS if bucket_ns > last), last)
 
 
 def _swept(
-    graph: Graph, layers: list[Layer], latest_ns: int, threads: int, told: Callable[[], None]
+    graph: Graph, layers: list[Layer], latest_ns: int, threads: int, layer_done: Callable[[], None]
 ) -> tuple[Duals, Known, Ints]:
     """Bounds for multipliers that spread over the times asked for, and the runs that a sweep for each of them finds.
 
@@ -183,10 +183,10 @@ def _swept(
     fastest = fastest_run(graph, layers)[np.newaxis]
     least_ns = int(totals(graph, fastest)[0][0])
     ladder = first_ladder(graph.section.train.traction_power_w)
-    first_runs = Duals(graph, layers, ladder, threads, told).runs()
+    first_runs = Duals(graph, layers, ladder, threads, layer_done).runs()
     time_ns, _ = totals(graph, first_runs)
     ladder = refined_ladder(ladder, time_ns, least_ns, latest_ns)
-    duals = Duals(graph, layers, ladder, threads, told)
+    duals = Duals(graph, layers, ladder, threads, layer_done)
     runs = np.concatenate((fastest, first_runs, duals.runs(), duals.switched_runs()))
     duals.forget_runs()
     time_ns, energy_mj = totals(graph, runs)

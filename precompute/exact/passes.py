@@ -27,21 +27,22 @@ Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many layers of it are done, and how many there are."""
 
 BLOCKS = 24
-"""Blocks of states of a node, shared out among the threads."""
+"""Number of blocks into which the states of a node are split for the threads."""
 LADDER = 90
 FIRST_LADDER = 40
 FIRST_RATIOS = (0.01, 30.0)
 """The first multipliers run between these multiples of the train's power."""
 STEEPER = tuple(2.0**i for i in range(1, 11))
-"""Beyond the steepest multiplier of the refined ladder: the front is very steep near the least time."""
+"""Multiples of the refined ladder's largest multiplier that are added to it: the front is very steep near the least
+time."""
 ROUNDING_J = 1.0
 """Slack of every comparison with a bound: far above the rounding of its sums, far below any saving."""
 ROUNDING_RATIO = 1e-12
 BYTES_PER_LABEL = 4
 BYTES_PER_OPEN_LABEL = 72
-"""Memory of a label for good (its parent), and while its layer is merged (times, energies, parents, sorting)."""
+"""Bytes that a label takes for good (its parent), and while its layer is merged (times, energies, parents, sorting)."""
 KNOWN_STEPS = 1 << 18
-"""The energies of known runs are looked up in so many steps of time: 80 µs where runs may take 21 s longer."""
+"""Number of time steps in the table of the known runs' energies: of 80 µs where runs may take 21 s longer."""
 
 
 def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
@@ -55,13 +56,13 @@ def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Known:
-    """Times (ns, rising) and energies (mJ, falling) of runs that exist: no other run above them is on the front."""
+    """Times (ns, rising) and energies (mJ, falling) of runs that exist; no run that they beat is on the front."""
 
     time_ns: Ints
     energy_mj: Ints
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
-        """Those of both that no other beats."""
+        """These runs and others, without those that another one beats."""
         time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
         keep = undominated(time, energy)
         return Known(time_ns=time[keep], energy_mj=energy[keep])
@@ -70,7 +71,7 @@ class Known:
 class Duals:
     """Least energy + λ·time (J) from every state to one end of the section, per node an array (states, multipliers).
 
-    They lead to the end of the section, or `onward=False` to its start. `layer_done` is called after each interval.
+    That end is the section's end, or its start with `onward=False`. `layer_done` is called after each interval.
     """
 
     def __init__(
@@ -132,7 +133,7 @@ class Duals:
         return np.concatenate((self._followed(first, first + 1, at), self._followed(first + 1, first, at)))
 
     def forget_runs(self) -> None:
-        """Free what only runs are made from."""
+        """Free the memory that only making runs needs."""
         self._choice = []
 
     def _followed(self, first: Ints, then: Ints, at: Ints) -> Ints:
@@ -178,7 +179,7 @@ def allowed_j(known: Known, latest_ns: int, duals: Duals) -> Floats:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Search:
-    """What all passes share: the grid and its states, the bounds, the latest arrival, threads and memory."""
+    """What all passes have in common: the grid and its states, the bounds, the latest arrival, threads and memory."""
 
     graph: Graph
     layers: list[Layer]
@@ -220,7 +221,7 @@ class Bounds:
 class Half:
     """The labels from one end of the section: from its start (`onward`), or from its end.
 
-    `node` is where they are. The parents of all labels are kept, so that their runs can be told.
+    `node` is where they are. The parents of all labels are kept, so that their runs can be traced back.
     """
 
     def __init__(self, search: Search, bounds: Bounds, bucket_ns: int, *, onward: bool) -> None:
@@ -281,7 +282,7 @@ class Half:
 
     @property
     def bytes_needed(self) -> int:
-        """Memory of the labels (bytes), with the next node's while they are made."""
+        """Memory of the labels (bytes), with those of the next node while they are made."""
         return self.count * BYTES_PER_LABEL + len(self.labels) * BYTES_PER_OPEN_LABEL
 
     def run(self, label: int) -> list[int]:
@@ -306,7 +307,7 @@ class Joined:
     second: Labels32
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints, first: Labels32, second: Labels32) -> Joined:
-        """Those of both that no other beats."""
+        """These runs and others, without those that another one beats."""
         time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
         keep = undominated(time, energy)
         first = np.concatenate((self.first, first))[keep]

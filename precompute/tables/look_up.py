@@ -34,7 +34,7 @@ _MOST_NARROWINGS = 6
 
 
 class Look(NamedTuple):
-    """What is looked up: the speed now, the step to the next decision node, and the section's policies and losses.
+    """What a look-up works on: the speed now, the step to the next decision node, the section's policies and losses.
 
     `out` and `row` are working space (see `best_landing`).
     """
@@ -124,7 +124,7 @@ def _guess(x, time_left):
 def _neighbours(x, time_left):
     """Neighbours of the ladder whose times enclose `time_left`: slow index, its time, quick index, its time.
 
-    One index twice where the time is beyond an end of the ladder.
+    Both neighbours are the same where the time is beyond an end of the ladder.
     """
     a = _guess(x, time_left)
     _, _, time = _follow_step(x, a)

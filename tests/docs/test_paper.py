@@ -37,7 +37,7 @@ from docs.studies.cases import (
 )
 from docs.studies.drawing import new_figure
 from docs.studies.output import DOCS, Output
-from docs.studies.paper import ITEMS, chosen, make
+from docs.studies.paper import make, study
 from precompute.baselines import strategies as baselines
 from tests.support.making import in_a_process, run_here
 
@@ -277,12 +277,10 @@ def test_table2_csv_has_every_cell(cells: list[table2.Cell], tmp_path: Path) -> 
     assert ours_in((TABLES / "table2.md").read_text(encoding="utf-8")) == pytest.approx(ours_in(written), rel=NEAR)
 
 
-def test_only_takes_known_items() -> None:
-    assert chosen(None) == list(ITEMS)
-    assert chosen("table2, fig4,fig4") == ["fig4", "table2"]
-    for wrong in ("fig3", "", "fig4,,fig5", "FIG4"):
-        with pytest.raises(DasError, match="expected some of fig4, fig5"):
-            chosen(wrong)
+def test_an_unknown_item_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    with pytest.raises(DasError, match="no item 'fig3'; expected some of fig4, fig5"):
+        study(tmp_path / "out", only="fig4,fig3")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.more

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from das.command_line.application import Entry, with_options
+from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
+from precompute.cli.options import chosen
 from precompute.cli.program import COMMANDS, GONE, NAME
 from tests.support.making import REPOSITORY, das_precompute, in_a_process
 
@@ -52,6 +54,15 @@ def test_every_command_refuses_a_wrong_option_in_one_line(entry: Entry, tmp_path
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: No such option: --no-such-option")
     assert done.stderr.count("\n") == 1
+
+
+def test_only_takes_known_names_each_once_and_in_their_order() -> None:
+    names = ("fig4", "fig5", "table2")
+    assert chosen(None, names, "item") == list(names)
+    assert chosen("table2, fig4,fig4", names, "item") == ["fig4", "table2"]
+    for wrong in ("fig3", "", "fig4,,fig5", "FIG4"):
+        with pytest.raises(DasError, match=r"no item .*; expected some of fig4, fig5, table2"):
+            chosen(wrong, names, "item")
 
 
 @pytest.mark.parametrize("name", GONE)
@@ -203,6 +214,7 @@ REFUSED = {
     "sensitivity flat-6km own.toml --buffer 7 -o own.toml": f"own.toml: {READ}",
     "journey plan.toml flat-6km own.toml -o plan.toml": f"plan.toml: {READ}",
     "build trainless.toml -o tables": "error: trainless.toml: trains is missing: expected at least one [[trains]]\n",
+    "bench --only front,speed": "--only front,speed: no figure 'speed'; expected some of front, steps, transitions",
     "loss-map nix": "nix: not a bundled vehicle",
     "loss-map no.csv": "no.csv: cannot be read",
     "loss-map re460-ic --plot no/where.png": "no/where.png: no such folder",
