@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -101,11 +101,11 @@ def few_switch(
 
         strategies.warm_up()
     with busy("solving few-switch trajectories …"):
-        few_switch_fronts = list(_few_switch_fronts(section, prices_s))
+        fronts = few_switch_fronts(section, prices_s)
     found = []
     for buffer_percent in wanted:
         with busy(f"looking for runs with a buffer of {buffer_percent:g} % …"):
-            rows = list(few_switch_rows(front, few_switch_fronts, buffered(min_time_s, buffer_percent)))
+            rows = list(few_switch_rows(front, fronts, buffered(min_time_s, buffer_percent)))
         found.append({"buffer_percent": buffer_percent, "runs": [row.as_dict() for row in rows]})
     if as_json:
         print(json.dumps({"min_time_s": min_time_s, "points": found}))
@@ -114,24 +114,26 @@ def few_switch(
         _print_rows(section.name, point, last=point is found[-1])
 
 
-def _few_switch_fronts(section: Section, prices_s: list[float]) -> Iterator[tuple[float, FewSwitchFront]]:
-    """The few-switch trajectories of a section for each price of a change (s)."""
+def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, FewSwitchFront]]:
+    """Each price of a change (s), with the few-switch trajectories of a section for it."""
     from das.solver.few_switch.few_switch import solve_few_switch
     from das.solver.few_switch.settings import FewSwitchSettings
 
-    for price_s in prices_s:
-        yield price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))
+    return [(price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))) for price_s in prices_s]
 
 
 def few_switch_rows(
-    front: Front, few_switch_fronts: list[tuple[float, FewSwitchFront]], time_s: float
+    front: Front, fronts: Sequence[tuple[float, FewSwitchFront]], time_s: float
 ) -> Iterator[FewSwitchRow]:
-    """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes."""
+    """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes.
+
+    `fronts` are those of `few_switch_fronts`.
+    """
     from precompute.baselines.strategies import four_modes
 
     section = front.section
     yield _row_of_modes(OPTIMUM, front.trajectory(time_s).trajectory, front)
-    for price_s, solved in few_switch_fronts:
+    for price_s, solved in fronts:
         yield _row_of_schedule(price_s, solved, front, time_s)
     yield _row_of_modes(FOUR_MODES, four_modes(section, time_s).trajectory, front)
 
@@ -207,12 +209,12 @@ def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
             "–" if shortest_s is None else f"{shortest_s:.1f}",
             f"{run['time_s']:.1f}",
             f"{run['energy_kwh']:.2f}",
-            _signed(run["more_kwh"]),
-            "–" if ratio is None else _signed(100 * ratio),
+            two_digits(run["more_kwh"]),
+            "–" if ratio is None else two_digits(100 * ratio),
         )
     print_table(table, LEGEND if last else None)
 
 
-def _signed(value: float) -> str:
+def two_digits(value: float) -> str:
     """A difference with two digits, never as −0.00."""
     return f"{round(value, 2) + 0.0:.2f}"

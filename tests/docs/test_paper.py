@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import LOSSLESS, Level
 from das.domain.trajectory import Trajectory, mean_resistance_n
@@ -37,7 +36,7 @@ from docs.studies.cases import (
 )
 from docs.studies.drawing import new_figure
 from docs.studies.output import DOCS, Output
-from docs.studies.paper import make, study
+from docs.studies.paper import make
 from precompute.baselines import strategies as baselines
 from tests.support.making import in_a_process, run_here
 
@@ -275,12 +274,6 @@ def test_table2_csv_has_every_cell(cells: list[table2.Cell], tmp_path: Path) -> 
     assert written.count("\n| ") == len(names) + 1
     assert ours_in(written) == pytest.approx([cell.ours for cell in cells], abs=0.006)
     assert ours_in((TABLES / "table2.md").read_text(encoding="utf-8")) == pytest.approx(ours_in(written), rel=NEAR)
-
-
-def test_an_unknown_item_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    with pytest.raises(DasError, match="no item 'fig3'; expected some of fig4, fig5"):
-        study(tmp_path / "out", only="fig4,fig3")
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.more

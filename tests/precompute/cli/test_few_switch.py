@@ -9,13 +9,11 @@ from typing import Any
 import pytest
 
 from das.command_line.loading import load_route, load_vehicle
-from das.solver.few_switch.few_switch import solve_few_switch
-from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from precompute.baselines.strategies import four_modes
-from precompute.cli.few_switch import FewSwitchRow, few_switch_rows
+from precompute.cli.few_switch import FewSwitchRow, few_switch_fronts, few_switch_rows
 from tests.support.making import das_precompute
 
 BUFFER_RATIO = 1.07
@@ -31,10 +29,7 @@ def front() -> Front:
 @pytest.fixture(scope="module")
 def rows(front: Front) -> dict[str, FewSwitchRow]:
     """The rows of the command for a buffer of 7 %, by their names."""
-    few_switch_fronts = [
-        (price, solve_few_switch(front.section, FewSwitchSettings(change_s=price))) for price in PRICES_S
-    ]
-    found = few_switch_rows(front, few_switch_fronts, BUFFER_RATIO * front.fastest().time_s)
+    found = few_switch_rows(front, few_switch_fronts(front.section, PRICES_S), BUFFER_RATIO * front.fastest().time_s)
     return {row.name: row for row in found}
 
 
