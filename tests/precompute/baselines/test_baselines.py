@@ -24,7 +24,6 @@ from precompute.baselines.strategies import (
     fastest,
     four_modes,
     reduced_maximum_speed,
-    warm_up,
 )
 from precompute.cli.report import solution_json
 from tests.support.benchmark import track_path, train_path
@@ -388,10 +387,6 @@ def test_a_train_that_stalls_is_named(hilly: Section) -> None:
     steep = replace(hilly, constant_n=hilly.constant_n + 5e5)
     with pytest.raises(InfeasibleError, match="stalls"):
         fastest(steep)
-
-
-def test_warm_up_runs_every_strategy() -> None:
-    warm_up()
 
 
 @pytest.mark.more

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -28,7 +28,7 @@ from das.domain.losses import Level
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute import pool, workers
-from precompute.tables.build import BuildStatus, solve_jobs, table_folders
+from precompute.tables.build import BuildStatus, build, solve_jobs, table_folders
 from precompute.tables.plan import read_plan
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings
@@ -233,16 +233,12 @@ def test_workers_that_cannot_start_are_an_error(tmp_path: Path, monkeypatch: pyt
         list(solve_jobs([job(1)], tmp_path, Workers(count=1)))
 
 
-def held(folder: Path) -> AbstractContextManager[None]:
-    return folder_held(folder, "another build is writing to it")
-
-
-def test_two_builds_in_one_folder_are_refused(tmp_path: Path) -> None:
+def test_a_second_build_in_one_folder_is_refused(tmp_path: Path) -> None:
+    plan, folder = read_plan(plan_file(tmp_path, BASE)), tmp_path / "tables"
     refused = pytest.raises(DasError, match=rf"another build is writing to it \(process {os.getpid()}\)")
-    with held(tmp_path / "tables"), refused, held(tmp_path / "tables"):
-        pass
-    with held(tmp_path / "tables"):
-        pass
+    with folder_held(folder, "busy"), refused:
+        build(plan, folder, Workers(count=1), print)
+    assert not table_folders(folder)
 
 
 @pytest.mark.processes
