@@ -121,6 +121,13 @@ def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]
     return run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
 
 
+def printed(folder: Path, *args: str) -> str:
+    """What das-precompute prints in a folder; it must succeed, with nothing on standard error."""
+    done = das_precompute(folder, *args)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run das-sim in a folder, within this process; a node, a recorder and workers are still processes of their own."""
     return run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)

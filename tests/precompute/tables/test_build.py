@@ -35,7 +35,7 @@ from precompute.tables.writing import Job, TableSettings
 from precompute.workers import Workers, differences, environment
 from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
-from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process
+from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, printed
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8, refine_s=0.0, proven=0)
 HEAD = "schema_version = 1\n"
@@ -269,19 +269,19 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert again.returncode == 1
     assert "1 built, 1 kept, 1 failed" in again.stdout
     assert "removed 1 tables whose inputs have changed" in again.stdout
-    shown = json.loads(das_precompute(tmp_path, "show", "tables", "--json").stdout)["tables"]
+    shown = json.loads(printed(tmp_path, "show", "tables", "--json"))["tables"]
     assert [row["route"] for row in shown] == ["flat-6km", "slow"]
     assert all(row["refine"] == "on" and row["refinement_saved_ratio"] > 0 for row in shown)
     assert all(row["gaps_proven"] == 1 and 0 < row["largest_gap_ratio"] < 0.02 for row in shown)
     assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 10
-    printed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
-    assert printed.returncode == 0
-    assert re.search(r"slow +6\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", printed.stdout)
-    assert "gap %: by how much at most" in printed.stdout
-    assert max(map(len, printed.stdout.splitlines())) <= 80
+    listed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
+    assert listed.returncode == 0
+    assert re.search(r"slow +6\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", listed.stdout)
+    assert "gap %: by how much at most" in listed.stdout
+    assert max(map(len, listed.stdout.splitlines())) <= 80
     size_mb = sum(row["size_bytes"] for row in shown) / 1e6
     assert 2.0 < size_mb < 4.0
-    assert f"2 tables, {size_mb:.1f} MB" in printed.stdout
+    assert f"2 tables, {size_mb:.1f} MB" in listed.stdout
     damaged = tmp_path / "tables" / shown[0]["name"] / "value_j.npy"
     damaged.write_bytes(damaged.read_bytes()[:-1])
     checked = in_a_process("precompute.cli", "verify", "tables", cwd=tmp_path)
@@ -353,9 +353,7 @@ def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> N
     assert len(killed) < 16
     assert {name: killed[name] for name in stopped} == stopped
 
-    resumed = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--refine", "off", "--json")
-    assert resumed.returncode == 0, resumed.stderr
-    report = json.loads(resumed.stdout)
+    report = json.loads(printed(tmp_path, "build", "plan.toml", "-o", "tables", "--refine", "off", "--json"))
     assert (report["counts"]["kept"], report["counts"]["built"]) == (len(killed), 16 - len(killed))
     after = tables_of(tables)
     assert {name: after[name] for name in killed} == killed
