@@ -1,11 +1,11 @@
 """`python -m docs.studies.calibrate`: calibrate the loss chains of the Re 460 to the paper's figures, or check them.
 
-Stage 1 (static): three parameters of the GTO chain such that its map has the published L2 fit (efficiency and idle
-part) and loss at full power: three equations, three unknowns. For the IGBT chain, which is the GTO chain with another
-converter: its parameters such that runs that do not depend on the map consume what Table 2 prints for them.
-Stage 2 (trajectories, GTO): a search without derivatives (Nelder & Mead 1965) over a few parameters of the shape, each
-trial with its own stage 1, so that the optimal runs save what the paper prints. Everything starts from fixed numbers,
-which a wider search by hand led to (docs/explanation/loss-maps.md), and is deterministic.
+Stage 1 (static) finds four parameters of the GTO chain, from four equations: its map has the published L2 fit
+(efficiency and idle part) and loss at full power, and the fit has no mean deviation when cruising. The IGBT chain is
+the GTO chain with another converter, whose parameters make runs that do not depend on the map consume what Table 2
+prints for them. Stage 2 (trajectories, GTO) searches without derivatives (Nelder & Mead 1965) over a few parameters of
+the shape, so that the optimal runs save what the paper prints; each trial has its own stage 1. Everything starts from
+fixed numbers, which a wider search found (docs/explanation/loss-maps.md), and is deterministic.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
 """Free parameters of the GTO chain's stage 1, with their start."""
 EFFICIENCY_AIM, IDLE_AIM_W, FULL_POWER_AIM_W = 0.8885, 115e3, 1043e3
 """What stage 1 solves for: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), no mean deviation of
-the fit when cruising. Efficiency and loss at full power are at the lossy end of what rounds to print: Table 2's fastest
-run consumes more at L3 for its mechanical work than a less lossy map gives."""
+the fit when cruising. Efficiency and loss at full power are at the lossy end of what rounds to the printed figures:
+Table 2's fastest run consumes more at L3 for its mechanical work than a less lossy map gives."""
 
 STAGE_2_START: Final[Mapping[str, float]] = MappingProxyType(
     {

@@ -56,8 +56,8 @@ def electric_envelope(line, envelope, p):
 def cruise_run(cruise, line, bounds, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
-    Full effort to min(envelope, cruise), which is held with traction or brakes; where the train is too slow in spite of
-    full traction, or the floor is above the cruising speed, full traction; the envelope is braked along.
+    Full effort to min(envelope, cruise), which is held with traction or brakes; full traction where the train is slower
+    in spite of it, or where the floor is above the cruising speed; braking is along the envelope.
     """
     floor, envelope = bounds
     for i in range(line.step_m.size):

@@ -41,9 +41,9 @@ SPARE_RATIO, SPARE_S = 1.2, 5.0
 NEAR_S = 0.7
 """Sets of arcs this near to the time wanted are brought to it by the cruising speed."""
 EXCHANGES = 5
-"""Most arcs exchanged to come near the time wanted."""
+"""Largest number of arcs that are exchanged to come near the time wanted."""
 TUNED_RATIO = 0.05
-"""Most by which the cruising speed is changed to hit the time with given arcs."""
+"""Largest relative change of the cruising speed that hits the time with given arcs."""
 MAX_TUNED, ENOUGH_TUNED = 20, 3
 """Largest number of sets of arcs that are tried, and the number of runs on time that suffices."""
 

@@ -46,7 +46,7 @@ COMMANDS = (
     Entry(
         name="sensitivity",
         where="precompute.cli.sensitivity:sensitivity",
-        summary="Tell how time and energy of a planned run move when train, wind, line or rail differ from the plan.",
+        summary="Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.",
         examples=("das-precompute sensitivity zurich-luzern re460-ic --from Zug --buffer 7",),
     ),
     Entry(

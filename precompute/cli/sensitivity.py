@@ -44,7 +44,7 @@ def sensitivity(
         ),
     ] = None,
 ) -> None:
-    """Tell how time and energy of a planned run move when train, wind, line or rail differ from the plan.
+    """Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.
 
     The plan is the least-energy run under the options given. The driver follows its speeds over the way in the changed
     world as well as the train can, and brakes as early as the changed train needs. Beside it stands what planning anew

@@ -106,7 +106,7 @@ def _rounded(values: Floats, step: float) -> Floats:
 
 
 BREAKPOINTS_PER_KM = 5
-"""Changes of limit or gradient; a real main line has three to six."""
+"""Changes of limit or gradient per km; a real main line has three to six."""
 LIMIT_SHARE = 0.3
 """The share of the breakpoints that are changes of limit."""
 LONG_LINE_LIMITS_KMH = np.arange(80.0, 165.0, 10.0)
