@@ -142,11 +142,14 @@ def refusal(*args: str, cwd: Path) -> str:
     return line
 
 
-def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> None:
-    """Look every 50 ms whether something is done, and go on after a time in any case."""
+def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> bool:
+    """Look every 50 ms whether something is done, for some time at most; whether it was."""
     deadline = time.monotonic() + for_s
-    while time.monotonic() < deadline and not done():
+    while time.monotonic() < deadline:
+        if done():
+            return True
         time.sleep(0.05)
+    return False
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:

@@ -10,7 +10,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -35,7 +34,7 @@ from precompute.tables.writing import Job, TableSettings
 from precompute.workers import Workers, differences, environment
 from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
-from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, printed
+from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, printed, wait_until
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8, refine_s=0.0, proven=0)
 HEAD = "schema_version = 1\n"
@@ -305,15 +304,8 @@ def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
         encoding="utf-8",
         start_new_session=True,
     )
-    wait_for(lambda: len(list((folder / "tables").glob("synthetic*"))) >= tables)
+    assert wait_until(lambda: len(list((folder / "tables").glob("synthetic*"))) >= tables)
     return process
-
-
-def wait_for(done: Callable[[], bool], within_s: float = 120.0) -> None:
-    end = time.monotonic() + within_s
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
 
 
 def group_is_gone(process: subprocess.Popen[str]) -> bool:
@@ -341,14 +333,14 @@ def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> N
     os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=30)[1]
     assert (process.returncode, "Traceback" in said) == (130, False), said
-    wait_for(lambda: group_is_gone(process), within_s=10)
+    assert wait_until(lambda: group_is_gone(process), for_s=10)
     stopped = tables_of(tables)
     assert json.loads((tables / "build.json").read_text())["counts"]["pending"] == 16 - len(stopped) > 0
 
     process = started_build(tmp_path, len(stopped) + 3)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate(timeout=30)
-    wait_for(lambda: group_is_gone(process), within_s=10)
+    assert wait_until(lambda: group_is_gone(process), for_s=10)
     killed = tables_of(tables)
     assert len(killed) < 16
     assert {name: killed[name] for name in stopped} == stopped
@@ -394,12 +386,12 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
         for outcome in solve_jobs(jobs, tmp_path / "far", Workers(count=1, scheduler=address)):
             outcomes[outcome.name.rpartition("_")[0]] = outcome
             if len(outcomes) == 3:
-                wait_for(lambda: killed_a_worker(client))
+                assert wait_until(lambda: killed_a_worker(client))
         assert {label for label, found in outcomes.items() if found.status is BuildStatus.BUILT} == {
             f"job-{i}" for i in range(8)
         }
         assert outcomes["job-20"].status is BuildStatus.POISON
-        wait_for(lambda: not any(client.who_has().values()))
+        assert wait_until(lambda: not any(client.who_has().values()))
     for outcome in solve_jobs([job(4)], tmp_path / "near", Workers(count=1)):
         near, far = tmp_path / "near" / outcome.name, tmp_path / "far" / outcome.name
         for path in near.iterdir():
