@@ -1,4 +1,4 @@
-"""Loss maps described: what one covers, how well levels L1 and L2 fit it, where it is best, and pictures of it."""
+"""Describing a loss map: what it covers, how well levels L1 and L2 fit it, where it is best, and pictures of it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
 
 
 def loss_map_summary(loss_map: LossMap, vehicle: Vehicle) -> dict[str, Any]:
-    """What describes a map: coverage, the fits of L1 and L2 with their errors, and the best points."""
+    """The figures that describe a map: coverage, the fits of L1 and L2 with their errors, and the best points."""
     power_w, force_n = vehicle.traction.max_power_w, vehicle.traction.max_force_n
     points = operating_points(loss_map, power_w, force_n)
     full = points.power_w >= 0.99 * power_w
@@ -123,7 +123,7 @@ _LOWEST_SHOWN_EFFICIENCY = 0.70
 _LEVELS = 17
 _BAND_KW = 50.0
 _MOST_BANDS = 60
-"""A picture of losses has bands of 50 kW; where these were more than 60, as many as one of efficiency."""
+"""A picture of losses has bands of 50 kW, or `_LEVELS` bands where these were fewer than 4 or more than 60."""
 
 
 def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
@@ -153,7 +153,10 @@ def _norm(levels: Floats) -> Any:
 
 
 def draw_loss_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
-    """Loss in kW over speed (km/h) and wheel force (kN), both quadrants; returns the mappable (see efficiency)."""
+    """Loss in kW over speed (km/h) and wheel force (kN), both quadrants; returns the mappable.
+
+    Nothing is drawn outside the vehicle's force envelope. `axes` are matplotlib's.
+    """
     speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
     loss = loss_map.loss_w(np.where(inside, force, 0.0), speed) / KW
     highest = max(float(loss[inside].max()), 1.0)

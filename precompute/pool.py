@@ -1,7 +1,7 @@
 """A pool of processes on this machine: one process a worker, one job a worker at a time.
 
 A worker that dies costs only the attempt of its own job. The pool is our own: `concurrent.futures` loses all jobs in
-flight with one worker, pebble 5.2 ends, or waits for ever, where a worker is killed between two jobs, and
+flight with one worker, pebble 5.2 ends or hangs where a worker is killed between two jobs, and
 `distributed.LocalCluster` takes three times the memory, starts ten times slower and listens on eight ports.
 """
 
@@ -40,7 +40,7 @@ class JobLostError(DasError):
 
 @dataclass(frozen=True, kw_only=True)
 class Made(Generic[Job, Result]):
-    """What came of a job: its result, or the error for which there is none, after a number of attempts."""
+    """What came of a job: its result, or the error because of which it has none, after a number of attempts."""
 
     job: Job
     attempts: int = 1
@@ -79,7 +79,7 @@ class _Worker(Generic[Job]):
 
 
 class _Pool(Generic[Job, Result]):
-    """One process a worker, and one job a worker at a time."""
+    """The workers of one `made_here`, the jobs that wait, and what was made."""
 
     def __init__(
         self, make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object]
@@ -91,7 +91,7 @@ class _Pool(Generic[Job, Result]):
         self._false_starts = 0
 
     def run(self) -> Generator[Made[Job, Result]]:
-        """Yield what is made until nothing waits or is under way; an interrupted run can be taken up by another."""
+        """Yield what is made until nothing waits or is under way; after an interruption it can be called again."""
         yield from self._handed_out()
         while self._waiting or any(worker.task for worker in self._workers):
             while len(self._workers) < min(self._count, len(self._workers) + len(self._waiting)):
@@ -123,9 +123,9 @@ class _Pool(Generic[Job, Result]):
         # Not forked: the solver's threads would not survive it.
         context = multiprocessing.get_context("spawn")
         mine, theirs = context.Pipe()
-        resource_tracker.ensure_running()  # its start lets SIGINT through again, in the middle of ours
+        resource_tracker.ensure_running()  # starting it unblocks SIGINT: it must run before we block it
         process = context.Process(target=serve, args=(theirs, self._make, self._prepare), daemon=True)
-        # Ctrl-C reaches the whole group: only we shall hear it, and end the workers.
+        # Ctrl-C reaches the whole process group, but only this process acts on it, and ends the workers.
         with signals_held(STOP_SIGNALS):
             process.start()
             theirs.close()
@@ -136,22 +136,22 @@ class _Pool(Generic[Job, Result]):
         for worker in self._workers:
             if worker.ready and worker.task is None and self._waiting:
                 worker.task = self._waiting.popleft()
-                with suppress(OSError):  # it has just died: that is heard next
+                with suppress(OSError):  # it has just died, which `_listen` finds next
                     worker.connection.send(worker.task.job)
 
     def _listen(self, worker: _Worker[Job]) -> None:
         """Take a message of a worker; a closed pipe means that the worker has died."""
         try:
-            said = worker.connection.recv()
+            message = worker.connection.recv()
         except (EOFError, OSError):
             self._bury(worker)
             return
-        if said == _READY:
+        if message == _READY:
             worker.ready, self._false_starts = True, 0
             return
         task, worker.task = worker.task, None
         assert task is not None
-        result, error = said
+        result, error = message
         self._made.append(Made(job=task.job, attempts=1 + task.deaths, result=result, error=error))
 
     def _bury(self, worker: _Worker[Job]) -> None:
@@ -159,7 +159,7 @@ class _Pool(Generic[Job, Result]):
         self._workers.remove(worker)
         worker.connection.close()
         worker.process.join()
-        end, task = _said(worker.process.exitcode), worker.task
+        end, task = _how_it_ended(worker.process.exitcode), worker.task
         if not worker.ready:
             self._false_starts += 1
             if self._false_starts >= FALSE_STARTS:
@@ -174,7 +174,8 @@ class _Pool(Generic[Job, Result]):
             self._made.append(Made(job=task.job, attempts=task.deaths, error=error))
 
 
-def _said(exit_code: int | None) -> str:
+def _how_it_ended(exit_code: int | None) -> str:
+    """How a worker process ended, in words."""
     if exit_code == OUT_OF_MEMORY_EXIT:
         return "out of memory"
     if exit_code is not None and exit_code < 0:

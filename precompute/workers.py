@@ -1,8 +1,8 @@
 """Workers for many jobs: processes of this machine, or those of an existing Dask cluster.
 
 Tables (`precompute/tables`) and simulated days (`sim/jobs`) are made by them. How to start a cluster:
-docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel here, and only so many jobs
-are there at once that the results waiting stay few.
+docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel to this machine. Only a
+few jobs are submitted at a time, so that few results wait there.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Result = TypeVar("Result")
 
 CONNECT_WITHIN_S = 10.0
 JOBS_PER_THREAD: Final = 2
-"""Number of jobs on the cluster for each of its threads: one is made, one waits."""
+"""Number of jobs on the cluster for each of its threads: one is under way, one waits."""
 PACKAGES: Final = ("numpy", "numba", "llvmlite", "distributed", "dask")
 """Packages whose versions must be the same wherever jobs are made."""
 OURS: Final = ("das", "precompute", "sim")
@@ -49,21 +49,21 @@ def available_cores() -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """The workers that make jobs: processes on this machine, or those of the Dask cluster of a scheduler."""
+    """The workers that make jobs: `count` processes on this machine, or the Dask cluster of a `scheduler`."""
 
     count: int
     scheduler: str | None = None
 
     @classmethod
     def asked(cls, count: int | None, scheduler: str | None = None) -> Workers:
-        """The workers that a user asks for, without either as many as there are cores; DasError for both."""
+        """The workers that a user asks for, by default one process a core; DasError where both are given."""
         if count is not None and scheduler is not None:
             raise DasError("give either --workers or --scheduler: a cluster has its own workers")
         return cls(count=count or available_cores(), scheduler=scheduler)
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The workers in words, for reports."""
+        """What reports say about the workers."""
         return {"workers": self.count} if self.scheduler is None else {"scheduler": self.scheduler}
 
     def made(
@@ -122,7 +122,7 @@ def connected(address: str) -> Any:
 
 
 def check_workers(client: Any, address: str) -> None:
-    """Raise DasError, which names the worker and the difference, unless all workers run what we run."""
+    """Raise DasError, which names the worker and the difference, unless all workers run the same code as we do."""
     here = environment()
     answers = client.run(environment, on_error="return")
     if not answers:
@@ -146,7 +146,7 @@ def _distributed() -> Any:
 def _submitted(client: Any, make: Callable[[Job], Result], jobs: Sequence[Job]) -> Generator[Made[Job, Result]]:
     """What a cluster makes of each job; closing the iterator takes the jobs back.
 
-    Raises WorkerDiffersError for a worker that joined late and differs, and DasError where the scheduler goes.
+    Raises WorkerDiffersError for a worker that joined late and differs, and DasError where the scheduler is lost.
     """
     waiting, here = list(reversed(jobs)), environment()
     submitted: dict[Any, Job] = {}
@@ -180,7 +180,7 @@ def _submitted(client: Any, make: Callable[[Job], Result], jobs: Sequence[Job]) 
 
 
 def _made_there(make: Callable[[Job], Result], job: Job, expected: Mapping[str, str]) -> Result:
-    """What a worker of a cluster makes of a job; one that joined late is checked here."""
+    """What a worker of a cluster makes of a job; a worker that joined late is checked here."""
     differing = differences(expected, _own_environment())
     if differing:
         raise WorkerDiffersError(f"a worker that joined later: {differing}")
@@ -211,7 +211,7 @@ def differences(here: Mapping[str, str], there: Mapping[str, str]) -> str:
 
 @cache
 def source_sha256() -> str:
-    """SHA-256 over the names and contents of all Python files of ours; another program may give other results."""
+    """SHA-256 over the names and contents of all our Python files; other source may give other results."""
     digest = hashlib.sha256()
     for package in OURS:
         root = Path(str(files(package)))

@@ -1,11 +1,11 @@
-"""`python -m docs.studies.calibrate`: calibrate the loss chains of the Re 460 to what is printed, or check them.
+"""`python -m docs.studies.calibrate`: calibrate the loss chains of the Re 460 to the paper's figures, or check them.
 
-Stage 1 (static): three parameters of the GTO chain such that its map has the published L2 fit (efficiency and idle
-part) and loss at full power: three equations, three unknowns. For the IGBT chain, which is the GTO chain with another
-converter: its parameters such that runs that do not depend on the map consume what Table 2 prints for them.
-Stage 2 (trajectories, GTO): a search without derivatives (Nelder & Mead 1965) over a few parameters of the shape, each
-trial with its own stage 1, so that the optimal runs save what the paper prints. Everything starts from fixed numbers,
-which a wider search by hand led to (docs/explanation/loss-maps.md), and is deterministic.
+Stage 1 (static) finds four parameters of the GTO chain, from four equations: its map has the published L2 fit
+(efficiency and idle part) and loss at full power, and the fit has no mean deviation when cruising. The IGBT chain is
+the GTO chain with another converter, whose parameters make runs that do not depend on the map consume what Table 2
+prints for them. Stage 2 (trajectories, GTO) searches without derivatives (Nelder & Mead 1965) over a few parameters of
+the shape, so that the optimal runs save what the paper prints; each trial has its own stage 1. Everything starts from
+fixed numbers, which a wider search found (docs/explanation/loss-maps.md), and is deterministic.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
 """Free parameters of the GTO chain's stage 1, with their start."""
 EFFICIENCY_AIM, IDLE_AIM_W, FULL_POWER_AIM_W = 0.8885, 115e3, 1043e3
 """What stage 1 solves for: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), no mean deviation of
-the fit when cruising. Efficiency and loss at full power are at the lossy end of what rounds to print: Table 2's fastest
-run consumes more at L3 for its mechanical work than a less lossy map gives."""
+the fit when cruising. Efficiency and loss at full power are at the lossy end of what rounds to the printed figures:
+Table 2's fastest run consumes more at L3 for its mechanical work than a less lossy map gives."""
 
 STAGE_2_START: Final[Mapping[str, float]] = MappingProxyType(
     {
@@ -71,12 +71,12 @@ STAGE_2_STEP: Final = 0.03
 IGBT_START: Final[Mapping[str, float]] = MappingProxyType({"converter.conduction_w": 150e3})
 """Free parameters of the IGBT chain, with their start."""
 OWN_OF_IGBT: Final = ("converter.", "motors.brake_current_ratio")
-"""What the refit changes: the converter, and how well the electric brake uses the motors."""
+"""Parameters that differ between the chains: the converter, and how well the electric brake uses the motors."""
 _OF_GTO: Final = (*STAGE_1_START, *STAGE_2_START)
 CALIBRATED: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {GTO_VEHICLE: _OF_GTO, IGBT_VEHICLE: (*(name for name in _OF_GTO if not name.startswith(OWN_OF_IGBT)), *IGBT_START)}
 )
-"""Parameters that the command writes, by vehicle; all others are assumptions of the files."""
+"""Parameters that the command writes, by vehicle; all others are assumptions in the files."""
 DIGITS: Final = 4
 """Significant digits of a calibrated parameter in a file."""
 LEGEND: Final = {
@@ -109,7 +109,7 @@ def _with_shares(chain: LossChain, start: Mapping[str, float], shares: np.ndarra
 
 
 def rounded(chain: LossChain, names: Mapping[str, float]) -> LossChain:
-    """The chain with the named parameters rounded to `DIGITS`, as they are written to a file."""
+    """The chain with the named parameters rounded to `DIGITS`, as a file has them."""
     return with_values(chain, {name: float(f"{value_of(chain, name):.{DIGITS}g}") for name in names})
 
 
@@ -122,7 +122,7 @@ def with_chain(vehicle: Vehicle, chain: LossChain) -> Vehicle:
 
 
 def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
-    """The GTO chain with the free parameters of stage 1 solved for; the others as in `chain`.
+    """The GTO chain with the free parameters of stage 1 solved for; all others are those of `chain`.
 
     Raises DasError where no set of positive parameters has the published fit and loss at full power.
     """
@@ -214,7 +214,7 @@ def search_stage_2(
 
 
 def refitted(gto: LossChain, igbt: LossChain) -> LossChain:
-    """The GTO chain with what the refit changes taken from an IGBT chain."""
+    """The GTO chain with the parameters `OWN_OF_IGBT` of an IGBT chain."""
     brake_current_ratio = igbt.motors.brake_current_ratio
     return replace(gto, converter=igbt.converter, motors=replace(gto.motors, brake_current_ratio=brake_current_ratio))
 
@@ -274,7 +274,7 @@ def _check_out(folder: Path | None, names: list[str], *, check: bool, overwrite:
 
 
 def _written(folder: Path | None, chains: Mapping[str, LossChain]) -> list[Path]:
-    """Write the vehicle files with the parameters of the chains; where they are."""
+    """Write the vehicle files with the parameters of the chains; returns their paths."""
     if folder is None:
         return []
     for name, chain in chains.items():
@@ -316,7 +316,7 @@ def _calibrated_gto(train: Vehicle, chain: LossChain) -> LossChain:
 
 
 def report(figures: Figures, chains: Mapping[str, LossChain], written: Sequence[Path], *, as_json: bool) -> None:
-    """Print every target with what is reached, and the files that were written."""
+    """Print every target with the figure reached, and the files that were written."""
     if as_json:
         content = {
             "targets": [

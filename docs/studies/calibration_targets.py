@@ -1,7 +1,7 @@
-"""What is published about the losses of the Re 460, as named targets, and how a vehicle's own figures are measured.
+"""What is published about the losses of the Re 460, as named targets, and how a vehicle's own figures are found.
 
-Source of every target: Nold & Corman (2024), Railway Engineering Science. The measured maps are confidential; these
-figures are what a map of ours can be held against.
+Source of every target: Nold & Corman (2024), Railway Engineering Science. The measured maps are confidential; our maps
+can only be compared with these figures.
 """
 
 from __future__ import annotations
@@ -53,19 +53,19 @@ CELL_TOLERANCE: Final[Mapping[str, float]] = {
     "l3-gto": 0.04,
     "l3-igbt": 0.04,
 }
-"""Relative deviation of a cell from print that is accepted, by column."""
+"""Accepted relative deviation of a cell from the printed figure, by column."""
 EQUAL_ENERGY: Final = 5e-4
 """Two energies this near (relative) count as equal where only their order is asked for."""
 
 ACCELERATION_BUFFERS: Final = (0.02, 0.15, 0.25, 0.40)
 DECELERATION_BUFFERS: Final = (0.02, 0.05, 0.10, 0.15, 0.30)
 LARGE_BUFFER: Final = 0.10
-"""Deceleration: what counts as a large buffer."""
+"""Least buffer of a deceleration that counts as large."""
 
 
 @dataclass(frozen=True)
 class PublishedFigure:
-    """A published figure and what is accepted for it: low <= reached <= high."""
+    """A published figure and the range that is accepted: low <= reached <= high."""
 
     name: str
     printed: str
@@ -79,13 +79,13 @@ class PublishedFigure:
 
     @property
     def accepted(self) -> str:
-        """What is accepted, as text."""
+        """The accepted range as text."""
         if np.isinf(self.high):
             return f">= {self.low:.4g}"
         return f"{self.low:.4g}" if self.low == self.high else f"{self.low:.4g} … {self.high:.4g}"
 
     def miss(self, reached: float, margin_ratio: float = 0.0) -> float:
-        """How far outside, in half-widths of the interval; the interval counts as smaller by the margin."""
+        """How far outside the range (in half-widths) a figure lies; the margin makes the range smaller."""
         if self.met(reached) and margin_ratio == 0:
             return 0.0
         low, high = self.low, self.high
@@ -175,7 +175,7 @@ STAGE_2_MARGIN: Final = 0.05
 
 
 def map_figures(chain: LossChain, vehicle: Vehicle) -> Figures:
-    """What a chain's map shows of `MAP_TARGETS`."""
+    """The figures of `MAP_TARGETS` that a chain's map reaches."""
     loss_map, power_w = vehicle.loss_model(Level.L3), vehicle.traction.max_power_w
     assert isinstance(loss_map, LossMap)
     l1, l2 = (fit_mean_efficiency(loss_map, power_w, with_idle=with_idle) for with_idle in (False, True))
@@ -262,7 +262,7 @@ def trip_run(vehicle: Vehicle, runs: Runs) -> Trajectory:
 
 
 def saving_figures(vehicle: Vehicle, runs: Runs) -> Figures:
-    """What a vehicle reaches of `SAVING_TARGETS`; `runs` with both L2's and L3's."""
+    """The figures of `SAVING_TARGETS` that a vehicle reaches; `runs` holds the runs of L2 and of L3."""
     saved = {}
     for case, buffers in SAVING_CASES:
         whole_j = consumed_j(runs[f"{case.name} fastest"], vehicle, Level.L3)
@@ -278,7 +278,7 @@ def saving_figures(vehicle: Vehicle, runs: Runs) -> Figures:
 
 
 def table_2(gto: Vehicle, igbt: Vehicle, runs: Runs) -> dict[str, tuple[float, ...]]:
-    """Table 2 as ours: rows of `runs` that it has, every column, in % of the fastest run at L3 GTO."""
+    """Our Table 2: the rows of `runs` that the paper has, every column, in % of the fastest run at L3 GTO."""
     whole_j = consumed_j(runs["fastest"], gto, Level.L3)
     return {
         row: tuple(
@@ -290,7 +290,7 @@ def table_2(gto: Vehicle, igbt: Vehicle, runs: Runs) -> dict[str, tuple[float, .
 
 
 def trip_figures(gto: Vehicle, igbt: Vehicle, runs: Runs) -> Figures:
-    """What the two vehicles reach of `TRIP_TARGETS` and `CELL_TARGETS`; `runs` with all rows of Table 2."""
+    """The figures of `TRIP_TARGETS` and `CELL_TARGETS` that both vehicles reach; `runs` holds all rows of Table 2."""
     table = table_2(gto, igbt, runs)
     column = {row: values[TABLE2_LEVELS.index("l3-gto")] for row, values in table.items()}
     best = column["l3-gto"]
@@ -317,14 +317,14 @@ def stage_2_cost(vehicle: Vehicle, runs: Runs) -> float:
     """Sum of the misses of `STAGE_2_TARGETS` with the margin; 0 where all are met with it."""
     own = l3_runs(vehicle, runs)
     optimum = trip_run(vehicle, runs)
-    # The column and row of the other inverter are not looked at.
+    # No target of stage 2 uses the column and row of the other inverter.
     every = {**runs, **own, "l3-gto": optimum, "l3-igbt": optimum}
     figures = saving_figures(vehicle, every) | trip_figures(vehicle, vehicle, every)
     return sum(target.miss(figures[target.name], STAGE_2_MARGIN) for target in STAGE_2_TARGETS)
 
 
 def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> Figures:
-    """Everything in `TARGETS`, as the two vehicles reach it."""
+    """The figures of `TARGETS` that both vehicles reach."""
     every = {
         **runs,
         **l3_runs(gto, runs),

@@ -1,6 +1,6 @@
-"""The problems of the paper (sections 4.3 to 4.7), what it prints, and the workbench that solves each of them once.
+"""The paper's problems (sections 4.3 to 4.7) and printed figures, and the workbench that solves each problem once.
 
-Source of all that is printed: Nold & Corman (2024), Railway Engineering Science, open access.
+Source of all printed figures: Nold & Corman (2024), Railway Engineering Science, open access.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ ALL_VARIANTS: Final = (*LEVELS, L3_IGBT)
 
 
 def label(name: str) -> str:
-    """A trajectory or level as a table's heading."""
+    """The heading of a trajectory or level in a table."""
     labels = {"fastest": "fastest", "rms": "RMS", "l3-gto": "L3 GTO"}
     return labels.get(name) or next(v.label for v in ALL_VARIANTS if v.name == name)
 
@@ -71,7 +71,7 @@ class StudyCase:
     gradient_ratio: float = 0.0
 
     def section(self, vehicle: Vehicle, level: Level, longest_step_m: float | None = None) -> Section:
-        """The case with a train at a level, with no decision step longer than `longest_step_m` (m) where that is given.
+        """The section of the case with a train at a level; a given `longest_step_m` (m) bounds the decision steps.
 
         Raises DasError where the train cannot run it.
         """
@@ -88,7 +88,7 @@ class StudyCase:
         )
 
     def route(self) -> Route:
-        """The bundled flat route, with the gradient of the case all along it."""
+        """The bundled flat route, with the gradient of the case over its whole length."""
         gradients = Stretches(start_m=np.array([0.0]), value=np.array([self.gradient_ratio]))
         return replace(load_route(ROUTE), gradients_ratio=gradients)
 
@@ -106,9 +106,9 @@ DOWNHILL: Final = StudyCase(name="downhill", title="6 km at −10 ‰", length_m
 
 @dataclass(frozen=True)
 class PrintedSaving:
-    """What L3 saves against the other levels, in % of the fastest run's energy, all evaluated at L3.
+    """The printed saving of L3 over the other levels, in % of the fastest run's energy, all evaluated at L3.
 
-    `up_to`: the paper gives the largest saving from `buffer_percent` on, not the one at it.
+    `up_to`: the paper gives the largest saving at `buffer_percent` or more, not the saving at it.
     """
 
     case: str
@@ -174,7 +174,7 @@ TIE_RATIO = 1e-4
 """Loss by which ties at L0 REG are broken, as a share of the wheel work in either direction: without losses, braking
 and accelerating again costs nothing, and many runs of one time have the same energy. The paper filters such runs."""
 SLOWEST_SCAN = 80
-"""Number of times at which the least energy of a level is looked for."""
+"""Number of trip times at which the energy of a level is evaluated to find the least."""
 TIME_MARGIN_S = 0.05
 """The time of the slowest run is found to within this."""
 
@@ -199,9 +199,9 @@ def _with_ties_broken(vehicle: Vehicle) -> Vehicle:
 
 
 class Workbench:
-    """Solves each case and level once, on demand, and answers from that.
+    """Solves each case and level once, on demand, and keeps the result.
 
-    Every train is as its file says, or as `changed` makes it.
+    Every train is as in its file, or what `changed` makes of it.
     """
 
     def __init__(self, changed: Callable[[Vehicle], Vehicle] = lambda vehicle: vehicle) -> None:
@@ -317,7 +317,7 @@ def lowest_running_speed_mps(trajectory: Trajectory) -> float:
 
 
 def _first_time(holds: Callable[[float], bool], low_s: float, high_s: float) -> float:
-    """The time (to TIME_MARGIN_S) from which a condition holds that holds at `high_s`; by bisection."""
+    """The time (to TIME_MARGIN_S) from which on a condition holds, by bisection; it holds at `high_s`."""
     while high_s - low_s > TIME_MARGIN_S:
         middle = 0.5 * (low_s + high_s)
         low_s, high_s = (low_s, middle) if holds(middle) else (middle, high_s)

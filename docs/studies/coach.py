@@ -1,4 +1,4 @@
-"""What calm costs, and how the loop of coach and driver behaves for drivers who are slow, look seldom, or err.
+"""What few changes cost, and how coach and driver act on each other if the driver is slow, looks seldom, or errs.
 
 `python -m docs.studies.coach` writes the tables into docs/explanation/coach.md again (a quarter of an hour on one
 core); the pictures and the table of days are made by `python -m docs.studies.coach_days`.
@@ -17,12 +17,12 @@ from das.advice.coach.settings import KeepingSettings
 from das.command_line.files import load_route, load_vehicle
 from das.domain.route import section_stops
 from das.domain.units import KMH
-from das.solver.few_switch.few_switch import FewSwitchSettings, solve_few_switch
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.driving import KEEPING, WatchedRun, watched_run
 from docs.studies.output import DOCS, write_table
-from precompute.cli.few_switch import PRICES_S, few_switch_rows
+from precompute.cli.few_switch import PRICES_S, few_switch_fronts, few_switch_rows, two_digits
+from precompute.cli.options import numbers
 from sim.drivers.kinds import Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.world.scenario import load_scenario
@@ -42,13 +42,13 @@ MOVING_MPS: Final = 0.5
 WITHOUT_DEAD_ZONE: Final = KeepingSettings(
     late_s=0.0, early_s=0.0, least_gain_s=0.0, late_gain_s=0.0, least_gain_power_s=0.0, astray_mps=0.0
 )
-"""Every difference is a reason for a new reference, but none is given up before its least age."""
+"""Every difference is a reason for a new reference, but no reference is given up before its least age."""
 WITHOUT_BOTH: Final = replace(WITHOUT_DEAD_ZONE, asked_every_s=0.0, least_age_s=0.0)
 """Every difference is a reason for a new reference, every second."""
 
 
 class LoopDriver(NamedTuple):
-    """How slow, how seldom looking and how inexact a driver is; he follows all advice and has no lapses."""
+    """A driver who follows all advice and has no lapses: reaction delay, mean time between looks, error of effort."""
 
     delay_s: float
     glance_s: float
@@ -144,7 +144,7 @@ def _most_within(one: WatchedRun, span_s: float) -> int:
 def runs_of(
     services: Sequence[Service], driver: LoopDriver, seeds: Sequence[int], keeping: KeepingSettings = KEEPING
 ) -> list[WatchedRun]:
-    """One run for each service and seed."""
+    """The runs of a driver, one for each service and seed."""
     human = driver.human
     return [
         watched_run(service, seed, Presentation.COACH, human=human, keeping=keeping)
@@ -177,24 +177,23 @@ def keeping_table(
 
 
 def price_table() -> Iterator[str]:
-    """The lines of the table of what calm costs from Zug to Luzern, as `das-precompute few-switch` finds it."""
+    """The lines of the table of what few changes cost from Zug to Luzern, as `das-precompute few-switch` finds it."""
     route = load_route("zurich-luzern")
     start, end = section_stops(route, "Zug", "Luzern")
     section = build_section(route, load_vehicle("re460-ic"), start_m=start.position_m, end_m=end.position_m)
     front = solve_front(section)
     least_s = front.fastest().time_s
-    prices = [float(price) for price in PRICES_S.split(",")]
-    few_switch_fronts = [(price, solve_few_switch(section, FewSwitchSettings(change_s=price))) for price in prices]
+    fronts = few_switch_fronts(section, numbers("--prices", PRICES_S))
     yield "| buffer | run | changes | a minute | shortest, s | time, s | kWh | more, kWh | more, % |"
     yield "|---:|---|---:|---:|---:|---:|---:|---:|---:|"
     for buffer_percent in BUFFERS_PERCENT:
-        for row in few_switch_rows(front, few_switch_fronts, least_s * (1.0 + buffer_percent / 100.0)):
+        for row in few_switch_rows(front, fronts, least_s * (1.0 + buffer_percent / 100.0)):
             found = row.as_dict()
             name = row.name if row.price_s is None else f"price {row.name}"
             yield (
                 f"| {buffer_percent:g} % | {name} | {row.changes} | {found['changes_per_min']:.2f} | "
                 f"{row.shortest_s:.1f} | {row.time_s:.1f} | {found['energy_kwh']:.2f} | "
-                f"{round(found['more_kwh'], 2) + 0.0:.2f} | {round(100 * found['more_ratio'], 2) + 0.0:.2f} |"
+                f"{two_digits(found['more_kwh'])} | {two_digits(100 * found['more_ratio'])} |"
             )
 
 

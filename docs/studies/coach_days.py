@@ -60,7 +60,7 @@ class ShownSecond(NamedTuple):
 
 
 def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSecond]:
-    """What was driven and shown in every second in which the train moved."""
+    """What was driven and shown in each second in which the train moved."""
     found, train = [], one.day.service.line.train
     for state, (advice, _) in zip(one.run.states, one.watched, strict=False):
         if state.speed_mps <= 0:
@@ -166,7 +166,7 @@ def _places(axis: Any, one: WatchedRun, top: float) -> None:
 
 
 def days_table() -> Iterator[str]:
-    """Draw the pictures of all days; the lines of their table, as they are found."""
+    """Draw the pictures of all days; yields the lines of their table, each once its picture is drawn."""
     yield "| day | vector: changes/min | kWh | late, s | coach: changes/min | kWh | late, s |"
     yield "|---|---:|---:|---:|---:|---:|---:|"
     for scenario in DAYS:

@@ -1,4 +1,4 @@
-"""What in a presentation helps a driver: the same days, with the display of the vector varied in one thing at a time.
+"""What helps a driver in a presentation: the same days, with the display of the vector changed in one thing at a time.
 
 `python -m docs.studies.display` writes the table into docs/reference/drivers.md again (about six minutes on one core).
 """
@@ -30,7 +30,7 @@ REFRESHED_S: Final = 10.0
 
 
 class ShownAsIs:
-    """A display that shows the advice as it is; its kinds show it otherwise. `show` is asked at every look."""
+    """A display that shows the advice as it is; derived ones change it. `show` is called at every look."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
         """The advice as this display shows it."""
@@ -47,7 +47,7 @@ class Steps(ShownAsIs):
 
 
 class Refreshed(ShownAsIs):
-    """Is refreshed every 10 s; in between it stands, with the preview as it was."""
+    """Is refreshed every 10 s; in between nothing changes, not even the preview."""
 
     def __init__(self) -> None:
         self._kept: AdviceView | None = None
@@ -59,7 +59,7 @@ class Refreshed(ShownAsIs):
 
 
 class Unannounced(ShownAsIs):
-    """Does not say what comes next, nor when; but it says how to depart."""
+    """Does not say what comes next or when, except how to depart."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
         if view.mode == Regime.DEPART:
@@ -68,7 +68,7 @@ class Unannounced(ShownAsIs):
 
 
 class WithoutPreview(ShownAsIs):
-    """Shows speed and effort of now, but not those of the next 30 s."""
+    """Shows the present speed and effort, but not those of the next 30 s."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
         return replace(view, horizon_speed_mps=(), horizon_force_n=())
@@ -77,7 +77,7 @@ class WithoutPreview(ShownAsIs):
 class TargetSpeed(ShownAsIs):
     """Shows the mode and the speed that it leads to, in whole km/h, but neither effort nor preview.
 
-    To accelerate and to brake lead to the speed at the next change, as far as the preview knows it.
+    When accelerating or braking that is the speed at the next change, as far as the preview knows it.
     """
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
@@ -105,7 +105,7 @@ def _in_steps(ratio: float) -> float:
 
 
 class Looking:
-    """A human driver behind a display; with a `tone` he looks at it at each change of the mode."""
+    """A human driver behind a display; with a `tone` the driver looks at it at each change of the mode."""
 
     def __init__(self, human: HumanDriver, display: ShownAsIs, *, tone: bool = False) -> None:
         self.human, self._display, self._tone = human, display, tone

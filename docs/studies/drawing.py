@@ -1,4 +1,4 @@
-"""What all pictures of the study share: colours of levels and buffers, runs drawn over space and over speed."""
+"""Common parts of all pictures of the study: colours of levels and buffers, runs drawn over space and over speed."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ LEVEL_COLOURS = {
 }
 """Colour of each level in every picture (Okabe and Ito's, told apart by the colour-blind)."""
 DASHES: dict[str, Any] = {"l1": (0, (5, 3)), "l0-noreg": (0, (1, 1.5))}
-"""Levels whose curves lie upon another's are drawn last and dashed."""
+"""Dashes of the levels whose curves lie on another's; they are drawn last."""
 BUFFER_COLOURS = ("#12a150", "#1f6fe0", "#9a3fd6", "#e02424", "#e0a100", "#000000")
 """Colours of the buffers 0, 2, 7, 15, 25 % and the largest, as the paper's: green, blue, purple, red, yellow, black."""
 GREYISH = "#7a7a7a"
 GREY_SHARE = 0.75
-"""A run's colour has turned this far to grey at its end."""
+"""Share of grey in the colour of a run at its end."""
 MAP_COLOURS = ("#6f8ea6", "#ffffff")
 """The least and the most efficient operating points: pale, so that coloured runs stand out."""
 SHADES = 24
@@ -88,7 +88,7 @@ def draw_speed(axes: Any, run: Trajectory, colour: str, *, crosses: bool = True)
 
 
 def draw_force(axes: Any, run: Trajectory, colour: str) -> None:
-    """Force of the motors over speed, shaded alike, with crosses equidistant in space."""
+    """Wheel force over speed, shaded like the speed, with crosses equidistant in space."""
     speed = 0.5 * (run.v_mps[:-1] + run.v_mps[1:]) / KMH
     force = (run.force_el_n + run.force_friction_n) / KN
     _shaded(axes, speed, force, run, colour)

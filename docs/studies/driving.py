@@ -1,4 +1,4 @@
-"""A day driven in this process, of which more is kept: what a driver did, every advice, and the coach's reference."""
+"""A day driven in this process, with more of it kept: what the driver did, every advice, and the coach's reference."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ from sim.world.service import Day, Service, make_day
 
 KEEPING: Final = KeepingSettings()
 NORMAL_95: Final = 1.96
+SETS_RATIO: Final = 0.02
+"""A controller that is nearer to 0 than this share of its scale is at 0; beyond that it sets traction or brakes."""
 
 
 def human_of(day: Day, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> HumanDriver:
@@ -52,16 +54,16 @@ class Watched(NamedTuple):
 
 
 class WatchedLink(InProcess):
-    """The way to a cab in this process that keeps what was said; `keeping` is when the coach gives up a reference."""
+    """A link to a cab in this process that keeps every advice; `keeping` says when the coach gives up a reference."""
 
     def __init__(self, service: Service, *, coach: bool, keeping: KeepingSettings = KEEPING) -> None:
         self._keeping = keeping
         self.watched: list[Watched] = []
-        """What was said at every tick."""
+        """The advice and the reference of every tick."""
         super().__init__(service, coach=coach)
 
     def restart(self) -> None:
-        """Begin anew; legs that are made from now on keep references as this link is told."""
+        """Begin anew; legs that are made from now on keep references by the settings of this link."""
         super().restart()
         coach = CoachSettings(enabled=self._coach, keeping=self._keeping)
         self.cab.legs._settings = AdviceSettings(coach=coach)
@@ -84,7 +86,7 @@ def _standing_reference(cab: Cab) -> StandingReference | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WatchedRun:
-    """A finished run of a day, with what was said at each tick: `watched[i]` is what was said in `run.states[i]`."""
+    """A finished run of a day with the advice of each tick: `watched[i]` was given in `run.states[i]`."""
 
     day: Day
     run: Run
@@ -92,7 +94,7 @@ class WatchedRun:
 
     @property
     def replans(self) -> dict[int, ReplanCause]:
-        """Why references were made anew, by the moment (ns); not the first of a section or at a departure."""
+        """Why each new reference was made, by its time (ns), without the first of a section or of a departure."""
         coached = (advice.coach.replan for advice, _ in self.watched if advice.coach is not None)
         none = (ReplanCause.NONE, ReplanCause.START)
         return {replan.time_ns: replan.cause for replan in coached if replan.cause not in none}
@@ -106,7 +108,7 @@ def watched_run(
     human: HumanParameters | None = None,
     keeping: KeepingSettings = KEEPING,
 ) -> WatchedRun:
-    """Drive a day of a service with a human driver: the default one of the scenario, or one with other parameters."""
+    """Drive a day of a service with a human driver: that of the scenario, or one with other parameters."""
     day = make_day(service, seed)
     if human is not None:
         day = replace(day, human=human)

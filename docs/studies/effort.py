@@ -1,7 +1,7 @@
 """How a run uses its forces: reduced effort, and beyond the paper peak power at the current collector and jerk.
 
-Reduced acceleration and reduced braking are those of Nold & Corman (2024), sections 4.3 and 4.4; the paper only argues
-peak power and comfort (its outlook).
+Reduced acceleration and reduced braking are those of Nold & Corman (2024), sections 4.3 and 4.4. The paper gives
+no figures of peak power and comfort (its outlook).
 
 Each interval has one mode, by the wheel force F as a share of the force available at its speed, and by the
 acceleration a:
@@ -11,7 +11,7 @@ acceleration a:
     coasting              |F| <= COAST_RATIO · available
     reduced acceleration  F > 0 between the two, and a > 0
     reduced braking       F < 0 between the two, and a < 0
-    other                 force against the motion's change: climbing with a < 0, holding back on a descent with a > 0
+    other                 force against the change of speed: F > 0 on a climb with a < 0, F < 0 on a descent with a > 0
 
 Only an unbroken stretch of reduced effort counts that is at least LEAST_STRETCH_M long and changes the kinetic energy
 by at least LEAST_KINETIC_RATIO of the run's highest: where a run of four modes switches, or where the solver blends two
@@ -58,7 +58,7 @@ CRUISE_MPS2 = 0.01
 LEAST_STRETCH_M = 2.5 * MAX_STEP_M
 """Shorter stretches of reduced effort are the solver's blending between two modes."""
 LEAST_KINETIC_RATIO = 0.05
-"""Stretches that change the kinetic energy by less (of the run's highest) are as well."""
+"""Stretches that change the kinetic energy by a smaller share of the run's highest are blending as well."""
 
 
 class EffortRegime(IntEnum):
@@ -77,7 +77,7 @@ class Reduced:
     """Use of reduced effort in a run; zeros (and empty `stretches_m`) where there is none.
 
     `way_ratio`, `time_ratio`: shares of the whole way and time. `mean_force_ratio`: mean over its time of the force
-    to the force available. `lowest_mps`, `highest_mps`: where in speed. `stretches_m`: from where to where.
+    as a share of the available one. `lowest_mps`, `highest_mps`: range of speed. `stretches_m`: begin and end of each.
     """
 
     way_ratio: float = 0.0
@@ -93,7 +93,7 @@ class Reduced:
         return bool(self.stretches_m)
 
     def as_json(self) -> dict[str, Any] | None:
-        """As summary.json has it; None where there is none."""
+        """What summary.json holds of it; None where there is no reduced effort."""
         if not self.used:
             return None
         return {
@@ -114,7 +114,7 @@ class ReducedEffort:
     braking: Reduced
 
     def as_json(self) -> dict[str, Any]:
-        """As summary.json has it."""
+        """What summary.json holds of it."""
         return {"acceleration": self.acceleration.as_json(), "braking": self.braking.as_json()}
 
 
@@ -129,7 +129,7 @@ def effort(trajectory: Trajectory, vehicle: Vehicle) -> ReducedEffort:
 
 
 def force_ratio(trajectory: Trajectory, vehicle: Vehicle) -> Floats:
-    """Wheel force of each interval by the force available there: 1 = full traction, −1 = full brake.
+    """Wheel force of each interval as a share of the available one: 1 = full traction, −1 = full brake.
 
     Available are the traction envelope and, for braking, the electric brake's (the friction brake's where there is no
     electric one), at the interval's higher speed, and what the vehicle's largest acceleration and deceleration leave.
@@ -215,9 +215,9 @@ HEADINGS: Final = {
 Figures = dict[str, float]
 """Peak power and comfort of a run, by the keys of `HEADINGS`.
 
-Powers: the highest from, and into, the line, and the highest means over 10 s, 0 where there is none. Acceleration and
-jerk: over the trip's time, forces building up over 1 s, the train starting and ending at its first and last
-acceleration.
+Powers: the highest drawn from and returned to the line, and the highest means over 10 s; 0 where there are none.
+Acceleration and jerk: over the time of the trip, with forces that build up over 1 s; the train starts and ends at its
+first and last acceleration.
 """
 
 
@@ -295,7 +295,7 @@ def beyond(bench: Workbench, output: Output) -> dict[str, Any]:
 
 
 def _runs(bench: Workbench, case: StudyCase, buffer_percent: float) -> dict[str, Trajectory]:
-    """Each level's run and the reduced maximum speed, where there is one with this buffer."""
+    """The runs of each level and of reduced maximum speed, where there is one with this buffer."""
     found = {variant.name: bench.run(case, variant, buffer_percent) for variant in LEVELS}
     if case is COMPLETE and buffer_percent > 0:
         section = bench.section(case, L3)
@@ -354,7 +354,7 @@ def _draw_lines(axes: Any, rows: list[tuple[object, ...]], key: str) -> None:
 
 
 def _line(variant: Variant) -> dict[str, Any]:
-    """Lines such that each shows where several lie on each other: L0 REG's broad and below, dashes on top."""
+    """The style of a level's line: L0 REG's is broad and below, dashes are on top, so that all can be seen."""
     name = variant.name
     return {
         "color": LEVEL_COLOURS[name],

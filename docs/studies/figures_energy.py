@@ -1,6 +1,6 @@
-"""Figs. 4, 6 and 8: what holding a speed costs, and the energy of every level's runs over the buffer.
+"""Figs. 4, 6 and 8: the power and energy of holding a speed, and the energy of every level's runs over the buffer.
 
-Fig. 4 is over the speed (section 4.2); figs. 6 and 8 say what L3 saves (sections 4.3 and 4.4).
+Fig. 4 belongs to section 4.2; figs. 6 and 8 show what L3 saves (sections 4.3 and 4.4).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LOWEST_KMH, HIGHEST_KMH, STEP_KMH = 10.0, 200.0, 0.5
 COMPARED_KMH = (40.0, 160.0)
 """Speeds over which the mean deviation of the L3 losses from their L2 fit is taken."""
 CROSS_STEP_KMH = 10.0
-"""Crosses of the L3 map are this far apart."""
+"""Distance in speed between the crosses of the L3 map."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,7 +58,7 @@ class Cruising:
         return self.l2_dependent_w + self.l2_idle_w
 
     def total_w(self, level: str) -> Floats:
-        """All of the irreversible power at a level."""
+        """Irreversible power at a level: resistance and losses."""
         losses = {"l0": 0.0 * self.speed_mps, "l1": self.l1_loss_w, "l2": self.l2_loss_w, "l3": self.l3_loss_w}
         return self.resistance_w + losses[level]
 
@@ -67,7 +67,7 @@ class Cruising:
         return power_w * KM / self.speed_mps
 
     def cheapest_kmh(self, level: str) -> float | None:
-        """Speed of the least energy per km; None where slower is always cheaper (the lowest speed looked at)."""
+        """Speed of the least energy per km; None where the lowest speed is the cheapest."""
         i = int(np.argmin(self.per_km_j(self.total_w(level))))
         return float(self.speed_mps[i] / KMH) if i > 0 else None
 
@@ -184,7 +184,7 @@ def _draw_energy(axes: Any, data: Cruising, speed: Floats, coarse: slice) -> Non
 
 
 SAVING_TOLERANCE_PERCENT = 1.0
-"""How near to the printed savings ours are asked to come (percentage points)."""
+"""A printed saving counts as reached if ours is this near (percentage points)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +207,7 @@ braking and driving again cost nothing, so that its optimum is hardly determined
 
 
 def saving_percent(bench: Workbench, case: StudyCase, variant: Variant, buffer_percent: float) -> float | None:
-    """What L3's run saves against a level's at a buffer, at L3, in % of the fastest run; None without such runs."""
+    """The saving of L3's run over a level's run at a buffer, at L3, in % of the fastest run; None without such runs."""
     ours, other = bench.run(case, L3, buffer_percent), bench.run(case, variant, buffer_percent)
     if ours is None or other is None:
         return None
@@ -234,11 +234,11 @@ def saving(bench: Workbench, printed: PrintedSaving) -> Saving:
 
 
 LEGEND_ROOM_RATIO = 1.25
-"""The axis of the savings goes this far beyond the largest, so that the legend lies on no curve."""
+"""The axis of the savings ends at this multiple of the largest one, so that the legend covers no curve."""
 
 
 def savings_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> dict[str, Any]:
-    """Draw the energy of a case's runs at every level, and write it; return what L3 saves, beside print."""
+    """Draw and write the energy of a case's runs at every level; return what L3 saves, beside the printed savings."""
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
     saved = {variant: _saved_percent(curve, curves[L3]) for variant, curve in curves.items()}
     found = [saving(bench, printed) for printed in SAVINGS if printed.case == case.name]

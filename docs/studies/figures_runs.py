@@ -45,7 +45,7 @@ LARGEST_DRAWN_PERCENT = 40.0
 CURVE_POINTS = 81
 """Points of an energy curve: every 0.5 % where it goes to 40 %."""
 HIGHEST_ENERGY_PERCENT = 125.0
-"""The energy axis ends here; what is above is said in words (L0 NOREG counts the kinetic energy)."""
+"""The energy axis ends here; a note gives what is above it (L0 NOREG counts the kinetic energy)."""
 HIGHEST_DRAWN_MPS = 165 * KMH
 """Force over speed is drawn up to this speed."""
 OTHER_SIDE_RATIO = 0.1
@@ -91,7 +91,7 @@ def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str,
 
 
 def runs_figure(name: str, case: StudyCase, bench: Workbench, output: Output) -> dict[str, Any]:
-    """Draw a case's runs at every level, and write them and their energies; return how slow they become."""
+    """Draw and write a case's runs at every level with their energies; return times, largest buffers and efforts."""
     runs = {variant: level_runs(bench, case, variant) for variant in LEVELS}
     curves = {variant: energy_curve(bench, case, variant) for variant in LEVELS}
     write_runs(output, f"{name}-runs.csv", {variant.name: drawn for variant, drawn in runs.items()})
@@ -202,7 +202,7 @@ def _draw_forces(axes: Any, bench: Workbench, case: StudyCase, runs: dict[str, T
 
 
 def note_forces_off_scale(axes: Any, runs: list[Trajectory]) -> None:
-    """Say in words how far the forces go where the axis ends before them (L0 REG's runs alternate)."""
+    """Add a note of the largest force where it is beyond the end of the axis (L0 REG's runs alternate)."""
     low_kn, high_kn = axes.get_ylim()
     forces_kn = np.concatenate([run.force_el_n + run.force_friction_n for run in runs]) / KN
     if forces_kn.min() < low_kn:
@@ -267,7 +267,7 @@ def fig10(bench: Workbench, output: Output) -> dict[str, Any]:
 
 
 def _use(run: Trajectory, sign: int) -> dict[str, float]:
-    """How long the train drives (sign 1) or brakes (−1), with which mean force and wheel power over that time."""
+    """How long the train drives (sign 1) or brakes (−1), and its mean force and wheel power over that time."""
     force = sign * (run.force_el_n + run.force_friction_n)
     on = force > ON_N
     duration_s = run.interval_s()[on]

@@ -1,7 +1,7 @@
-"""How a human driver handles the controller over whole days: every look is kept, and what is asked of it is measured.
+"""How a human driver handles the controller over whole days, measured at every look.
 
 `python -m docs.studies.habits` writes the table into docs/reference/drivers.md again (about eight minutes on one core).
-tests/property/test_driver_habits.py asks for the same measures.
+tests/property/test_driver_habits.py checks the same measures.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.advice.regimes import Regime
-from docs.studies.driving import driven, human_of
+from docs.studies.driving import SETS_RATIO, driven, human_of
 from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView
 from sim.drivers.human import HumanDriver
@@ -28,16 +28,14 @@ from sim.world.service import Service, make_day, prepare_service
 SEEDS: Final = tuple(range(20))
 EFFORT_RATIO, BURST_S = 0.1, 4.0
 """Traction or brakes over this share of the scale for less than this are a burst."""
-SETS_RATIO: Final = 0.02
-"""A controller nearer to 0 than this is at 0."""
 HAND_S: Final = 1.0
 """A hand takes up to this long to bring the controller back from a brake to 0."""
 SET_S: Final = 3.0
-"""Effort that has been advised for this long is set."""
+"""After this long an advised effort should be set."""
 BELOW_MPS: Final = 3.0
-"""So far below what he may or shall drive at, nothing but the advice decides what he sets."""
+"""This far below the speed that the driver may or should reach, only the advice decides what the driver sets."""
 MOVES_MPS: Final = 0.5
-"""A train slower than this is at a stand."""
+"""A train slower than this counts as standing."""
 TRACTION: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 
 WITH_MODES: Final = tuple(one for one in Presentation if presenter_of(one).says_mode)
@@ -45,9 +43,10 @@ WITH_MODES: Final = tuple(one for one in Presentation if presenter_of(one).says_
 
 
 class ControllerLook(NamedTuple):
-    """What was set at a look, by which advice (mode and effort; None if he follows none), and how far below limits.
+    """What was set at a look, and the mode and effort of the advice that was followed (mode None: of none).
 
-    `braking`: a limit or a stop asks for brakes, by his own margins.
+    `below_mps`: how far the speed is below what the driver may or should reach. `braking`: by the driver's own margins
+    a limit or a stop asks for brakes.
     """
 
     time_s: float
@@ -61,7 +60,7 @@ class ControllerLook(NamedTuple):
 
 @dataclass
 class WatchedHand:
-    """A human driver of whom every look is kept."""
+    """A human driver whose every look is kept."""
 
     human: HumanDriver
     looks: list[ControllerLook] = field(default_factory=list)
@@ -90,9 +89,10 @@ class WatchedDay(NamedTuple):
 
 
 class Braked(NamedTuple):
-    """How long he was told to coast and went by it (s), and how long of that he braked.
+    """How long a driver followed advice to coast (s), and how much of that time the driver braked.
 
-    `unasked_s`: though neither a limit nor a stop asked for it by his own margins; `all_s`: for whatever reason.
+    `unasked_s`: braked although, by the driver's own margins, neither a limit nor a stop asked for it; `all_s`: braked
+    for any reason.
     """
 
     told_s: float
@@ -111,7 +111,7 @@ def watched_day(service: Service, presentation: Presentation, seed: int) -> Watc
 
 
 def bursts_s(looks: Sequence[ControllerLook]) -> Iterator[float]:
-    """How long (s) each stretch of traction or of brakes over a tenth lasted that was a burst; at a stand none is."""
+    """Duration (s) of each burst: a short stretch of traction or brakes above a tenth. A standing train has none."""
 
     def side(look: ControllerLook) -> int:
         return (look.lever_ratio > EFFORT_RATIO) - (look.lever_ratio < -EFFORT_RATIO)
@@ -124,13 +124,13 @@ def bursts_s(looks: Sequence[ControllerLook]) -> Iterator[float]:
 
 
 def bursts_per_min(days: Sequence[WatchedDay]) -> float:
-    """Bursts in a minute of driving."""
+    """Bursts per minute of driving."""
     moving_s = LOOK_S * sum(look.speed_mps > MOVES_MPS for day in days for look in day.looks)
     return 60.0 * sum(1 for day in days for _ in bursts_s(day.looks)) / moving_s
 
 
 def braked_under_coast(days: Sequence[WatchedDay]) -> Braked:
-    """How long he braked while he went by advice to coast."""
+    """How long drivers braked while they followed advice to coast."""
     told_s = unasked_s = all_s = 0.0
     for day in days:
         since_s = coasts_s = 0.0
@@ -146,12 +146,12 @@ def braked_under_coast(days: Sequence[WatchedDay]) -> Braked:
 
 
 def set_at_full(days: Sequence[WatchedDay]) -> list[float]:
-    """What was set (−1 … 1) at each look at which 100 % had been advised for a while and nothing else decided."""
+    """What was set (−1 … 1) at each look where 100 % had been advised for a while and nothing else decided."""
     found = []
     for day in days:
         since_s = 0.0
         for look in day.looks:
-            # A driver who waits at a stop sets nothing, whatever he saw last.
+            # A driver who waits at a stop sets nothing, whatever was shown last.
             goes = look.mode in TRACTION and look.speed_mps > 0
             full = goes and look.advised_ratio > 0.995 and look.below_mps > BELOW_MPS
             since_s = since_s + LOOK_S if full else 0.0
@@ -161,7 +161,7 @@ def set_at_full(days: Sequence[WatchedDay]) -> list[float]:
 
 
 def braked_at_a_stand_s(days: Sequence[WatchedDay]) -> float:
-    """How long (s) he braked at a stand while he went by advice to accelerate."""
+    """How long (s) drivers braked a standing train while they followed advice to accelerate."""
     looks = (look for day in days for look in day.looks)
     return LOOK_S * sum(x.mode in TRACTION and x.speed_mps <= 0 and x.lever_ratio < 0 for x in looks)
 

@@ -1,7 +1,7 @@
-"""How often the analysis of an experiment errs and finds, on simulated drivers who really drive.
+"""How often the analysis of an experiment errs, and how often it finds an effect, on simulated drives.
 
-A pool of participants drives one line with the same advice under two labels, and with a planted effect: the train asks
-more of the friction brake where the motors could brake. Studies are drawn from the pool, and each goes through the test
+A pool of participants drives one line with the same advice under two labels, and with a planted effect: the driver uses
+the friction brake more where the motors could brake. Studies are drawn from the pool, and each goes through the test
 of `das-sim experiment analyse`. `python -m docs.studies.known_truth` writes the table into
 docs/explanation/experiment-statistics.md again.
 """
@@ -33,20 +33,20 @@ DAY: Final = "zug-luzern"
 USUAL_RATIO: Final = 0.40
 """Share of a braking effort asked of the friction brake: the default of the human driver."""
 PLANTED_RATIO: Final = 0.475
-"""With this share the gap is about 1 point larger; the table has what it came to."""
+"""With this share the gap is about 1 point larger; the table has the exact figure."""
 LABELS: Final = {"advice": USUAL_RATIO, "same-advice": USUAL_RATIO, "planted": PLANTED_RATIO}
 DRIVERS: Final = {1: 240, 100_001: 120}
-"""Participants who drive: first number in the population, and how many from there on."""
+"""Participants: the first one's number in the population → how many from there on."""
 STUDIES: Final = 2000
 SIZES: Final = (24, 48, 76)
 SPLITS: Final = 40
-"""How often the participants are divided by chance into those of a pilot and those of studies."""
+"""How often the participants are divided at random into those of a pilot and those of studies."""
 STUDIES_OF_SPLIT: Final = 1000
 NEAR: Final = 0.07
 """A prediction of power is near if it is off by no more than this."""
 ALPHA: Final = 0.05
 RUNS: Final = DOCS.parent / "recordings" / "runs" / "known-truth"
-"""Where the drives are kept: a table that was stopped goes on from there."""
+"""Where the drives are kept: a command that was stopped goes on from there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,19 +59,19 @@ class Share:
 
 @dataclass(frozen=True, kw_only=True)
 class Predictions:
-    """Power predicted from a half of the drivers, and the share of studies of the other half that find the effect."""
+    """Power predicted from half of the drivers, and the share of the other half's studies that find the effect."""
 
     predicted: Floats
     found: Floats
 
     @property
     def off(self) -> Floats:
-        """By how much each prediction was off."""
+        """Magnitude of the error of each prediction."""
         return np.asarray(np.abs(self.predicted - self.found))
 
 
 def known_truth_table() -> Iterator[str]:
-    """The lines of the table, in Markdown; drives what is not driven yet, which takes about 15 min of one core."""
+    """The lines of the table, in Markdown; drives that are missing are driven, in about 15 min on one core."""
     studies = [driven(RUNS / str(first), count, first) for first, count in DRIVERS.items()]
     same, planted = (differences(studies, label) for label in ("same-advice", "planted"))
     yield "| question | drivers in a study | studies that find a difference | expected | predictions within ±7 points |"
@@ -99,9 +99,9 @@ def differences(studies: Sequence[RunStudy], label: str) -> Floats:
 
 
 def predictions(values: Floats, size: int, splits: int = SPLITS) -> Predictions:
-    """Divide the drivers (n,) by chance again and again: power is predicted from one half, studies are of the other.
+    """Divide the drivers (n,) at random, many times: power is predicted from one half, studies are drawn of the other.
 
-    The effect that the prediction is for is the mean of the half whose studies are drawn.
+    Power is predicted for the mean effect of the half whose studies are drawn.
     """
     rng = np.random.default_rng([size, 3])
     predicted, found = [], []
@@ -125,9 +125,9 @@ def in_words(share: Share) -> str:
 
 
 def driven(folder: Path, count: int, first: int) -> RunStudy:
-    """The study of so many participants, from number `first` of the population on; what is there is not driven again.
+    """The study of `count` participants, from number `first` of the population on; finished drives are kept.
 
-    `das-sim experiment check` would refuse its design, because nobody senses that two labels are of one advice.
+    `das-sim experiment check` would refuse its design, because no driver notices that two labels mean one advice.
     """
     design = read_design(written_design(folder / "design", count, first))
     freeze(design, folder)

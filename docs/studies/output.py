@@ -1,4 +1,4 @@
-"""What the studies write: pictures, tables and JSON in a folder, and the tables between marks of the documentation."""
+"""Writing the results of the studies: files in a folder, and tables between marks in pages of the documentation."""
 
 from __future__ import annotations
 
@@ -92,9 +92,9 @@ def _cell(value: object) -> str:
 
 
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
-    """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; print each as it is found.
+    """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; prints each as it comes.
 
-    Raises DasError where the page has no such marks; then no line is asked for.
+    Raises DasError where the page has no such marks, before the first line is made.
     """
     marks = re.compile(rf"(<!-- {name}: begin -->\n).*?(<!-- {name}: end -->)", re.DOTALL)
     if not marks.search(page.read_text(encoding="utf-8")):

@@ -1,4 +1,4 @@
-"""What it buys to plan with the braking that drivers really use: the same days, planned with the train's and with his.
+"""What is gained by planning with the driver's own braking: the same days, planned with the train's and the driver's.
 
 `python -m docs.studies.own_braking` writes the table into docs/reference/drivers.md again (about a quarter of an hour
 on one core).
@@ -15,7 +15,7 @@ import numpy as np
 from das.advice.regimes import Regime
 from das.domain.braking import SiteBraking
 from das.domain.units import kwh
-from docs.studies.driving import driven, human_of, with_interval
+from docs.studies.driving import SETS_RATIO, driven, human_of, with_interval
 from docs.studies.output import DOCS, write_table
 from sim.drivers.cab import CabView
 from sim.drivers.human import HumanDriver
@@ -28,20 +28,18 @@ from sim.world.service import Service, make_day, prepare_service
 
 SEEDS: Final = tuple(range(12))
 PERFECT_SEEDS: Final = 3
-"""So many of the days are driven by the perfect driver as well, whose runs hardly differ from day to day."""
-SETS_RATIO: Final = 0.02
-"""A controller further on the side of the brakes than this brakes."""
+"""Number of days that the perfect driver drives as well, whose runs hardly differ from day to day."""
 
 
 class PlanVariant(NamedTuple):
-    """What the advice plans with: whose braking, and whether with the driver's margin to limits."""
+    """What the advice plans with: the train's or the driver's braking, and perhaps the driver's margin to limits."""
 
     says: str
     own_brake: bool = False
     own_margin: bool = False
 
     def braking(self, human: HumanParameters) -> SiteBraking:
-        """As a scenario says it."""
+        """The table [braking] of a scenario."""
         return SiteBraking(
             deceleration_mps2=human.braking_mps2 if self.own_brake else None,
             below_limit_mps=human.below_limit_mps if self.own_margin else 0.0,
@@ -73,7 +71,7 @@ SHOWN: Final = (Presentation.VECTOR, Presentation.COACH)
 
 
 class Coasting:
-    """A human driver of whom is counted how often he is told to coast, and brakes all the same."""
+    """A human driver, with a count of how often advice says to coast and how often the driver brakes nevertheless."""
 
     def __init__(self, human: HumanDriver) -> None:
         self.human = human
@@ -102,12 +100,12 @@ class BrakingFigures:
 
     @property
     def gap_percent(self) -> float:
-        """How much more than the optimum for its own times the run took."""
+        """Energy of the run above the optimum of its own times, in % of that optimum."""
         return 100.0 * (self.energy_kwh / self.optimum_kwh - 1.0)
 
 
 def figures(service: Service, seed: int, shown: Presentation, friction: FrictionPolicy | None) -> BrakingFigures:
-    """Drive a day: a human with a policy of brake blending, or without one the perfect driver."""
+    """Drive a day: with a policy of brake blending a human, without one the perfect driver."""
     day = make_day(service, seed)
     if friction is None:
         return _figures(outcome(day, driven(day, day.driver(DriverKind.PERFECT), shown)), float("nan"))

@@ -13,13 +13,13 @@ import typer
 from das.command_line.application import run_app, single_command
 from das.command_line.options import JsonOption, OutFolder
 from das.command_line.printing import loading_solver, paragraph, shown, tell
-from das.domain.errors import DasError
 from das.solver.warm_up import warm_up
 from docs.studies import effort, figures_energy, figures_runs, shares, table2
 from docs.studies.cases import ACCELERATION, COMPLETE, DECELERATION, GTO_VEHICLE, IGBT_VEHICLE, Workbench
 from docs.studies.drawing import style
 from docs.studies.output import Output, plain
 from precompute.baselines import strategies
+from precompute.cli.options import chosen
 
 ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
     "fig4": figures_energy.fig4,
@@ -52,7 +52,7 @@ def study(
     created. The files of what is asked for are overwritten, and summary.json as well, which holds the items of this
     run.
     """
-    wanted, output = chosen(only), Output(out)
+    wanted, output = chosen(only, ITEMS, "item"), Output(out)
     with loading_solver():
         warm_up()
         strategies.warm_up()
@@ -65,17 +65,6 @@ def study(
         if "in_words" in item:
             paragraph(item["in_words"])
     tell(f"written: {len(output.written)} files in {out} ({time.perf_counter() - began:.0f} s)")
-
-
-def chosen(only: str | None) -> list[str]:
-    """The items asked for, in order and each once; DasError for one there is not."""
-    if only is None:
-        return list(ITEMS)
-    asked = [name.strip() for name in only.split(",")]
-    unknown = [name for name in asked if name not in ITEMS]
-    if unknown:
-        raise DasError(f"--only {only}: no item {unknown[0]!r}; expected some of {', '.join(ITEMS)}")
-    return [name for name in ITEMS if name in asked]
 
 
 def make(wanted: list[str], output: Output) -> dict[str, Any]:

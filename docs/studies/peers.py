@@ -18,7 +18,7 @@ from das.domain.errors import InfeasibleError
 from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.route import Route, Stretches, Zone
-from das.domain.units import KMH, KWH
+from das.domain.units import KMH, kwh
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.refinement import refined, warm_up_refinement
@@ -70,7 +70,7 @@ class PeerRow(NamedTuple):
 
 
 class Tight(NamedTuple):
-    """The gap (ratio) of a refined run by the tight bound, and how long its proof took (s)."""
+    """The gap (ratio) of a refined run to its tight bound, and how long the proof took (s)."""
 
     gap_ratio: float
     prove_s: float
@@ -108,17 +108,17 @@ def peers_table() -> Iterator[str]:
 
 def _peer_cells(pair: tuple[ReferenceResult, PeerRow]) -> list[str]:
     result, row = pair
-    found_kwh = row.found.balance.input / KWH
+    found_kwh = kwh(row.found.balance.input)
     return [
         result.route,
         result.vehicle,
         result.losses,
         f"{result.time_s:.1f}",
         f"{result.energy_kwh:.2f}",
-        f"{row.given.balance.input / KWH:.2f}",
+        f"{kwh(row.given.balance.input):.2f}",
         f"{found_kwh:.2f}",
         f"{100 * (found_kwh / result.energy_kwh - 1):+.2f} %",
-        f"{row.found.bound_j / KWH:.2f}",
+        f"{kwh(row.found.bound_j):.2f}",
         *row.last_cells,
     ]
 
@@ -137,7 +137,7 @@ def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
     train = load_vehicle("re460-ic")
 
     def drawn(length_m: float, every_m: float, steepest: float) -> Route:
-        """A line with limits of 40 to 160 km/h and gradients, which change every so many metres."""
+        """A line with limits of 40 to 160 km/h and gradients, which change every `every_m` metres."""
         places = np.arange(0.0, length_m - 0.5 * every_m, every_m)
         limits = [(float(at), float(rng.uniform(40.0, 160.0)) * KMH) for at in places]
         grades = [(float(at), float(rng.uniform(-steepest, steepest))) for at in places]
@@ -162,7 +162,7 @@ def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
 
 
 def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
-    """Every hard problem at every level, with our answer; problems that no run solves are drawn again."""
+    """Every hard problem at every level, with our answer; problems without any solution are drawn again."""
     for number, level in enumerate(LEVELS):
         rng = np.random.default_rng([SEED, number])
         wanted = [one.kind for one in hard_problems(np.random.default_rng(0))]
@@ -197,7 +197,7 @@ def hard_table() -> Iterator[str]:
 
 
 def _hard_cells(hard: Hard, level: Level, row: PeerRow, proof: Tight) -> list[str]:
-    given_kwh, found_kwh = row.given.balance.input / KWH, row.found.balance.input / KWH
+    given_kwh, found_kwh = kwh(row.given.balance.input), kwh(row.found.balance.input)
     tight = (f"{100 * proof.gap_ratio:.3f} %", f"{proof.prove_s:.1f}") if level is Level.L3 else ("", "")
     return [
         hard.kind,

@@ -48,23 +48,23 @@ TRAINS: Final = {
 FIRST: Final = "KISS"
 LIMIT: Final = LIGHT.of[Meaning.LIMIT]
 ENTRY_M: Final = 18_000.0
-"""From here on (m) both trips were much slower than the line allows, as if something held them back."""
+"""From here on (m) both trips were much slower than the line allows, as if something had held them back."""
 LEAST_J: Final = 0.5 * KWH
-"""A cause of less energy than this on every trip has no row."""
+"""A cause that has less energy than this on every trip has no row."""
 PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
 """Parts of the way (km from Kolbäck)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TripAttribution:
-    """One trip accounted for with one train that it may have been driven with."""
+    """The energy attribution of one trip, with one train that it may have been driven with."""
 
     trip: str
     train: str
     attribution: Attribution
     likely: LikelyRange
     entry_j: float
-    """The same less what a forced slow entry explains: above the optimum that is as slow from `ENTRY_M` on (J)."""
+    """Energy (J) above an optimum as slow as the trip from `ENTRY_M` on, so without what a slow entry explains."""
 
     @property
     def possible(self) -> bool:
@@ -78,7 +78,7 @@ class TripAttribution:
 
 
 def trip_attributions(data: Path) -> list[TripAttribution]:
-    """Replay each trip, and account for it with each train; DasError where a file is missing or a train cannot run."""
+    """Replay each trip and attribute its energy, with each train; DasError for a missing file or an impossible run."""
     found = []
     route_file = data / "ttobench" / "tracks" / ROUTE
     route = load_route(route_file).reversed()
@@ -107,7 +107,7 @@ def trip_attributions(data: Path) -> list[TripAttribution]:
 
 
 def above_slow_entry_j(attribution: Attribution) -> float:
-    """The energy above the optimum (J) that was no faster than the trip from `ENTRY_M` on, as if it had to be slow."""
+    """The energy (J) above an optimum that is no faster than the trip from `ENTRY_M` on, as if it had to be slow."""
     (leg,) = attribution.legs
     motion, section = leg.leg.motion, leg.optimum.section
     slow_mps = float(motion.speed_mps[motion.s_m >= ENTRY_M].max())
@@ -141,7 +141,7 @@ def above_table(found: Sequence[TripAttribution]) -> Iterator[str]:
 
 
 def cause_table(found: Sequence[TripAttribution]) -> Iterator[str]:
-    """By what: the energy above the optimum by cause, from the least to the most of the trains assumed."""
+    """The energy above the optimum by cause, from the least to the most of the assumed trains."""
     yield f"| cause | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
     for cause in EnergyCause:
@@ -156,7 +156,7 @@ def _of(one: TripAttribution, cause: EnergyCause) -> float:
 
 
 def place_table(found: Sequence[TripAttribution]) -> Iterator[str]:
-    """Where: the energy lost above the optimum by part of the way, from the least to the most of the trains assumed."""
+    """The energy lost above the optimum by part of the way, from the least to the most of the assumed trains."""
     yield f"| part of the way | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
     for name, start_km, end_km in PARTS:

@@ -2,13 +2,13 @@
 
 The driver runs each section with the timetable's buffer, by reduced maximum speed or by four modes, and brakes with a
 given share of friction: at every moment that share of the brake force comes from the friction brake, the rest from the
-motors. Comfort systems draw their constant power all the time, dwell included. The shares are of what is gone for good
-(component losses, resistance with curves and tunnels, friction brake, comfort); the potential energy between the ends
-is beside it. Assumed, not measured: the route between the stations, buffer, dwell, comfort power, and the driver.
+motors. Comfort systems draw their constant power all the time, dwell included. The shares are of the energy that never
+comes back (component losses, resistance with curves and tunnels, friction brake, comfort); the potential energy between
+the ends is not part of it. Assumed, not measured: the route between the stations, buffer, dwell, comfort power, driver.
 
-A balance says what the printed shares would mean in kWh, and how sure that is. With the printed formula of the running
-resistance they imply more energy, and more power for comfort, than such a train can have. There the shares are taken as
-they are, and the idle power and the time of the trip as assumptions; the running resistance follows.
+A balance says what the printed shares would mean in kWh, and how certain that is. With the printed formula of the
+running resistance they imply more energy, and more power for comfort, than such a train can have. The balance takes the
+shares as they are printed and assumes the idle power and the time of the trip; the running resistance follows.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ DRIVERS: dict[str, Callable[[Section, float], Any]] = {
     "four-mode": baselines.four_modes,
 }
 SHARE_STEPS = 40
-"""Halvings of the interval in which the friction share is sought."""
+"""Number of bisections that find the share of friction braking."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class DrivenTrip:
 
 @dataclass(frozen=True, kw_only=True)
 class Shares:
-    """Energies (J) of a trip by where they went."""
+    """Energies (J) of a trip, by use."""
 
     friction_ratio: float
     component_loss: float
@@ -71,7 +71,7 @@ class Shares:
 
     @property
     def total(self) -> float:
-        """All that is gone for good."""
+        """The energy that never comes back."""
         return self.component_loss + self.resistance + self.friction_brake + self.comfort
 
     def percent(self, name: str) -> float:
@@ -227,7 +227,7 @@ def _draw(drawn: dict[str, list[Shares]]) -> Any:
 
 MINUTE_S: Final = 60.0
 ROUNDS: Final = 20
-"""Rounds in which the share of the friction brake and the losses settle."""
+"""Number of iterations in which the share of the friction brake and the losses converge."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,7 +253,7 @@ ASSUMED: Final = {
     "four-mode driver": Assumed(driver="four-mode"),
     "buffer 25 %": Assumed(buffer_percent=25.0),
 }
-"""The balance, and what another assumption makes of it."""
+"""The assumptions of the balance, and those that are varied one at a time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -299,7 +299,7 @@ def balances() -> dict[str, Balance]:
 
 
 def shares_and_balance(_bench: object, output: Output) -> dict[str, Any]:
-    """Write the energy shares, and beside them the balance; return what both say."""
+    """Write the energy shares and the balance; return both for the summary."""
     result, found = energy_shares(output), balances()
     output.text("shares-balance.md", _balance_markdown(found))
     return {**result, "balance": _balance_json(found), "in_words": in_words(found)}

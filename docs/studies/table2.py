@@ -1,8 +1,9 @@
-"""Table 2: each level's run at t+ = 7 %, evaluated at every level (section 4.7); a hypothesis of it; it on gradients.
+"""Table 2: each level's run at t+ = 7 %, evaluated at every level (section 4.7); another train; gradients.
 
-The hypothesis is a weaker and slower train. The paper prints neither the force limits of its train nor the top speed
-that it reached; its text says 160 km/h. The columns L0 to L2 do not depend on the confidential loss map but for the
-common 100 %, the fastest run's energy at L3. They therefore tell force and speed up to one scale, which is fitted here.
+The other train is a hypothesis: weaker and slower. The paper prints neither the force limits of its train nor the top
+speed that it reached; its text says 160 km/h. The columns L0 to L2 do not depend on the confidential loss map, except
+for the common 100 %, the fastest run's energy at L3. They therefore determine force and speed up to one scale, which is
+fitted here.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Cell:
 
     @property
     def deviation_ratio(self) -> float | None:
-        """Ours by printed − 1; None where none is printed."""
+        """Our figure over the printed one, − 1; None where none is printed."""
         return None if self.printed is None else self.ours / self.printed - 1
 
 
@@ -88,7 +89,7 @@ def cross_evaluation(bench: Workbench, case: StudyCase, rows: dict[str, Trajecto
 
 
 def cells(bench: Workbench) -> list[Cell]:
-    """All cells of Table 2, with what is printed."""
+    """All cells of Table 2, with the printed figures."""
     rows = trajectories(bench, COMPLETE, TABLE2_BUFFER_PERCENT)
     found = {(cell.trajectory, cell.level): cell.ours for cell in cross_evaluation(bench, COMPLETE, rows)}
     return [
@@ -99,7 +100,7 @@ def cells(bench: Workbench) -> list[Cell]:
 
 
 def table2(found: list[Cell], output: Output) -> dict[str, Any]:
-    """Write Table 2 as tidy CSV and as Markdown; return what it says about L3."""
+    """Write Table 2 as tidy CSV and as Markdown; return its cells, deviations and the gains of L3."""
     output.csv(
         "table2.csv", CSV_COLUMNS, [(c.trajectory, c.level, c.printed, c.ours, c.deviation_ratio) for c in found]
     )
@@ -122,7 +123,7 @@ def table2(found: list[Cell], output: Output) -> dict[str, Any]:
 def gains(found: list[Cell], variant: Variant) -> dict[str, Any]:
     """What the run optimal for an L3 map saves at that map against the second best and against RMS (ratios).
 
-    The second best is the best run of levels L0 to L2: the other L3 map's run is not one of the paper's column.
+    The second best is the best run of levels L0 to L2: the paper has no run of the other L3 map in that column.
     """
     column = {c.trajectory: c.ours for c in found if c.level == variant.name}
     own = column[variant.name]
@@ -137,7 +138,7 @@ def gains(found: list[Cell], variant: Variant) -> dict[str, Any]:
 
 
 def markdown(found: list[Cell]) -> str:
-    """The table, each cell with what is printed, ours and the deviation."""
+    """The table; each cell has the printed figure, ours and the deviation."""
     rows = []
     for trajectory in TABLE2_TRAJECTORIES:
         row = [c for c in found if c.trajectory == trajectory]
@@ -167,10 +168,10 @@ COLUMNS: Final = (L0_NOREG.name, L0_REG.name, L1.name, L2.name)
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How near cells come to print.
+    """How near cells come to the printed figures.
 
-    `own`: the largest deviation (ratio) where 100 % is the fastest run's energy at our L3. `scaled`: the largest where
-    all cells are multiplied by the one `scale` that makes it least.
+    `own`: the largest deviation (ratio) where 100 % is the fastest run's energy at our L3. `scaled`: the largest
+    deviation where all cells are multiplied by the one `scale` that makes it smallest.
     """
 
     own: float
@@ -179,7 +180,7 @@ class Agreement:
 
 
 def agreement(found: Sequence[Cell]) -> Agreement:
-    """How near the cells of `ROWS` and `COLUMNS` come to print."""
+    """How near the cells of `ROWS` and `COLUMNS` come to the printed figures."""
     deviations = [
         cell.deviation_ratio
         for cell in found
@@ -206,17 +207,17 @@ def hypothesis_cells() -> tuple[list[Cell], float]:
 
 
 def both_trains(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Write Table 2, and beside it the table of the hypothesis; return what both say."""
+    """Write Table 2 and the table of the hypothesis; return both for the summary."""
     main = cells(bench)
     result = table2(main, output)
     other, least_time_s = hypothesis_cells()
-    told = in_words(main, other)
-    output.text("table2-hypothesis.md", f"{told}\n\n{markdown(other)}")
-    return {**result, "hypothesis": _hypothesis_json(main, other, least_time_s), "in_words": told}
+    sentence = in_words(main, other)
+    output.text("table2-hypothesis.md", f"{sentence}\n\n{markdown(other)}")
+    return {**result, "hypothesis": _hypothesis_json(main, other, least_time_s), "in_words": sentence}
 
 
 def _hypothesis_json(main: Sequence[Cell], other: Sequence[Cell], least_time_s: float) -> dict[str, Any]:
-    """Both trains' agreement with print, and the cells of the hypothesis."""
+    """Both trains' agreement with the printed figures, and the cells of the hypothesis."""
     return {
         "force_kn": FORCE_KN,
         "top_speed_kmh": TOP_SPEED_KMH,
@@ -239,7 +240,7 @@ def in_words(main: Sequence[Cell], other: Sequence[Cell]) -> str:
 
 
 def gradients(bench: Workbench, output: Output) -> dict[str, Any]:
-    """Write the cross evaluation uphill and downhill; a case that cannot be run is said, not left out."""
+    """Write the cross evaluation uphill and downhill; a case that cannot be run is reported as impossible."""
     result: dict[str, Any] = {"buffer_percent": TABLE2_BUFFER_PERCENT}
     rows: list[tuple[object, ...]] = []
     parts = []

@@ -1,4 +1,4 @@
-"""Baseline strategies: what trains drive without the optimum; and their names, which command lines need."""
+"""Baseline strategies: how trains are driven without an optimiser; and their names, which command lines need."""
 
 from __future__ import annotations
 

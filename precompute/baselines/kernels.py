@@ -25,12 +25,12 @@ _ON_BASE_MPS = 1e-9
 _EARLY_SHARE = 0.25
 """An arc may end earlier than planned by this share of its nodes."""
 _NO_FRICTION = 1.0 - 1e-9
-"""So much less than the electric brake can do that no friction slips in from rounding."""
+"""Factor on the electric brake's limit, so that rounding brings in no friction brake."""
 
 
 @kernel
 def electric_envelope(line, envelope, p):
-    """Fastest speed at each node from which motors alone keep the envelope; where they cannot hold, friction does."""
+    """Fastest speed at each node from which motors alone keep the envelope; friction helps where they cannot."""
     step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)
@@ -56,8 +56,8 @@ def electric_envelope(line, envelope, p):
 def cruise_run(cruise, line, bounds, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
-    Full effort to min(envelope, cruise), which is held with traction or brakes; where the train is too slow in spite of
-    full traction, or the floor is above the cruising speed, full traction; the envelope is braked along.
+    Full effort to min(envelope, cruise), which is held with traction or brakes; full traction where the train is slower
+    in spite of it, or where the floor is above the cruising speed; braking is along the envelope.
     """
     floor, envelope = bounds
     for i in range(line.step_m.size):

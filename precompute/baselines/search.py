@@ -1,4 +1,4 @@
-"""How the baseline strategies find their cruising speed and coasting arcs; `baselines.strategies` is the way in."""
+"""How the baseline strategies find their cruising speed and coasting arcs; `baselines.strategies` calls this."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LOWEST_CRUISE_MPS = 1.0
-"""No strategy holds a speed below this, or passes a crest slower."""
+"""No strategy holds a lower speed than this, or passes a crest more slowly."""
 SPEED_ROUNDING_MPS = 1e-10
 """Cruising speeds this near to each other are the same."""
 SCANNED_SPEEDS = 8
 """Cruising speeds tried before the best one is narrowed down."""
 GOLDEN_STEPS = 9
 TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
-"""Most cruising speeds whose arcs are brought to the time, until a run is this near to the dual value."""
+"""Largest number of cruising speeds whose arcs are brought to the time; fewer once a run is this near to the dual
+value."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
 """Highest price of time tried for coasting, as a multiple of the traction power: nothing that costs time pays."""
@@ -40,11 +41,11 @@ SPARE_RATIO, SPARE_S = 1.2, 5.0
 NEAR_S = 0.7
 """Sets of arcs this near to the time wanted are brought to it by the cruising speed."""
 EXCHANGES = 5
-"""Most arcs exchanged to come near the time wanted."""
+"""Largest number of arcs that are exchanged to come near the time wanted."""
 TUNED_RATIO = 0.05
-"""Most by which the cruising speed is changed to hit the time with given arcs."""
+"""Largest relative change of the cruising speed that hits the time with given arcs."""
 MAX_TUNED, ENOUGH_TUNED = 20, 3
-"""Sets of arcs tried, and how many on time suffice."""
+"""Largest number of sets of arcs that are tried, and the number of runs on time that suffices."""
 
 
 class BaselineRun(NamedTuple):
@@ -57,7 +58,7 @@ class BaselineRun(NamedTuple):
 
 
 class Driving:
-    """The kernels bound to a section and to the envelope along which it is braked (default: with all brakes)."""
+    """The kernels, bound to a section and to the envelope along which the train brakes (default: with all brakes)."""
 
     def __init__(self, section: Section, envelope_mps: Floats | None = None) -> None:
         self.section = section
@@ -104,7 +105,7 @@ def _run(speeds: Floats, time_s: float, cruise_mps: float, coasting: NDArray[np.
 
 
 def driven_with_motors(section: Section) -> Driving | None:
-    """Driving that brakes with the motors only; None where that is no other way, or none, to keep the envelope."""
+    """Driving that brakes with the motors only; None where it is impossible, or does not differ."""
     train = section.train
     if section.brakes is not BrakePolicy.BLENDED or train.friction_force_n == 0 or train.electric_force_n == 0:
         return None
@@ -131,7 +132,7 @@ def hit(drive: Callable[[float], BaselineRun], slow_mps: float, quick_mps: float
 
 
 class _Path(NamedTuple):
-    """Coasting arcs in order, as indices into the edges, and what they add to the base run."""
+    """Coasting arcs in order, as indices into the edges, and the time and energy that they add to the base run."""
 
     arcs: tuple[int, ...]
     extra_s: float

@@ -1,7 +1,7 @@
-"""Baseline strategies: what trains drive without the optimum – fastest, reduced maximum speed, four modes.
+"""Baseline strategies: how trains are driven without an optimiser – fastest, reduced maximum speed, four modes.
 
-All are runs on the integration grid of any section (gradients, limits, any loss level) and are answered as the front
-answers: with trajectory, energy balance and how the time was met.
+Each gives a run on the integration grid of any section (gradients, limits, any loss level), as the front does: with
+trajectory, energy balance and how the time was met.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Baseline:
 def baseline(strategy: Strategy, section: Section, time_s: float | None) -> Baseline:
     """The run of a baseline strategy; only the fastest can do without a time.
 
-    Raises DasError for the optimal strategy (that is `das.solver.front`'s) or a time that is missing.
+    Raises DasError for the optimal strategy, which `das.solver.front` finds, or where the time is missing.
     """
     if strategy is Strategy.FASTEST:
         return fastest(section, requested_s=time_s)
@@ -115,7 +115,7 @@ def four_modes(section: Section, time_s: float) -> Baseline:
     set is a shortest path along the nodes. The price is found by cutting planes, v by a scan and golden section on
     the dual value (least energy + price·time − price·time wanted), which varies smoothly although arcs begin at nodes.
     Where the time jumps with the price, single arcs are exchanged. At last v is moved a little, with the arcs kept,
-    until the time is hit to `TIME_TOLERANCE_S`. The RMS run is a candidate, so the energy is at most that of it. Not
+    until the time is hit to `TIME_TOLERANCE_S`. The RMS run is a candidate, so the energy is at most its energy. Not
     tried: another cruising speed per limit, or running up above v before a climb.
 
     A time below the least possible gives the fastest run (`Fit.LATE`); where a slower run would cost more energy, the

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import textwrap
 import time
 from collections.abc import Callable
@@ -14,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from das.command_line.files import load_route, load_vehicle
-from das.command_line.printing import busy, error_console
-from das.domain.errors import DasError
+from das.command_line.options import JsonOption
+from das.command_line.printing import busy, shown
+from precompute.cli.options import chosen
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -52,7 +52,7 @@ def bench(
         int | None, typer.Option(min=1, help="Threads of one front [default: the cores, at most 2].")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Short lines and few rounds: whether it works.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Measure how fast the solver is on this machine, beside baselines and what the machine could do.
 
@@ -60,7 +60,7 @@ def bench(
     table explains its columns. It takes half a minute, and half a minute more the first time. Other work on the
     machine makes the figures worse, and the ratios less so.
     """
-    wanted = chosen(only)
+    wanted = chosen(only, NAMES, "figure")
     section = longest_section(track, train)
     began = time.perf_counter()
     result = measure(wanted, section, default_threads() if threads is None else threads, quick=quick)
@@ -71,19 +71,8 @@ def bench(
     _print(result)
 
 
-def chosen(only: str | None) -> list[str]:
-    """The figures asked for, in order and each once; DasError for one there is not."""
-    if only is None:
-        return list(NAMES)
-    asked = [name.strip() for name in only.split(",")]
-    unknown = [name for name in asked if name not in NAMES]
-    if unknown:
-        raise DasError(f"--only {only}: no figure {unknown[0]!r}; expected some of {', '.join(NAMES)}")
-    return [name for name in NAMES if name in asked]
-
-
 def default_threads() -> int:
-    """As many as the solver uses by default, where there are cores for them."""
+    """The solver's default number of threads, or the number of cores if that is smaller."""
     from precompute.workers import available_cores
 
     return min(available_cores(), 2)
@@ -99,7 +88,7 @@ def longest_section(track: str, train: str) -> Section:
 
 
 def figures_by_name() -> dict[str, Callable[[Reference], list[Figure]]]:
-    """What measures each of the figures, by its name; importing it takes a while."""
+    """The function that measures each figure, by the figure's name; importing them takes a while."""
     from precompute.bench import figures, table_figures
 
     return {
@@ -119,9 +108,7 @@ def figures_by_name() -> dict[str, Callable[[Reference], list[Figure]]]:
 
 
 def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -> dict[str, Any]:
-    """Measure figures; what `--json` prints."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
+    """Measure figures; returns what `--json` prints."""
     with busy("compiling the solver (once on a machine, about 10 s) …"):
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
@@ -140,14 +127,7 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
             one_thread=Roofline.measured(1),
             all_threads=Roofline.measured(threads),
         )
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    figures: list[Figure] = []
-    with Progress(*columns, console=error_console(), transient=True, disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("", total=len(wanted))
-        for name in wanted:
-            progress.update(task, description=name)
-            figures += by_name[name](reference)
-            progress.advance(task)
+    figures = [figure for name in shown(wanted) for figure in by_name[name](reference)]
     return {
         "machine": machine(),
         "rooflines": [asdict(roofline) for roofline in (reference.one_thread, reference.all_threads)],

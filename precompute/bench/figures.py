@@ -125,7 +125,7 @@ class Workload:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reference:
-    """The section most figures are about, solved, and what the machine can do with one thread and with all."""
+    """The section of most figures, solved, and the machine's rates with one thread and with all."""
 
     section: Section
     front: Front

@@ -1,7 +1,4 @@
-"""Measurements for the bench: durations side by side, memory, the machine, and the best that the machine can do.
-
-The rates of memory and arithmetic (`Roofline`) are measured when they are needed.
-"""
+"""Measurements for the bench: durations side by side, memory, the machine, and the best rates that it reaches."""
 
 from __future__ import annotations
 
@@ -88,7 +85,7 @@ class Times:
     baseline_seconds: list[float]
 
     def figure(self, subject: Subject, bound_s: float, *, amount: float | None = None) -> Figure:
-        """The times as a figure: a duration in ms, or with an `amount` (in the unit's multiples) a rate per s.
+        """The times as a figure: a duration in ms, or with an `amount` (in the figure's unit) a rate per s.
 
         `bound_s` is the least duration that the machine could reach (s).
         """
@@ -139,7 +136,7 @@ def seconds_of(work: Callable[[], object]) -> float:
 
 
 def peak_bytes_of(work: Callable[[], object]) -> float | None:
-    """Most memory that the process had during a call, beyond what it had before; None where the system does not say."""
+    """Most memory that a call takes (bytes), beyond what the process had before; None where the system does not say."""
     _give_back_free_memory()
     before = _status_bytes("VmRSS")
     if before is None or not _reset_peak():

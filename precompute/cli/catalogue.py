@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
 
 SHOWN_OF_A_SOURCE = 300
-"""So many characters of what a file says about its sources are printed; --json has all."""
+"""Number of characters of a file's source that are printed; --json gives all of them."""
 LEGEND = {"levels": "loss levels the vehicle has data for, its default first (docs/explanation/loss-maps.md)"}
 
 
@@ -91,7 +91,7 @@ def _levels(vehicle: Vehicle) -> list[str]:
 
 
 def _source(path: Path, table: str) -> str:
-    """What the file says about where its figures come from, in one line: its source, else its description."""
+    """Where a file's figures come from, in one line: its source, else its description."""
     main = tomllib.loads(path.read_text(encoding="utf-8"))[table]
     return " ".join(str(main.get("source") or main.get("description") or "").split())
 

@@ -1,9 +1,9 @@
-"""The command `das-precompute few-switch`: what it costs that a driver has few things to do."""
+"""The command `das-precompute few-switch`: how much energy it costs that a driver changes the controller rarely."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +15,7 @@ from das.command_line.options import JsonOption
 from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
 from das.domain.units import kwh
-from precompute.cli.options import Pose, buffered, numbers
+from precompute.cli.options import Pose, buffer_numbers, buffered, numbers
 from precompute.cli.solve import solved_front
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 BUFFERS_PERCENT = "7"
 PRICES_S = "0,0.01,0.03,0.08,0.3,1"
 MOST_S = 100.0
-"""A change of the notch that costs more than this is never made."""
+"""Largest price of a change (s) that is accepted; for more than this no change is ever worth making."""
 OPTIMUM, FOUR_MODES = "optimum", "four modes"
 LEGEND = {
     "price": "of a change, as seconds of the train's full power",
@@ -40,7 +40,7 @@ LEGEND = {
 
 @dataclass(frozen=True, kw_only=True)
 class FewSwitchRow:
-    """A run beside what calm costs; `price_s` is None for the optimum and for four modes.
+    """A run and what its few changes cost; `price_s` is None for the optimum and for four modes.
 
     `shortest_s` is the shortest time between two changes in which the train does not brake, NaN where there is none.
     `more_j` is the energy above the optimum of the same time.
@@ -89,9 +89,7 @@ def few_switch(
     time given as its price. The rows show the schedule that the coach would make of such a run, with the section's
     own braking, beside the optimum and the best run of four modes.
     """
-    wanted = numbers("--buffers", buffers)
-    for one in wanted:
-        buffered(1.0, one)
+    wanted = buffer_numbers(buffers)
     prices_s = numbers("--prices", prices)
     for price_s in prices_s:
         if not 0 <= price_s <= MOST_S:
@@ -102,11 +100,11 @@ def few_switch(
 
         strategies.warm_up()
     with busy("solving few-switch trajectories …"):
-        few_switch_fronts = list(_few_switch_fronts(section, prices_s))
+        fronts = few_switch_fronts(section, prices_s)
     found = []
     for buffer_percent in wanted:
         with busy(f"looking for runs with a buffer of {buffer_percent:g} % …"):
-            rows = list(few_switch_rows(front, few_switch_fronts, buffered(min_time_s, buffer_percent)))
+            rows = list(few_switch_rows(front, fronts, buffered(min_time_s, buffer_percent)))
         found.append({"buffer_percent": buffer_percent, "runs": [row.as_dict() for row in rows]})
     if as_json:
         print(json.dumps({"min_time_s": min_time_s, "points": found}))
@@ -115,29 +113,31 @@ def few_switch(
         _print_rows(section.name, point, last=point is found[-1])
 
 
-def _few_switch_fronts(section: Section, prices_s: list[float]) -> Iterator[tuple[float, FewSwitchFront]]:
-    """The few-switch trajectories of a section for each price of a change (s)."""
+def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, FewSwitchFront]]:
+    """Each price of a change (s), with the few-switch trajectories of a section for it."""
     from das.solver.few_switch.few_switch import FewSwitchSettings, solve_few_switch
 
-    for price_s in prices_s:
-        yield price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))
+    return [(price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))) for price_s in prices_s]
 
 
 def few_switch_rows(
-    front: Front, few_switch_fronts: list[tuple[float, FewSwitchFront]], time_s: float
+    front: Front, fronts: Sequence[tuple[float, FewSwitchFront]], time_s: float
 ) -> Iterator[FewSwitchRow]:
-    """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes."""
+    """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes.
+
+    `fronts` are those of `few_switch_fronts`.
+    """
     from precompute.baselines.strategies import four_modes
 
     section = front.section
     yield _row_of_modes(OPTIMUM, front.trajectory(time_s).trajectory, front)
-    for price_s, solved in few_switch_fronts:
+    for price_s, solved in fronts:
         yield _row_of_schedule(price_s, solved, front, time_s)
     yield _row_of_modes(FOUR_MODES, four_modes(section, time_s).trajectory, front)
 
 
 def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_s: float) -> FewSwitchRow:
-    """The schedule of a price, made as the coach makes it."""
+    """The row of the schedule for a price, which is made as the coach makes it."""
     from das.solver.few_switch.phases import BRAKES
     from das.solver.few_switch.scheduling import polished, scheduled
     from das.solver.solution import trajectory_on
@@ -153,7 +153,7 @@ def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_
 
 
 def _row_of_modes(name: str, run: Trajectory, front: Front) -> FewSwitchRow:
-    """A run by the modes of its intervals."""
+    """The row of a run whose phases are the modes of its intervals."""
     from das.advice.plan import classify_modes
     from das.advice.regimes import Regime
 
@@ -170,7 +170,7 @@ def _row(
     front: Front,
     phases: tuple[NDArray[np.int64], NDArray[np.bool_]],
 ) -> FewSwitchRow:
-    """The row of a run; of each of its phases the first interval, and whether it is a brake."""
+    """The row of a run; `phases` holds the first interval of each phase, and whether the phase is a brake."""
     begins, brakes = phases
     lasts_s = np.diff(np.append(run.t_s[begins], run.t_s[-1]))
     others = lasts_s[~brakes]
@@ -188,7 +188,7 @@ def _row(
 
 
 def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
-    """Print the runs of a buffer as a table, the last one with a legend."""
+    """Print the runs of one buffer as a table, with a legend below the `last` table."""
     from rich import box
     from rich.table import Table
 
@@ -207,12 +207,12 @@ def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
             "–" if shortest_s is None else f"{shortest_s:.1f}",
             f"{run['time_s']:.1f}",
             f"{run['energy_kwh']:.2f}",
-            _signed(run["more_kwh"]),
-            "–" if ratio is None else _signed(100 * ratio),
+            two_digits(run["more_kwh"]),
+            "–" if ratio is None else two_digits(100 * ratio),
         )
     print_table(table, LEGEND if last else None)
 
 
-def _signed(value: float) -> str:
+def two_digits(value: float) -> str:
     """A difference with two digits, never as −0.00."""
     return f"{round(value, 2) + 0.0:.2f}"

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
 
 ALL_STOPS = "stops"
-"""What to say instead of a journey to call at all stops of the route."""
+"""The word that is given instead of a journey: call at all stops of the route."""
 DWELL_S = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class StopsOptions:
-    """Times of a journey over all stops of the route; they do not go with a journey that has times of its own."""
+    """Times of a journey over all stops of the route; a journey that has times of its own does not take them."""
 
     time_s: Annotated[
         float | None,
@@ -49,7 +49,7 @@ class StopsOptions:
     ] = None
 
     def journey(self, route: Route, train: Vehicle, options: TrainOptions) -> Journey:
-        """A journey over all stops of a route in a time, or with a buffer; DasError for what cannot be."""
+        """A journey over all stops of a route in a time, or with a buffer; DasError for impossible times."""
         from das.domain.journey import Journey
 
         dwell_s = DWELL_S if self.dwell_s is None else self.dwell_s

@@ -1,8 +1,9 @@
-"""Options that only das-precompute has, in groups, and the route, train and section that a user poses by them."""
+"""Options that only das-precompute has, in groups, and the route, train and section that they describe."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -41,7 +42,7 @@ FASTEST_END_MPS = 200.0
 LARGEST = 1e9
 """Upper bound of powers (kW), forces (kN) and speeds (km/h) on the command line."""
 SHORTEST_STEP_M, LONGEST_STEP_M = 5.0, 150.0
-"""Decision steps that can be asked for (m)."""
+"""Range of the decision steps that `--step` accepts (m)."""
 
 TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
 BufferOption = Annotated[
@@ -80,9 +81,10 @@ class LineOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EndsOptions:
-    """Where a section begins and ends, and how fast the train is there (m/s); None = as the route or the other says.
+    """Where a section begins and ends, and how fast the train is there (m/s).
 
-    Raises DasError for a speed that cannot be.
+    A stop that is None is the first or last of the route; a start or end speed that is None is `boundary_speed_mps`.
+    Raises DasError for an impossible speed.
     """
 
     from_stop: FromOption = None
@@ -100,7 +102,7 @@ class EndsOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class GridOptions:
-    """How finely the solver decides. Raises DasError for a step that cannot be."""
+    """How finely the solver decides. Raises DasError for an impossible step."""
 
     step_m: Annotated[
         float | None,
@@ -120,9 +122,9 @@ class GridOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions:
-    """Which train runs, and what is changed of it; None = as its file says.
+    """Which train runs, and what differs from its file; None = as in the file.
 
-    Raises DasError for a value that cannot be.
+    Raises DasError for an impossible value.
     """
 
     vehicle: VehicleArgument
@@ -174,13 +176,13 @@ class TripTime:
             raise DasError("give either --time (s) or --buffer (%)")
 
     def wanted_s(self, min_time_s: float) -> float | None:
-        """The trip time (s) for a least time; None where none is asked for. DasError for a buffer that cannot be."""
+        """The trip time (s) for a least time; None where none is asked for. DasError for an impossible buffer."""
         return self.time_s if self.buffer_percent is None else buffered(min_time_s, self.buffer_percent)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TableFiles:
-    """What a command writes besides what it prints: rows as CSV, a picture; and whether it prints JSON."""
+    """The files that a command writes (rows as CSV, a picture), and whether it prints JSON."""
 
     out: OutCsvOption = None
     plot: PlotOption = None
@@ -201,14 +203,14 @@ class TableFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class RunFiles(TableFiles):
-    """What a command writes of one run: its trajectory as CSV, a picture; and whether it prints JSON."""
+    """The files that a command writes of one run (its trajectory as CSV, a picture), and whether it prints JSON."""
 
     out: OutTrajectoryOption = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapFiles(TableFiles):
-    """What `loss-map` writes: the map as CSV, a picture; and whether it prints JSON."""
+    """The files that `loss-map` writes (the map as CSV, a picture), and whether it prints JSON."""
 
     out: Annotated[
         Path | None,
@@ -217,7 +219,7 @@ class MapFiles(TableFiles):
 
 
 def buffered(min_time_s: float, buffer_percent: float) -> float:
-    """Trip time (s) of a buffer in % on the least time; DasError for a buffer that cannot be."""
+    """Trip time (s) of a buffer in % on the least time; DasError for an impossible buffer."""
     if not 0 <= buffer_percent < MOST_PERCENT:
         raise DasError(f"buffer {buffer_percent} %: expected a number from 0 to {MOST_PERCENT:.0f}")
     return min_time_s * (1 + buffer_percent / 100)
@@ -234,7 +236,7 @@ def bound_seconds(text: str) -> float:
 
 
 def _seconds(option: str, text: str, none: str, unlimited: str) -> float:
-    """A budget of time (s) as an option states it, with a word for nothing and one for no limit."""
+    """A budget of time (s) as an option gives it: seconds, a word for none, or a word for no limit."""
     if text in (none, unlimited):
         return math.inf if text == unlimited else 0.0
     try:
@@ -254,13 +256,35 @@ def numbers(option: str, text: str) -> list[float]:
         raise DasError(f"{option} {text}: expected numbers with commas between, like 0,5,10") from None
 
 
+def buffer_numbers(text: str) -> list[float]:
+    """The buffers (%) that `--buffers` lists; DasError for what is no number or an impossible buffer."""
+    values = numbers("--buffers", text)
+    for value in values:
+        buffered(1.0, value)
+    return values
+
+
+def chosen(only: str | None, names: Collection[str], kind: str) -> list[str]:
+    """The names that `--only` lists, each once and in the order of `names`; all of them where it is not given.
+
+    Raises DasError for an unknown name; its message calls what is named a `kind`.
+    """
+    if only is None:
+        return list(names)
+    asked = [name.strip() for name in only.split(",")]
+    unknown = [name for name in asked if name not in names]
+    if unknown:
+        raise DasError(f"--only {only}: no {kind} {unknown[0]!r}; expected some of {', '.join(names)}")
+    return [name for name in names if name in asked]
+
+
 def _spelled(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainOnLine:
-    """A train on a line as a user poses it."""
+    """A train on a line, as the options describe them."""
 
     where: LineOptions
     driven: TrainOptions
@@ -271,7 +295,7 @@ class TrainOnLine:
         return self.where.route, self.driven.vehicle, self.driven.loss_map
 
     def conditions(self) -> Conditions:
-        """What differs from the files; raises DasError where it cannot be."""
+        """What differs from the files; raises DasError where it is impossible."""
         from das.domain.conditions import Conditions
 
         world = self.world
@@ -284,12 +308,12 @@ class TrainOnLine:
         )
 
     def route(self, conditions: Conditions | None = None) -> Route:
-        """The route, driven the way asked for, under the user's or other conditions."""
+        """The route in the direction asked for, under given conditions (default: the user's)."""
         route = (conditions or self.conditions()).line(load_route(self.where.route))
         return route.reversed() if self.where.reverse else route
 
     def vehicle(self, conditions: Conditions | None = None) -> Vehicle:
-        """The loaded vehicle with the overrides, under the user's or other conditions.
+        """The loaded vehicle with the overrides, under given conditions (default: the user's).
 
         A loss map changes its losses and nothing else.
         """
@@ -315,7 +339,7 @@ class TrainOnLine:
 
 @dataclass(frozen=True, kw_only=True)
 class Pose(TrainOnLine):
-    """One section as a user poses it."""
+    """One section and the train on it, as the options describe them."""
 
     ends: EndsOptions
     grid: GridOptions

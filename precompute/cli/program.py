@@ -46,7 +46,7 @@ COMMANDS = (
     Entry(
         name="sensitivity",
         where="precompute.cli.sensitivity:sensitivity",
-        summary="Tell how time and energy of a planned run move when train, wind, line or rail differ from the plan.",
+        summary="Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.",
         examples=("das-precompute sensitivity zurich-luzern re460-ic --from Zug --buffer 7",),
     ),
     Entry(
@@ -62,7 +62,7 @@ COMMANDS = (
         name="verify",
         where="precompute.tables.command:verify",
         summary=(
-            "Check every byte of tables, that this solver made them, and that all the last build finished are there."
+            "Check every byte of tables, that this solver made them, and that no table of the last build is missing."
         ),
         examples=("das-precompute verify tables",),
     ),
@@ -91,14 +91,13 @@ COMMANDS = (
         examples=("das-precompute bench --only front,trajectory --json",),
     ),
 )
-"""Every command with the first line of its docstring, which a test compares."""
+"""Every command; a test compares its summary with the first line of its docstring."""
 GONE = {
     "calm": "das-precompute few-switch",
     "calibrate": "uv run python -m docs.studies.calibrate (in a clone of the project)",
     "study": "uv run python -m docs.studies.paper (in a clone of the project)",
 }
-"""Commands that were renamed, or that made figures of the documentation and are scripts beside it now, each with what
-to run instead."""
+"""Former commands, each with what to run instead: some were renamed, others are scripts beside the documentation."""
 
 app = application(NAME, "Solve the time–energy trade-off of a train on a section, offline.", COMMANDS, gone=GONE)
 

@@ -1,4 +1,4 @@
-"""What runs and journeys look like: as JSON, as CSV, as tables in the terminal and as pictures."""
+"""Runs and journeys as JSON, as tables in the terminal and as pictures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from precompute.baselines.strategies import Baseline
 
 
 class Answer(Protocol):
-    """What the optimal run (Solution) and the baselines (Baseline) share."""
+    """What the optimal run (Solution) and the baselines (Baseline) have in common."""
 
     @property
     def trajectory(self) -> Trajectory: ...
@@ -49,7 +49,7 @@ def balance_kwh(balance: EnergyBalance) -> dict[str, float]:
 
 
 def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str, Any]:
-    """One run as the commands' `--json` prints it; what a strategy does not have is null."""
+    """One run as the commands' `--json` prints it; figures that a strategy does not have are null."""
     return {
         "strategy": _strategy(answer),
         "min_time_s": min_time_s,
@@ -102,11 +102,7 @@ def draw_solution(path: Path, section: Section, answer: Answer) -> None:
     figure, (speed, altitude, force) = pyplot.subplots(
         3, 1, figsize=(12, 8), sharex=True, height_ratios=(3, 1, 2), layout="constrained"
     )
-    speed.step(x_km[:-1], run.limit_mps / KMH, where="post", color="0.45", linewidth=1, label="limit over the train")
-    speed.plot(x_km, run.v_mps / KMH, color="tab:blue", label="speed")
-    speed.set_ylabel("speed, km/h")
-    speed.set_ylim(bottom=0)
-    speed.legend(loc="lower center", ncols=2)
+    _draw_speed(speed, run)
     speed.set_title(
         f"{section.route.name}, {section.vehicle.name}, level {section.level}, {_strategy(answer)}\n"
         f"{answer.time_s:.1f} s, {kwh(answer.balance.input):.2f} kWh at the current collector"
@@ -128,6 +124,16 @@ def draw_solution(path: Path, section: Section, answer: Answer) -> None:
     pyplot.close(figure)
 
 
+def _draw_speed(axes: Any, run: Trajectory) -> None:
+    """Speed and limit over the line."""
+    x_km = run.s_m / KM
+    axes.step(x_km[:-1], run.limit_mps / KMH, where="post", color="0.45", linewidth=1, label="limit over the train")
+    axes.plot(x_km, run.v_mps / KMH, color="tab:blue", label="speed")
+    axes.set_ylabel("speed, km/h")
+    axes.set_ylim(bottom=0)
+    axes.legend(loc="lower center", ncols=2)
+
+
 def _altitude(section: Section, s_m: Any) -> Any:
     return section.route.altitude_m(s_m)
 
@@ -145,7 +151,7 @@ LEGEND = {
 
 
 def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
-    """Print runs, as `solution_json` gives them, one a row; savings are told against the first."""
+    """Print runs, as `solution_json` gives them, one a row; savings are relative to the first."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     for name in ("time s", "buffer %", "input\nkWh", "lost\nkWh", "saved\n%", "λ kW", "gap %", "ms", "fit"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -192,7 +198,7 @@ _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: 
 
 
 def journey_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) -> dict[str, Any]:
-    """The plan as `--json` prints it; `others_j`: energy of other ways to keep the same windows, by name."""
+    """The plan as `--json` prints it; `others_j` is the energy of other ways to keep the same windows, by name."""
     return {
         "journey": plan.journey.id,
         "time_s": plan.time_s,
@@ -259,7 +265,7 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> Non
 
 
 def _shown(timing: PlannedTime) -> str:
-    """A time, marked where it is held at a bound of its window."""
+    """A time as text, with a mark where it is held at a bound of its window."""
     return f"{_MARKS[timing.held]} {clock(timing.time_s)}"
 
 
@@ -277,11 +283,7 @@ def draw_journey(path: Path, plan: JourneyPlan, title: str) -> None:
     run, begin_s = plan.trajectory(), plan.sections[0].departure.time_s
     x_km = run.s_m / KM
     figure, (speed, time) = pyplot.subplots(2, 1, figsize=(12, 8), sharex=True, layout="constrained")
-    speed.step(x_km[:-1], run.limit_mps / KMH, where="post", color="0.45", linewidth=1, label="limit over the train")
-    speed.plot(x_km, run.v_mps / KMH, color="tab:blue", label="speed")
-    speed.set_ylabel("speed, km/h")
-    speed.set_ylim(bottom=0)
-    speed.legend(loc="lower center", ncols=2)
+    _draw_speed(speed, run)
     speed.set_title(f"{title}\n{clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh at the current collector")
     time.plot(x_km, (run.t_s - begin_s) / MINUTE_S, color="tab:blue", label="plan")
     for position_m, window, colour in _windows(plan):

@@ -23,7 +23,7 @@ from precompute.cli.options import Pose, TableFiles, TripTime
 if TYPE_CHECKING:
     from das.solver.section import Section
     from das.solver.solution import Solution
-    from precompute.sensitivity.analysis import Followed, Variation, VariationOutcome
+    from precompute.sensitivity import Followed, Variation, VariationOutcome
 
 DEFAULT = "mass=±5%,±10%, resistance=±10%,±20%, wind=-20..20, receptivity=0.5,0, adhesion=0.6,0.3"
 """What is varied unless the user says something else."""
@@ -43,7 +43,7 @@ def sensitivity(
         ),
     ] = None,
 ) -> None:
-    """Tell how time and energy of a planned run move when train, wind, line or rail differ from the plan.
+    """Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.
 
     The plan is the least-energy run under the options given. The driver follows its speeds over the way in the changed
     world as well as the train can, and brakes as early as the changed train needs. Beside it stands what planning anew
@@ -55,7 +55,7 @@ def sensitivity(
     if files.plot is not None:
         offscreen_pyplot()  # refuse before the work begins
     with loading_solver():
-        from precompute.sensitivity.analysis import assess, by_effect
+        from precompute.sensitivity import assess, by_effect
     variations, left_out = _variations(pose, vary)
     section, plan, planned = _plan(pose, trip)
     outcomes = [assess(plan, one, pose.section) for one in shown(variations, lambda one: one.label)]
@@ -75,8 +75,8 @@ def sensitivity(
 
 
 def _variations(pose: Pose, vary: str | None) -> tuple[list[Variation], list[str]]:
-    """What to vary, and a line for what the default had to leave out."""
-    from precompute.sensitivity.analysis import Parameter, parse_variations
+    """The variations, and a line for each that the default leaves out."""
+    from precompute.sensitivity import Parameter, parse_variations
 
     plan, vehicle = pose.conditions(), pose.vehicle()
     variations = parse_variations(DEFAULT if vary is None else vary, plan)
@@ -127,7 +127,7 @@ LEGEND = {
 
 
 def outcome_row(outcome: VariationOutcome) -> dict[str, Any]:
-    """One variation as `--json` and `--csv` give it; what there is not is null."""
+    """One variation as `--json` and `--out` give it; figures that do not exist are null."""
     variation, followed = outcome.variation, outcome.followed
     return {
         "parameter": str(variation.parameter),
@@ -168,7 +168,7 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def print_rows(section: Section, planned: dict[str, Any], rows: list[dict[str, Any]]) -> None:
-    """Print the rows of `outcome_row` as a table with its legend, then the plan that they are told against."""
+    """Print the rows of `outcome_row` as a table with its legend, then the plan that they are compared with."""
     table = Table(title=f"{section.name}, the plan in a changed world", title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("changed", no_wrap=True)
     for name in COLUMNS:
@@ -196,7 +196,7 @@ MORE, LESS = "#d55e00", "#0072b2"
 MARK = "0.1"
 """Colour of the mark of a new plan."""
 BAR_HEIGHT = 0.36
-"""Two bars to a row of height 1."""
+"""Height of a bar; each row has a height of 1 and two bars."""
 ROOM = 0.16
 """Share of the bars' span that the axis goes on beyond them, for the figures at their ends."""
 
@@ -234,7 +234,7 @@ def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[
 
 
 def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, replanned: str, scale: float) -> None:
-    """A bar to each outcome, from the plan to an attribute of it, and a mark where planning anew would be."""
+    """A bar for each outcome, as long as its attribute `effect`, and a mark at its attribute `replanned`."""
     bars = [
         _Bar(y, outcome.variation.step < 0, *(_scaled(outcome, name, scale) for name in (effect, replanned)))
         for row, pair in enumerate(pairs)
@@ -258,7 +258,7 @@ def _scaled(outcome: VariationOutcome, name: str, scale: float) -> float | None:
 
 
 def _heights(row: int, size: int) -> list[float]:
-    """Where the bars of a pair lie in their row."""
+    """Vertical positions of the bars of a pair."""
     return [row] if size == 1 else [row - BAR_HEIGHT / 2, row + BAR_HEIGHT / 2]
 
 

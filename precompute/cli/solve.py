@@ -23,8 +23,8 @@ from precompute.cli.options import (
     RunFiles,
     TripTime,
     bound_seconds,
+    buffer_numbers,
     buffered,
-    numbers,
     refine_seconds,
 )
 
@@ -124,7 +124,7 @@ def _optimal(pose: Pose, trip: TripTime, budget_s: float, bound_s: float) -> tup
 
 
 def _with_bound(answer: Solution, bound_s: float) -> Solution:
-    """The answer with its bound proven, after a search of about `bound_s` seconds for a tight one."""
+    """The answer with its bound proven; the search for a tight bound takes about `bound_s` seconds (0: none)."""
     if bound_s > 0:
         from das.solver.solution import tightened
 
@@ -135,7 +135,7 @@ def _with_bound(answer: Solution, bound_s: float) -> Solution:
 
 
 def certified(solution: Solution) -> None:
-    """Prove the bound of a solution, which keeps it. This may compile kernels that solving does not need."""
+    """Prove the bound of a solution, which stores it. This may compile kernels that solving does not need."""
     with loading_solver():
         solution.certificate  # noqa: B018
 
@@ -159,7 +159,7 @@ EXACT_MAX_BUFFER_PERCENT = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class ExactOptions:
-    """The options of `front --exact`: largest buffer (%), time in which one partial run is kept (ms), output file."""
+    """The options of `front --exact`: the largest buffer (%), the bucket of time (ms) and the output file."""
 
     exact: Annotated[
         bool,
@@ -223,7 +223,7 @@ def front(
     if not witness.exact and (witness.out or witness.bucket_ms or witness.max_buffer_percent is not None):
         raise DasError("--out, --bucket and --max-buffer belong to --exact")
     largest, budget_s = witness.largest_percent(), refine_seconds(refine)
-    wanted = _buffers(BUFFERS_PERCENT if buffers is None else buffers)
+    wanted = buffer_numbers(BUFFERS_PERCENT if buffers is None else buffers)
     check_outputs(witness.out, inputs=pose.inputs(), overwrite=witness.overwrite)
     section, solved, min_time_s, front_s = solved_front(pose)
     if witness.exact:
@@ -248,7 +248,7 @@ def front(
 
 
 def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float) -> list[tuple[Solution, float]]:
-    """The run of each buffer (%), refined within a budget (s), with its proof, and the seconds that it took."""
+    """The run of each buffer (%), refined within a budget (s) and with its bound proven, and the seconds it took."""
     runs, seconds = [], []
     with busy("rolling out …"):
         for buffer_percent in buffers:
@@ -283,10 +283,3 @@ def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], lis
         found = refined_runs(runs, is_over=lambda: time.perf_counter() - began > budget_s, watch=finished)
     seconds = dict(zip(order, np.diff(finished_s).tolist(), strict=True))
     return found, [seconds[i] for i in range(len(runs))]
-
-
-def _buffers(text: str) -> list[float]:
-    values = numbers("--buffers", text)
-    for value in values:
-        buffered(1.0, value)
-    return values

@@ -23,18 +23,19 @@ from das.solver.section import Section
 from precompute.exact.front import STATES, ExactFront, Limits, passes, solve_exact
 
 RECENT = 6
-"""Number of the last layers that tell how much slower the pass is than the one before it."""
+"""Number of the latest layers that show how much slower a pass is than the one before it."""
 MOST_GROWTH, MOST_MULTIPLE = 1.15, 12.0
-"""How fast the multiple of a layer may grow from one layer to the next, and to what at most."""
+"""By how much a layer's time, as a multiple of that of the pass before, may grow from layer to layer; the largest
+multiple."""
 FACTORS = ((0.2, 1.5), (0.9, 2.0), (1.8, 6.0))
-"""Range of what the second, third and fourth pass take, as a multiple of the pass before."""
+"""Range of the time of the second, third and fourth pass, as a multiple of that of the pass before."""
 
 
 @dataclass
 class Forecast:
-    """Learns how long the layers take; `clock` gives the time in s, `passes` is how many there will be.
+    """Learns how long the layers take, and forecasts the time that is left.
 
-    `passes` is at most one more than there are `FACTORS`.
+    `passes` is the number of all passes, at most one more than there are `FACTORS`; `clock` gives the time in s.
     """
 
     passes: int
@@ -72,7 +73,7 @@ class Forecast:
 
 
 def _rest_of_pass(before: Sequence[float], now: Sequence[float], factors: tuple[float, float]) -> tuple[float, float]:
-    """The range of time for the layers that are left of a pass, from all layers of the one before it."""
+    """Range of the time (s) for the layers left in a pass, from the times of all layers of the pass before."""
     left = before[len(now) :]
     least, most = factors
     known = range(max(len(now) - RECENT, 1), len(now))  # the first layer may have had something to load
@@ -86,7 +87,7 @@ def _rest_of_pass(before: Sequence[float], now: Sequence[float], factors: tuple[
 
 
 def in_words(left_s: tuple[float, float] | None) -> str:
-    """The range as people say it; empty while nothing is known."""
+    """A range of time (s) as people say it; empty while nothing is known."""
     if left_s is None:
         return ""
     low, high = (_rounded(one) for one in left_s)
@@ -97,7 +98,7 @@ def in_words(left_s: tuple[float, float] | None) -> str:
 
 
 def _rounded(time_s: float) -> int:
-    """To the second up to 10 s, then to 5 s."""
+    """A time rounded to the second up to 10 s, beyond that to 5 s."""
     return round(time_s) if time_s < 10 else 5 * round(time_s / 5)
 
 
@@ -193,7 +194,7 @@ def _point(exact: ExactFront, fast: Front, buffer_percent: float) -> dict[str, f
 
 
 def _peak_memory_gb() -> float | None:
-    """Largest memory this process has had; None where the system does not say."""
+    """The most memory that this process has had (GB); None where the system does not say."""
     try:
         import resource
     except ImportError:

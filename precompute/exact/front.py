@@ -27,15 +27,14 @@ from das.domain.trajectory import Trajectory
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
 from precompute.exact import kernels
-from precompute.exact.bounds import Duals, Known, first_ladder, refined_ladder, undominated
 from precompute.exact.grid import Graph, Grid, Layer, fastest_run, totals, viable_layers
-from precompute.exact.passes import Pass, Progress, Search
+from precompute.exact.passes import Duals, Known, Pass, Progress, Search, first_ladder, refined_ladder, undominated
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STATES = "states"
-"""What is being done while the states of the grid and the bounds are looked for."""
+"""Name of the step in which the states of the grid and the bounds are found, for `Progress`."""
 
 NS_PER_MS = 1e6
 BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000, 0)
@@ -50,9 +49,9 @@ class ExactFront:
     `time_s` rises and `energy_j` (at the current collector) falls. `supported_j` is the supported front, the lower
     convex hull, at the same times. `swept_time_s` and `swept_energy_j` are the runs that the fast solver's method finds
     on this grid: one multiplier, or one up to a node and its neighbour from there. `labels` counts all partial runs
-    that were kept in the last pass. `bound_j` is the dual bound: no run on the grid
-    needs less in the same time. Where `bucket_ms` is not 0 the last pass kept one partial run per state and so much
-    time, and the runs are the best of those and of the swept ones.
+    that were kept in the last pass. `bound_j` is the dual bound: no run on the grid needs less in the same time. Where
+    `bucket_ms` is not 0, the last pass kept one partial run per state and bucket of time, and the runs are the best of
+    those and of the swept ones.
     """
 
     section: Section
@@ -84,7 +83,7 @@ class ExactFront:
         return (self.swept_energy_j - front_j) / np.maximum(np.abs(front_j), 1.0)
 
     def index_at(self, time_s: float) -> int:
-        """The least-energy run that takes at most this time; DasError where there is none."""
+        """Index of the least-energy run that takes at most this time; DasError where there is none."""
         index = int(np.searchsorted(self.time_s, time_s + 1e-9, side="right")) - 1
         if index < 0:
             raise DasError(f"time {time_s:.3f} s: expected at least {self.least_time_s:.3f} s on this grid")
@@ -98,10 +97,10 @@ class ExactFront:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """How much the search may keep.
+    """Limits on what the search keeps.
 
     `max_memory_bytes` is the memory of its labels (None: 80 % of the machine's, at most 20 GB). With a `bucket_ms` it
-    keeps one partial run per state and so much time: it finds runs near the front and a bound below it.
+    keeps one partial run per state and bucket of time: it finds runs near the front and a bound below it.
     """
 
     max_memory_bytes: float | None = None
@@ -124,24 +123,25 @@ def solve_exact(
     """
     graph = Graph.of(section, grid or Grid())
     limits = limits or Limits()
-    told = _States(progress, graph.intervals)
-    layers, latest_ns = viable_layers(graph, max_buffer_ratio, told)
-    duals, swept, swept_runs = _swept(graph, layers, latest_ns, threads, told)
+    layer_done = _States(progress, graph.intervals)
+    layers, latest_ns = viable_layers(graph, max_buffer_ratio, layer_done)
+    duals, swept, swept_runs = _swept(graph, layers, latest_ns, threads, layer_done)
     search = Search(
         graph=graph,
         layers=layers,
         to_end=duals,
-        from_start=Duals(graph, layers, duals.lambda_w, threads, told, onward=False),
+        from_start=Duals(graph, layers, duals.lambda_w, threads, layer_done, onward=False),
         latest_ns=latest_ns,
         threads=threads,
         max_memory_bytes=default_memory_bytes() if limits.max_memory_bytes is None else limits.max_memory_bytes,
     )
     last = _last_pass(search, swept, limits.bucket_ms, progress)
-    time_ns, energy_mj = (np.concatenate(both) for both in zip(last.found, swept.found, strict=True))
+    time_ns = np.concatenate((last.runs.time_ns, swept.time_ns))
+    energy_mj = np.concatenate((last.runs.energy_mj, swept.energy_mj))
     keep = undominated(time_ns, energy_mj)
     time_s, energy_j = time_ns[keep] / kernels.NS, energy_mj[keep] / kernels.MJ
     hull = kernels.lower_hull(time_s, energy_j)
-    count = len(last.found[0])
+    count = len(last.runs.time_ns)
     return ExactFront(
         section=section,
         grid=graph.grid,
@@ -162,30 +162,31 @@ def _last_pass(search: Search, known: Known, bucket_ms: float, progress: Progres
     """The last of the passes, after quicker ones whose runs make its bounds tight."""
     *buckets, last_bucket_ns = passes(bucket_ms)
     for bucket_ns in buckets:
-        known = known.with_runs(*Pass(search, known, bucket_ns, progress).found)
+        runs = Pass(search, known, bucket_ns, progress).runs
+        known = known.with_runs(runs.time_ns, runs.energy_mj)
     return Pass(search, known, last_bucket_ns, progress)
 
 
 def passes(bucket_ms: float) -> tuple[int, ...]:
-    """The buckets (ns) of the passes that end with this one; the exact front has 0."""
+    """The buckets (ns) of all passes; the last one has `bucket_ms`, which is 0 for the exact front."""
     last = round(bucket_ms * NS_PER_MS)
     return (*(bucket_ns for bucket_ns in BUCKETS_NS if bucket_ns > last), last)
 
 
 def _swept(
-    graph: Graph, layers: list[Layer], latest_ns: int, threads: int, told: Callable[[], None]
+    graph: Graph, layers: list[Layer], latest_ns: int, threads: int, layer_done: Callable[[], None]
 ) -> tuple[Duals, Known, Ints]:
     """Bounds for multipliers that spread over the times asked for, and the runs that a sweep for each of them finds.
 
     The runs come as times with energies, and as speeds at the nodes (runs, nodes).
     """
     fastest = fastest_run(graph, layers)[np.newaxis]
-    known = Known.none().with_runs(*totals(graph, fastest))
+    least_ns = int(totals(graph, fastest)[0][0])
     ladder = first_ladder(graph.section.train.traction_power_w)
-    first_runs = Duals(graph, layers, ladder, threads, told).runs()
+    first_runs = Duals(graph, layers, ladder, threads, layer_done).runs()
     time_ns, _ = totals(graph, first_runs)
-    ladder = refined_ladder(ladder, time_ns, int(known.time_ns[0]), latest_ns)
-    duals = Duals(graph, layers, ladder, threads, told)
+    ladder = refined_ladder(ladder, time_ns, least_ns, latest_ns)
+    duals = Duals(graph, layers, ladder, threads, layer_done)
     runs = np.concatenate((fastest, first_runs, duals.runs(), duals.switched_runs()))
     duals.forget_runs()
     time_ns, energy_mj = totals(graph, runs)

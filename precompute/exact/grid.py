@@ -105,7 +105,7 @@ class Graph:
         return result
 
     def spans(self, k: int, speed: Ints) -> tuple[Ints, Ints, Ints]:
-        """What states of node k can reach: first and last coarse speed (in coarse steps), coasting speed."""
+        """The speeds that states of node k can reach: first and last coarse one (in coarse steps), and by coasting."""
         first, last, coast = (np.empty(len(speed), np.int64) for _ in range(3))
         kernels.spans(
             speed, self.unit_mps, self.ratio, *self.interval(k), int(self.lowest[k + 1]), int(self.highest[k + 1]),
@@ -199,7 +199,7 @@ def viable_layers(
 def _reached(
     graph: Graph, layer_done: Callable[[], None]
 ) -> tuple[list[tuple[Ints, Ints]], list[tuple[Ints, Ints, Ints]]]:
-    """Per node the speeds that can be reached, with earliest arrival (ns), and what they can reach in turn."""
+    """Per node the speeds that can be reached, with the earliest arrival (ns), and their spans."""
     reached = [(np.array([graph.lowest[0]]), np.zeros(1, np.int64))]
     moves = []
     for k in range(graph.intervals):

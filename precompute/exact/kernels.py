@@ -122,7 +122,7 @@ def grown(array, size):
 
 @kernel
 def arcs(first, last, coast, ratio, lowest, row):
-    """What states lead to: other[start[i]] … other[start[i + 1] − 1] are rows of the next node's states.
+    """The arcs of states i: other[start[i]] … other[start[i + 1] − 1] are the rows that they lead to at the next node.
 
     `row[k]` is the row of the next node's state k (−1: none).
     """

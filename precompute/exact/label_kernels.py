@@ -14,9 +14,9 @@ from das.compiling import kernel
 from precompute.exact.kernels import MJ, NEVER, NS, grown, segment
 
 STRIDE = 16
-"""Labels that are looked at together when halves are joined."""
+"""Number of labels that are examined together when halves are joined."""
 ROOM = 1 << 18
-"""After half so many joined runs `join_labels` returns, so that its caller may drop the dominated ones."""
+"""After half as many joined runs `join_labels` returns, so that its caller may drop the dominated ones."""
 
 
 @kernel

@@ -32,16 +32,20 @@ class BuildStatus(StrEnum):
 
     BUILT = "built"
     KEPT = "kept"
-    """Finished before, and nothing it depends on has changed."""
+    """Built before, and nothing that it depends on has changed."""
     FAILED = "failed"
     POISON = "poison"
-    """It took its worker down every time."""
+    """Its worker process died in every attempt."""
     PENDING = "pending"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of a job: the reason where it failed, the seconds of the last attempt and how many there were."""
+    """What became of a job.
+
+    `reason`: why it failed, else empty. `seconds`: how long its last attempt took. `attempts`: how many it took.
+    `size_bytes`: the size of its table, None where it has none.
+    """
 
     name: str
     status: BuildStatus
@@ -52,7 +56,7 @@ class Outcome:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what killed writers left."""
+    """Remove the folders that killed writers left unfinished."""
     for path in folder.glob(f"{UNFINISHED}*"):
         shutil.rmtree(path, ignore_errors=True)
 
@@ -70,7 +74,7 @@ def finished(folder: Path, job: Job) -> int | None:
 
 
 def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:
-    """Remove the tables of former inputs of sections that are done with their present ones; returns their names."""
+    """Remove tables of former inputs where the table of the present inputs is done; returns the removed names."""
     wanted = {job.name for job in done}
     labels = {job.label for job in done}
     removed = []
@@ -83,7 +87,10 @@ def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:
 
 
 def table_folders(folder: Path) -> list[Path]:
-    """Folders of tables, by name; the folder itself where it is one. DasError where there is no such folder."""
+    """The folders of tables in a folder, sorted by name; the folder itself if it is a table.
+
+    Raises DasError where there is no such folder.
+    """
     if not folder.is_dir():
         raise DasError(f"{folder}: no such folder")
     if (folder / MANIFEST).is_file():
@@ -113,7 +120,7 @@ def _is_report(report: object) -> bool:
 
 
 def missing_tables(folder: Path) -> list[str]:
-    """Tables that the last build finished and that are not there any more."""
+    """Names of the tables that the last build finished and that are no longer there."""
     done = (BuildStatus.BUILT, BuildStatus.KEPT)
     names = [section["name"] for section in read_report(folder).get("sections", []) if section["status"] in done]
     return [name for name in names if not (folder / name).is_dir()]
@@ -133,13 +140,14 @@ def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outc
 
 
 REPORT_EVERY_S = 5.0
-"""While a build goes on, its report on disk is never older than this."""
+"""While a build runs, an outcome later than this after the last report writes the report again."""
 
 
 def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outcome], None]) -> dict[str, Any]:
-    """Build a plan into a folder; `watch` hears every outcome. Returns the report, which is written to build.json.
+    """Build a plan into a folder; returns the report, which is written to build.json.
 
-    Whatever ends the build, the report says how far it came. Raises DasError where another build has the folder.
+    `watch` is called with every outcome. Whatever ends the build, the report says how far it came. Raises DasError
+    where another build has the folder.
     """
     with folder_held(folder, "another build is writing to it"):
         remove_unfinished(folder)
@@ -172,7 +180,10 @@ def solve_jobs(jobs: Sequence[Job], folder: Path, workers: Workers) -> Generator
 
 
 def solved(job: Job, folder: Path | None) -> tuple[Outcome, dict[str, bytes]]:
-    """What becomes of a job, as a worker solves it: with a folder its table is put there, else its files come back."""
+    """Solve a job, as a worker does; returns its outcome, and the files of its table unless `folder` is given.
+
+    A worker with a `folder` puts the table there itself.
+    """
     began_s = time.perf_counter()
 
     def became(status: BuildStatus, reason: str = "", size_bytes: int | None = None) -> Outcome:
@@ -196,7 +207,7 @@ def solved(job: Job, folder: Path | None) -> tuple[Outcome, dict[str, bytes]]:
 
 
 def _outcome(made: Made[Job, tuple[Outcome, dict[str, bytes]]], folder: Path) -> Outcome:
-    """What became of a job, its table written where its worker did not."""
+    """The outcome of a job; writes its table if its worker did not."""
     error = made.error
     if made.result is not None:
         outcome, files = made.result
@@ -233,7 +244,7 @@ class _State:
             self.report()
 
     def look_again(self) -> None:
-        """Find the tables that were put into place while the build was being stopped, before anybody heard of them."""
+        """Count the tables that workers put into place while the build was stopping, before it heard of them."""
         for job in self.jobs_that_are(BuildStatus.PENDING):
             size = finished(self._folder, job)
             if size is not None:
@@ -252,7 +263,7 @@ class _State:
 
 
 def _standing(job: Job, folder: Path, before: Mapping[str, Any]) -> Outcome:
-    """A job as kept, with what the last report says of it, or pending."""
+    """The outcome of a job before the build: kept, with the figures of the last report, or pending."""
     size = finished(folder, job)
     if size is None:
         return Outcome(name=job.name, status=BuildStatus.PENDING)

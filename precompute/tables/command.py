@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table as PrintedTable
 from rich.text import Text
 
+from das.command_line.options import JsonOption
 from das.command_line.printing import busy, error_console, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
@@ -36,7 +37,6 @@ gap %: by how much at most the energy of a run can lie above the least possible,
 refined: by how much the refinement lowered the energy of the runs, in the mean
   in %. –: they were not refined."""
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
 
 
@@ -56,11 +56,11 @@ def build(
 
     A table that is already there is kept if it is whole and neither an input nor the solver has changed. A build that
     was stopped goes on where it was. A section that fails is reported and does not stop the rest; the exit code is
-    then 1. DIR/build.json says how each went.
+    then 1. DIR/build.json says what became of each section.
 
     By default the trajectories of a table are refined, which takes 2 to 3 s a section, where solving takes half a
-    second. The policies, which are all that a node uses, are not. SECONDS are those of a section; tables may then
-    differ from one build to the next.
+    second. The policies, which are all that a node uses, are not refined. SECONDS
+    limit the time of each section; tables may then differ from one build to the next.
     """
     hands = Workers.asked(workers, scheduler)
     with busy("reading the plan …"):
@@ -79,9 +79,9 @@ def build(
 
 
 def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
-    """Check every byte of tables, that this solver made them, and that all the last build finished are there.
+    """Check every byte of tables, that this solver made them, and that no table of the last build is missing.
 
-    The exit code is 1 where one is damaged, missing, or made by other solver code.
+    The exit code is 1 if a table is damaged, missing, or made by other solver code.
     """
     from precompute.tables.build import REPORT, missing_tables, table_folders
 
@@ -114,7 +114,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
     """Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.
 
-    Each table is checked first, as `verify` does; what is wrong with one is said below the list.
+    Each table is checked first, as by `verify`; problems are listed below the others.
     """
     from precompute.tables.build import table_folders
 
@@ -151,7 +151,7 @@ def _checked(path: Path) -> Table | str:
 
 @contextmanager
 def _bar(what: str, total: int) -> Iterator[Callable[[], None]]:
-    """A progress bar on a terminal; call what it yields for every step."""
+    """Show a progress bar on a terminal; yields the function to call after every step."""
     columns = (
         *(TextColumn(what), BarColumn(), MofNCompleteColumn()),
         *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
@@ -173,7 +173,7 @@ def _print_report(report: dict[str, Any], folder: Path) -> None:
 
 
 def _facts(table: Table) -> dict[str, Any]:
-    """A table as `show` prints it; energies at the collector (kWh)."""
+    """What `show` prints of a table; energies at the collector (kWh)."""
     runs = table.manifest["trajectories"]
     fastest, slowest = runs[0], runs[-1]
     table_gaps = [run["table_gap_ratio"] for run in runs if run["table_gap_ratio"] is not None]
@@ -213,7 +213,7 @@ def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
 
 
 def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
-    """The rows of `show` in at most 80 columns, but for long names; each has two or three lines."""
+    """What `show` prints, at most 80 columns wide unless names are long; a row has two or three lines."""
     printed = PrintedTable(box=box.SIMPLE_HEAD, pad_edge=False)
     printed.add_column("route, section\ntrain, level")
     for name in ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "refined\n%", "gap\n%", "\nMB"):

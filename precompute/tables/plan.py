@@ -21,7 +21,7 @@ from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 from das.table.hashes import Course
 from precompute.tables.synthetic import synthetic_routes
-from precompute.tables.writing import FEWEST_MULTIPLIERS, MULTIPLIERS, PROVEN, Job, TableSettings
+from precompute.tables.writing import FEWEST_MULTIPLIERS, Job, TableSettings
 
 SCHEMA_VERSION = 1
 MOST_SECTIONS = 100_000
@@ -61,7 +61,7 @@ class _Train:
 def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
     """Read a plan and all files it names; raises DasError or InputError (file, key, value, expectation).
 
-    The trajectories of its tables are refined for so many seconds a section (see `TableSettings`).
+    `refine_s` is the time (s) for which the trajectories of each section are refined (see `TableSettings`).
     """
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
@@ -88,7 +88,7 @@ def read_plan(path: Path, *, refine_s: float = math.inf) -> BuildPlan:
 
 
 def _braking(fields: Fields) -> SiteBraking | None:
-    """How the drivers brake that the tables are for; None: with the train's full brakes, as for a study."""
+    """How the drivers who use the tables brake; None: with the train's full brakes, as in a study."""
     if not fields.has("braking"):
         return USUAL
     table = fields.table("braking")
@@ -139,7 +139,7 @@ def _lines(fields: Fields) -> list[_Line]:
 
 
 def _stops(fields: Fields, route: Route) -> tuple[Stop, ...]:
-    """The stops a plan names, in the order of the route; all where it names none."""
+    """The stops that a plan names, in the order of the route; all stops if it names none."""
     names = _texts(fields, "stops")
     if not names:
         return route.stops
@@ -193,8 +193,8 @@ def _settings(fields: Fields) -> TableSettings:
     return TableSettings(
         buffers_percent=_buffers(fields) if fields.has("buffers_percent") else default.buffers_percent,
         with_max=fields.flag("max", default.with_max),
-        multipliers=fields.whole("multipliers", (FEWEST_MULTIPLIERS, MOST_MULTIPLIERS), MULTIPLIERS),
-        proven=fields.whole("proven", (0, MOST_BUFFERS), PROVEN),
+        multipliers=fields.whole("multipliers", (FEWEST_MULTIPLIERS, MOST_MULTIPLIERS), default.multipliers),
+        proven=fields.whole("proven", (0, MOST_BUFFERS), default.proven),
     )
 
 
@@ -231,7 +231,7 @@ def _texts(fields: Fields, key: str) -> list[str]:
 
 
 def _loaded(fields: Fields, key: str, kind: str, load: Callable[[str], _T]) -> _T:
-    """A bundled thing by name, or one from a file beside the plan."""
+    """Load a bundled route or vehicle by name, or one from a file beside the plan."""
     name = fields.text(key)
     return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else _beside(fields, text)))
 

@@ -15,12 +15,12 @@ Floats = NDArray[np.float64]
 
 SECTIONS_PER_LINE = 10
 SHORTEST_SECTION_M, LONGEST_SECTION_M = 1.0 * KM, 40.0 * KM
-"""Sections are drawn evenly in the logarithm of their length between these."""
+"""The logarithm of a section's length is drawn uniformly between those of these two."""
 ROUNDING_M = 10.0
 LIMITS_KMH = (80.0, 90.0, 100.0, 110.0, 120.0, 125.0, 140.0, 160.0)
 TOWN_LIMITS_KMH = (60.0, 70.0, 80.0, 90.0)
 TOWN_M = 800.0
-"""So near to a stop one of the town's limits holds."""
+"""Within this distance of a stop one of the town limits holds."""
 LIMIT_EVERY_M = 3.5 * KM
 """Mean length of the stretches between towns."""
 GRADIENT_EVERY_M = 1.2 * KM
@@ -32,7 +32,7 @@ CURVE_MPS2 = 0.9
 
 
 def synthetic_routes(sections: int, seed: int) -> list[Route]:
-    """Lines with so many sections in all, stops 1 to 40 km apart; the same seed gives the same lines."""
+    """Lines with `sections` sections in total and stops 1 to 40 km apart; the same seed gives the same lines."""
     rng = np.random.default_rng(seed)
     counts = [SECTIONS_PER_LINE] * (sections // SECTIONS_PER_LINE)
     rest = sections % SECTIONS_PER_LINE
@@ -62,7 +62,7 @@ def _line(rng: np.random.Generator, name: str, sections: int) -> Route:
 
 
 def _limits(rng: np.random.Generator, stops_m: Floats, length_m: float) -> Stretches:
-    """A town's limit around each stop, others between."""
+    """A town limit around each stop, other limits between."""
     starts, values = [0.0], [rng.choice(TOWN_LIMITS_KMH)]
     for here, there in pairwise(stops_m):
         half = min(TOWN_M, (there - here) / 3)
@@ -81,7 +81,7 @@ def _gradients(rng: np.random.Generator, length_m: float) -> Stretches:
 
 
 def _curves(rng: np.random.Generator, limits: Stretches, length_m: float) -> Stretches:
-    """Every other stretch is curved, at most as tight as its limit lets."""
+    """Curvature (1/m): every other stretch is curved, at most as tightly as its limit allows."""
     starts = np.concatenate(([0.0], _places(rng, length_m, CURVE_EVERY_M)))
     tightest = CURVE_MPS2 / limits.at(starts) ** 2
     curved = np.arange(len(starts)) % 2 == 1
@@ -89,12 +89,12 @@ def _curves(rng: np.random.Generator, limits: Stretches, length_m: float) -> Str
 
 
 def _places(rng: np.random.Generator, length_m: float, every_m: float) -> Floats:
-    """Random positions inside a length, on average so far apart."""
+    """Random positions within a length, on average `every_m` apart."""
     return _rounded(np.sort(rng.uniform(0.0, length_m, rng.poisson(length_m / every_m))), ROUNDING_M)
 
 
 def _stretches(starts: list[float] | Floats, values: Floats, length_m: float) -> Stretches:
-    """Stretches of these starts, each once (the first value of several counts) and inside the line."""
+    """Stretches inside the line; where several start at one place, the first value counts."""
     rounded = _rounded(np.asarray(starts, dtype=float), ROUNDING_M)
     rounded, first = np.unique(rounded, return_index=True)
     inside = rounded < length_m
@@ -106,16 +106,16 @@ def _rounded(values: Floats, step: float) -> Floats:
 
 
 BREAKPOINTS_PER_KM = 5
-"""Changes of limit or gradient; a real main line has three to six."""
+"""Changes of limit or gradient per km; a real main line has three to six."""
 LIMIT_SHARE = 0.3
-"""The share of them that are limits."""
+"""The share of the breakpoints that are changes of limit."""
 LONG_LINE_LIMITS_KMH = np.arange(80.0, 165.0, 10.0)
 STEEPEST_PERMILLE = 8.0
 CLEAR_OF_STOPS_M = 50.0
 
 
 def made_up_line(length_km: float, seed: int = 1) -> Route:
-    """A line between two stops with random limits and gradients; the same for the same seed."""
+    """A line between two stops with random limits and gradients; the same seed gives the same line."""
     draw = np.random.default_rng(seed)
     breakpoints = round(BREAKPOINTS_PER_KM * length_km)
     limits = max(round(LIMIT_SHARE * breakpoints), 1)

@@ -33,17 +33,17 @@ from das.table.hashes import REFINEMENT, Course, combined, hashes_of, refinement
 Floats = NDArray[np.float64]
 
 MULTIPLIERS = 28
-"""Multipliers of a table, of the 64 a front is solved with: fewer lose energy, more take room
+"""Number of multipliers that a table keeps, of the 64 that a front is solved with: fewer cost energy, more take space
 (docs/reference/tables.md)."""
 FEWEST_MULTIPLIERS = 8
 PROVEN = 5
-"""Trajectories of a table whose gap is proven: 0.05 s each, 0.5 s with a loss map."""
+"""Number of a table's trajectories whose gap is proven: each takes 0.05 s, or 0.5 s with a loss map."""
 LONGEST_BUFFER_RATIO = 1.0
 SHORTEST_BUFFER_RATIO = 0.0003
-"""Between the multipliers of these buffers those of a table run geometrically; a few more lie beyond."""
+"""A table's multipliers form a geometric series between those of these two buffers; a few more lie beyond."""
 NOT_PROVEN = "not proven when the table was built"
 UNBOUNDED_S = 1e9
-"""A trip time longer than any run needs: asked for it, the solver gives the run of least energy."""
+"""A trip time longer than any run needs, for which the solver gives the run of least energy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,9 +95,9 @@ def make_table(
 ) -> dict[str, bytes]:
     """Solve a section; the files of its table by name.
 
-    The trajectories come from the full front and are refined, the policies from a second sweep of the multipliers a
-    table keeps. The `stopwatch` (s) measures the time that the settings allow for the refinement. Raises
-    InfeasibleError where the section cannot be driven.
+    The trajectories come from the full front and are refined. The policies come from a second sweep, with the
+    multipliers that a table keeps. The `stopwatch` (s) measures the time that the settings allow for the
+    refinement. Raises InfeasibleError where the section cannot be driven.
     """
     settings = settings or TableSettings()
     front = solve_front(section, threads=threads)
@@ -130,7 +130,7 @@ def make_table(
 
 
 def table_ladder(front: Front, size: int) -> Floats:
-    """The multipliers a table keeps of a section (W).
+    """The multipliers (W) that a table keeps of a section.
 
     0 and the smallest of the front (very slow runs), its largest, and a geometric ladder between those whose buffers on
     the whole section are `LONGEST_BUFFER_RATIO` and `SHORTEST_BUFFER_RATIO`.
@@ -187,7 +187,7 @@ def _refined(given: list[Solution], settings: TableSettings, stopwatch: Callable
 
 
 def _to_be_proven(runs: list[Solution], count: int) -> set[int]:
-    """Which trajectories are proven: so many of those that are on time, evenly from the first to the last."""
+    """Indices of the trajectories to prove: up to `count`, spread evenly over those that are on time."""
     on_time = [i for i, run in enumerate(runs) if run.fit is Fit.ON_TIME and math.isfinite(run.lambda_w)]
     places = np.linspace(0, len(on_time) - 1, min(count, len(on_time)))
     return {on_time[round(place)] for place in places.tolist()}
@@ -201,7 +201,7 @@ def _gap_facts(run: Solution, is_proven: bool) -> dict[str, Any]:
 
 
 def _run_facts(run: Solution, before: Solution) -> dict[str, Any]:
-    """A trajectory in the manifest, with what it was before it was refined; λ is null for the fastest run."""
+    """A trajectory in the manifest; `before` is the same one unrefined. λ is null for the fastest run."""
     return {
         "time_s": run.time_s,
         "fit": str(run.fit),

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LOSSLESS
@@ -38,7 +37,7 @@ from docs.studies.cases import (
 )
 from docs.studies.drawing import new_figure
 from docs.studies.output import DOCS, Output
-from docs.studies.paper import ITEMS, chosen, make
+from docs.studies.paper import make
 from precompute.baselines import strategies as baselines
 from tests.support.making import in_a_process, run_here
 
@@ -276,14 +275,6 @@ def test_table2_csv_has_every_cell(cells: list[table2.Cell], tmp_path: Path) -> 
     assert written.count("\n| ") == len(names) + 1
     assert ours_in(written) == pytest.approx([cell.ours for cell in cells], abs=0.006)
     assert ours_in((TABLES / "table2.md").read_text(encoding="utf-8")) == pytest.approx(ours_in(written), rel=NEAR)
-
-
-def test_only_takes_known_items() -> None:
-    assert chosen(None) == list(ITEMS)
-    assert chosen("table2, fig4,fig4") == ["fig4", "table2"]
-    for wrong in ("fig3", "", "fig4,,fig5", "FIG4"):
-        with pytest.raises(DasError, match="expected some of fig4, fig5"):
-            chosen(wrong)
 
 
 @pytest.mark.more

@@ -122,6 +122,13 @@ def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]
     return run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
 
 
+def printed(folder: Path, *args: str) -> str:
+    """What das-precompute prints in a folder; it must succeed, with nothing on standard error."""
+    done = das_precompute(folder, *args)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run das-sim in a folder, within this process; a node, a recorder and workers are still processes of their own."""
     return run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)
@@ -136,11 +143,14 @@ def refusal(*args: str, cwd: Path) -> str:
     return line
 
 
-def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> None:
-    """Look every 50 ms whether something is done, and go on after a time in any case."""
+def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> bool:
+    """Look every 50 ms whether something is done, for some time at most; whether it was."""
     deadline = time.monotonic() + for_s
-    while time.monotonic() < deadline and not done():
+    while time.monotonic() < deadline:
+        if done():
+            return True
         time.sleep(0.05)
+    return False
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:

@@ -19,7 +19,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from precompute.baselines import Strategy
-from precompute.baselines.strategies import Baseline, baseline, fastest, four_modes, reduced_maximum_speed, warm_up
+from precompute.baselines.strategies import Baseline, baseline, fastest, four_modes, reduced_maximum_speed
 from precompute.cli.report import solution_json
 from tests.support.benchmark import track_path, train_path
 from tests.support.crossing import crossed
@@ -382,10 +382,6 @@ def test_a_train_that_stalls_is_named(hilly: Section) -> None:
     steep = replace(hilly, constant_n=hilly.constant_n + 5e5)
     with pytest.raises(InfeasibleError, match="stalls"):
         fastest(steep)
-
-
-def test_warm_up_runs_every_strategy() -> None:
-    warm_up()
 
 
 @pytest.mark.more

@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from das.domain.errors import DasError
 from das.domain.losses import EfficiencyLoss
 from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, trajectory_on
 from das.solver.solve import solve_front
-from precompute.bench.command import NAMES, chosen, figures_by_name, longest_section, measure
+from precompute.bench.command import NAMES, bench, figures_by_name, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
 from precompute.bench.measuring import Figure, Roofline, Subject, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep, plain_front
@@ -189,8 +188,6 @@ def test_the_command_prints_json(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    from precompute.bench.command import bench
-
     bench(only="re-solve", quick=True, threads=2)
     printed = capsys.readouterr().out
     assert "re-solve" in printed
@@ -204,11 +201,3 @@ def test_the_longest_section_is_taken() -> None:
     section = longest_section("zurich-luzern", "re460-ic")
     stops = [stop.position_m for stop in section.route.stops]
     assert section.end_m - section.start_m == max(b - a for a, b in itertools.pairwise(stops))
-
-
-def test_a_figure_there_is_not_is_refused() -> None:
-    assert chosen("sweep, front") == ["front", "sweep"]
-    with pytest.raises(
-        DasError, match=r"--only front,speed: no figure 'speed'; expected some of front, steps, transitions"
-    ):
-        chosen("front,speed")

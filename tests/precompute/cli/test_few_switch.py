@@ -9,13 +9,12 @@ from typing import Any
 import pytest
 
 from das.command_line.files import load_route, load_vehicle
-from das.solver.few_switch.few_switch import FewSwitchSettings, solve_few_switch
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from precompute.baselines.strategies import four_modes
-from precompute.cli.few_switch import FewSwitchRow, few_switch_rows
-from tests.support.making import das_precompute
+from precompute.cli.few_switch import FewSwitchRow, few_switch_fronts, few_switch_rows
+from tests.support.making import printed
 
 BUFFER_RATIO = 1.07
 PRICES_S = (0.0, 0.03, 1.0)
@@ -30,10 +29,7 @@ def front() -> Front:
 @pytest.fixture(scope="module")
 def rows(front: Front) -> dict[str, FewSwitchRow]:
     """The rows of the command for a buffer of 7 %, by their names."""
-    few_switch_fronts = [
-        (price, solve_few_switch(front.section, FewSwitchSettings(change_s=price))) for price in PRICES_S
-    ]
-    found = few_switch_rows(front, few_switch_fronts, BUFFER_RATIO * front.fastest().time_s)
+    found = few_switch_rows(front, few_switch_fronts(front.section, PRICES_S), BUFFER_RATIO * front.fastest().time_s)
     return {row.name: row for row in found}
 
 
@@ -63,11 +59,9 @@ def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str,
 
 
 def test_json_has_a_point_a_buffer_and_a_row_a_run(tmp_path: Path) -> None:
-    done = das_precompute(
-        tmp_path, "few-switch", "flat-6km", "re460-ic", "--buffers", "5,10", "--prices", "0.1", "--json"
+    found: dict[str, Any] = json.loads(
+        printed(tmp_path, "few-switch", "flat-6km", "re460-ic", "--buffers", "5,10", "--prices", "0.1", "--json")
     )
-    assert (done.returncode, done.stderr) == (0, "")
-    found: dict[str, Any] = json.loads(done.stdout)
     assert [point["buffer_percent"] for point in found["points"]] == [5.0, 10.0]
     for point in found["points"]:
         assert [run["run"] for run in point["runs"]] == ["optimum", "0.1", "four modes"]

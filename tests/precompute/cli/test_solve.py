@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from das.domain.files.load import locate_route, locate_vehicle
-from tests.support.making import das_precompute, in_a_process
+from tests.support.making import in_a_process, printed
 from tests.support.raw_data import Line, Train, read_loss_map, read_rows
 from tests.support.verifier import verify
 
@@ -75,10 +75,9 @@ def test_the_csv_and_what_is_printed_are_one_run_that_the_verifier_finds_nothing
     """Forces, motion, limits and every energy by a program of its own, which reads the files itself."""
     hilly = ("solve", "zurich-luzern", "re460-ic", "--from", "Zug", "--to", "Luzern", "--buffer", "7", "--json")
     for words in (("loss-map", "re460-ic", "--out", "map.csv"), (*hilly, "--out", "run.csv")):
-        done = das_precompute(tmp_path, *words)
-        assert (done.returncode, done.stderr) == (0, "")
+        out = printed(tmp_path, *words)
     train, loss = Train.read(locate_vehicle("re460-ic")), read_loss_map(tmp_path / "map.csv")
-    runs = (("flat-6km", (0.0, LENGTH_M), *solved), ("zurich-luzern", (29e3, 57e3), json.loads(done.stdout), tmp_path))
+    runs = (("flat-6km", (0.0, LENGTH_M), *solved), ("zurich-luzern", (29e3, 57e3), json.loads(out), tmp_path))
     for route, ends_m, claim, folder in runs:
         header = (folder / "run.csv").read_text().splitlines()[0]
         assert header == "s_m,t_s,v_mps,force_el_n,force_friction_n,grade_ratio,limit_mps"
@@ -90,23 +89,19 @@ def test_the_csv_and_what_is_printed_are_one_run_that_the_verifier_finds_nothing
 
 
 def test_solve_for_people_says_what_it_wrote_and_how_a_baseline_drives(tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, *SOLVE, "--time", "100", "--out", "run.csv")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "late" in done.stdout
-    assert "written: run.csv" in done.stdout
+    out = printed(tmp_path, *SOLVE, "--time", "100", "--out", "run.csv")
+    assert "late" in out
+    assert "written: run.csv" in out
     assert os.listdir(tmp_path) == ["run.csv"]
-    done = das_precompute(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "four-mode" in done.stdout
-    assert re.search(r"^holds 1[34]\d\.\d km/h$", done.stdout, re.MULTILINE)
-    assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", done.stdout, re.MULTILINE)
+    out = printed(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")
+    assert "four-mode" in out
+    assert re.search(r"^holds 1[34]\d\.\d km/h$", out, re.MULTILINE)
+    assert re.search(r"^coasts from km 1\.\d{3} to km 5\.\d{3}$", out, re.MULTILINE)
 
 
 def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
     words = ("front", *SOLVE[1:], "--buffers", "0,2,7,20", "--json")
-    done = das_precompute(tmp_path, *words)
-    assert (done.returncode, done.stderr) == (0, "")
-    result = json.loads(done.stdout)
+    result = json.loads(printed(tmp_path, *words))
     points = result["points"]
     assert [p["buffer_percent"] for p in points] == [0, 2, 7, 20]
     assert result["front_s"] > 0
@@ -117,17 +112,15 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
         assert point["time_s"] == pytest.approx(result["min_time_s"] * (1 + point["buffer_percent"] / 100), abs=0.05)
         assert set(point["ledger_kwh"]) == BALANCE
     assert points[2]["energy_input_kwh"] == pytest.approx(solved[0]["energy_input_kwh"], rel=1e-5)
-    done = das_precompute(tmp_path, *words[:3], "--buffers", "7", "--refine", "off", "--json")
-    assert json.loads(done.stdout)["points"][0]["energy_input_kwh"] > points[2]["energy_input_kwh"]
+    unrefined = json.loads(printed(tmp_path, *words[:3], "--buffers", "7", "--refine", "off", "--json"))
+    assert unrefined["points"][0]["energy_input_kwh"] > points[2]["energy_input_kwh"]
 
 
 def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: Solved) -> None:
     """Off and a budget of nothing give the run of the table; the refined one is not later and needs less."""
     found = []
     for refine in ("off", "0"):
-        done = das_precompute(tmp_path, *SOLVE, "--buffer", "7", "--json", "--refine", refine)
-        assert (done.returncode, done.stderr) == (0, "")
-        found.append(json.loads(done.stdout))
+        found.append(json.loads(printed(tmp_path, *SOLVE, "--buffer", "7", "--json", "--refine", refine)))
     assert found[0]["energy_input_kwh"] == found[1]["energy_input_kwh"] > solved[0]["energy_input_kwh"]
     assert found[0]["time_s"] >= solved[0]["time_s"]
 
@@ -138,9 +131,7 @@ def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
     for strategy in ("four-mode", "rms", "fastest"):
         time_given = () if strategy == "fastest" else ("--buffer", "7")
         files = ("--out", f"{strategy}.csv", "--plot", f"{strategy}.png")
-        done = das_precompute(tmp_path, *SOLVE, "--strategy", strategy, *time_given, "--json", *files)
-        assert (done.returncode, done.stderr) == (0, "")
-        result = json.loads(done.stdout)
+        result = json.loads(printed(tmp_path, *SOLVE, "--strategy", strategy, *time_given, "--json", *files))
         assert set(result) == set(solved[0])
         assert (result["strategy"], result["fit"], result["feasible"]) == (strategy, "on-time", True)
         assert result["min_time_s"] == pytest.approx(solved[0]["min_time_s"], abs=1e-6)
@@ -160,11 +151,8 @@ def test_baseline_strategies(tmp_path: Path, solved: Solved) -> None:
 
 @pytest.mark.slow
 def test_exact_front_beside_the_solver(tmp_path: Path) -> None:
-    done = das_precompute(
-        tmp_path, "front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--out", "front.csv", "--json"
-    )
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
+    words = ("front", "flat-6km", "re460-ic", "--exact", "--max-buffer", "2", "--out", "front.csv", "--json")
+    result = json.loads(printed(tmp_path, *words))
     assert [point["buffer_percent"] for point in result["points"]] == [0, 2]
     for point in result["points"]:
         assert point["time_s"] <= result["min_time_s"] * (1 + point["buffer_percent"] / 100) + 1e-6

@@ -10,9 +10,8 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -28,14 +27,14 @@ from das.domain.levels import Level
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute import pool, workers
-from precompute.tables.build import BuildStatus, solve_jobs, table_folders
+from precompute.tables.build import BuildStatus, build, solve_jobs, table_folders
 from precompute.tables.plan import read_plan
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings
 from precompute.workers import Workers, differences, environment
 from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
-from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process
+from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, printed, wait_until
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, multipliers=8, refine_s=0.0, proven=0)
 HEAD = "schema_version = 1\n"
@@ -233,16 +232,12 @@ def test_workers_that_cannot_start_are_an_error(tmp_path: Path, monkeypatch: pyt
         list(solve_jobs([job(1)], tmp_path, Workers(count=1)))
 
 
-def held(folder: Path) -> AbstractContextManager[None]:
-    return folder_held(folder, "another build is writing to it")
-
-
-def test_two_builds_in_one_folder_are_refused(tmp_path: Path) -> None:
+def test_a_second_build_in_one_folder_is_refused(tmp_path: Path) -> None:
+    plan, folder = read_plan(plan_file(tmp_path, BASE)), tmp_path / "tables"
     refused = pytest.raises(DasError, match=rf"another build is writing to it \(process {os.getpid()}\)")
-    with held(tmp_path / "tables"), refused, held(tmp_path / "tables"):
-        pass
-    with held(tmp_path / "tables"):
-        pass
+    with folder_held(folder, "busy"), refused:
+        build(plan, folder, Workers(count=1), print)
+    assert not table_folders(folder)
 
 
 @pytest.mark.processes
@@ -273,19 +268,19 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert again.returncode == 1
     assert "1 built, 1 kept, 1 failed" in again.stdout
     assert "removed 1 tables whose inputs have changed" in again.stdout
-    shown = json.loads(das_precompute(tmp_path, "show", "tables", "--json").stdout)["tables"]
+    shown = json.loads(printed(tmp_path, "show", "tables", "--json"))["tables"]
     assert [row["route"] for row in shown] == ["flat-6km", "slow"]
     assert all(row["refine"] == "on" and row["refinement_saved_ratio"] > 0 for row in shown)
     assert all(row["gaps_proven"] == 1 and 0 < row["largest_gap_ratio"] < 0.02 for row in shown)
     assert shown[1]["least_time_s"] > shown[0]["least_time_s"] + 10
-    printed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
-    assert printed.returncode == 0
-    assert re.search(r"slow +6\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", printed.stdout)
-    assert "gap %: by how much at most" in printed.stdout
-    assert max(map(len, printed.stdout.splitlines())) <= 80
+    listed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
+    assert listed.returncode == 0
+    assert re.search(r"slow +6\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", listed.stdout)
+    assert "gap %: by how much at most" in listed.stdout
+    assert max(map(len, listed.stdout.splitlines())) <= 80
     size_mb = sum(row["size_bytes"] for row in shown) / 1e6
     assert 2.0 < size_mb < 4.0
-    assert f"2 tables, {size_mb:.1f} MB" in printed.stdout
+    assert f"2 tables, {size_mb:.1f} MB" in listed.stdout
     damaged = tmp_path / "tables" / shown[0]["name"] / "value_j.npy"
     damaged.write_bytes(damaged.read_bytes()[:-1])
     checked = in_a_process("precompute.cli", "verify", "tables", cwd=tmp_path)
@@ -309,15 +304,8 @@ def started_build(folder: Path, tables: int) -> subprocess.Popen[str]:
         encoding="utf-8",
         start_new_session=True,
     )
-    wait_for(lambda: len(list((folder / "tables").glob("synthetic*"))) >= tables)
+    assert wait_until(lambda: len(list((folder / "tables").glob("synthetic*"))) >= tables)
     return process
-
-
-def wait_for(done: Callable[[], bool], within_s: float = 120.0) -> None:
-    end = time.monotonic() + within_s
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
 
 
 def group_is_gone(process: subprocess.Popen[str]) -> bool:
@@ -345,21 +333,19 @@ def test_a_stopped_and_a_killed_build_go_on_where_they_were(tmp_path: Path) -> N
     os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=30)[1]
     assert (process.returncode, "Traceback" in said) == (130, False), said
-    wait_for(lambda: group_is_gone(process), within_s=10)
+    assert wait_until(lambda: group_is_gone(process), for_s=10)
     stopped = tables_of(tables)
     assert json.loads((tables / "build.json").read_text())["counts"]["pending"] == 16 - len(stopped) > 0
 
     process = started_build(tmp_path, len(stopped) + 3)
     os.kill(process.pid, signal.SIGKILL)
     process.communicate(timeout=30)
-    wait_for(lambda: group_is_gone(process), within_s=10)
+    assert wait_until(lambda: group_is_gone(process), for_s=10)
     killed = tables_of(tables)
     assert len(killed) < 16
     assert {name: killed[name] for name in stopped} == stopped
 
-    resumed = das_precompute(tmp_path, "build", "plan.toml", "-o", "tables", "--refine", "off", "--json")
-    assert resumed.returncode == 0, resumed.stderr
-    report = json.loads(resumed.stdout)
+    report = json.loads(printed(tmp_path, "build", "plan.toml", "-o", "tables", "--refine", "off", "--json"))
     assert (report["counts"]["kept"], report["counts"]["built"]) == (len(killed), 16 - len(killed))
     after = tables_of(tables)
     assert {name: after[name] for name in killed} == killed
@@ -400,12 +386,12 @@ def test_a_cluster_solves_the_same_and_survives_its_workers(address: str, tmp_pa
         for outcome in solve_jobs(jobs, tmp_path / "far", Workers(count=1, scheduler=address)):
             outcomes[outcome.name.rpartition("_")[0]] = outcome
             if len(outcomes) == 3:
-                wait_for(lambda: killed_a_worker(client))
+                assert wait_until(lambda: killed_a_worker(client))
         assert {label for label, found in outcomes.items() if found.status is BuildStatus.BUILT} == {
             f"job-{i}" for i in range(8)
         }
         assert outcomes["job-20"].status is BuildStatus.POISON
-        wait_for(lambda: not any(client.who_has().values()))
+        assert wait_until(lambda: not any(client.who_has().values()))
     for outcome in solve_jobs([job(4)], tmp_path / "near", Workers(count=1)):
         near, far = tmp_path / "near" / outcome.name, tmp_path / "far" / outcome.name
         for path in near.iterdir():

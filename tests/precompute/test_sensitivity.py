@@ -21,7 +21,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from precompute.cli.sensitivity import DEFAULT
-from precompute.sensitivity.analysis import (
+from precompute.sensitivity import (
     RANGE_VALUES,
     Parameter,
     Variation,
@@ -32,7 +32,7 @@ from precompute.sensitivity.analysis import (
     follow,
     parse_variations,
 )
-from tests.support.making import das_precompute, flat, in_a_process, make_route, make_train
+from tests.support.making import flat, in_a_process, make_route, make_train, printed
 
 AS_PLANNED = Conditions()
 LENGTH_M = 8000.0
@@ -372,9 +372,8 @@ def test_the_command_writes_json_csv_and_a_picture(tmp_path: Path) -> None:
 
 
 def test_the_command_for_people(tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, *COMMAND, "--buffer", "7")
-    assert (done.returncode, done.stderr) == (0, "")
-    lines = done.stdout.splitlines()
+    out = printed(tmp_path, *COMMAND, "--buffer", "7")
+    lines = out.splitlines()
     assert max(map(len, lines)) <= 80
     assert sum(line.startswith((" mass ", " resistance", " head", " tail", " receptivity")) for line in lines) == 14
     assert "adhesion: left out, re460-ic has no data of it ([adhesion] in its file)" in lines

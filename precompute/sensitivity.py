@@ -42,7 +42,7 @@ class Parameter(StrEnum):
 
 
 RELATIVE = (Parameter.MASS, Parameter.RESISTANCE)
-"""Varied in % of the plan's value; the others are given as values in place of the plan's."""
+"""Parameters that are varied in % of the plan's value; the others are given as values that replace it."""
 RANGE_VALUES = 5
 """The number of values of a range a..b, evenly spaced from one end to the other."""
 _FIELDS = {
@@ -62,8 +62,8 @@ class Variation:
     """One parameter that differs from the plan.
 
     `value`: change in % of the plan's (mass, resistance), head wind in km/h, or ratio (receptivity, adhesion). `step`:
-    by how much that differs from the plan, in % (receptivity and adhesion: points of 1 %) or km/h. `conditions`: all
-    conditions of the changed world.
+    difference from the plan in % (receptivity and adhesion: percentage points) or km/h. `conditions`: all conditions
+    of the changed world.
     """
 
     parameter: Parameter
@@ -213,7 +213,10 @@ class VariationOutcome:
 
     @property
     def on_time_late_s(self) -> float | None:
-        """How much later than planned a new plan for the planned time arrives (s; early < 0: the least-energy run)."""
+        """How much later than planned a new plan for the planned time arrives (s).
+
+        It is early (< 0) only as the run of least energy.
+        """
         return self.on_time.time_s - self.plan.time_s if self.on_time else None
 
     @property

@@ -1,1 +1,0 @@
-"""How robust a plan is against a world that differs from it."""
