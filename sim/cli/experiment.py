@@ -47,7 +47,6 @@ def check(
         from sim.experiment.design import freeze, load_design
 
         asked = load_design(design)
-    _check_folder(out)
     with contextlib.nullcontext() if out is None else _made(out):
         found = check_design(asked)
         if out is not None and not found.refusals:
@@ -82,7 +81,6 @@ def run(
     """
     hands = Workers.asked(workers, scheduler)
     _check_options(scheduler, recordings=recordings, measures_only=measures_only)
-    _check_folder(out)
     with busy("reading the design …"):
         from sim.experiment.design import load_design
         from sim.experiment.running import Keep, jobs_of, run_study
@@ -104,12 +102,6 @@ def run(
     if found.failed:
         print(f"{len(found.failed)} of {found.trials} trials failed: see {out / 'failed.csv'}", file=sys.stderr)
         raise typer.Exit(1)
-
-
-def _check_folder(folder: Path | None) -> None:
-    """Refuse a folder that is a file."""
-    if folder is not None and folder.exists() and not folder.is_dir():
-        raise DasError(f"{folder}: is a file, expected a folder")
 
 
 def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:

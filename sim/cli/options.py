@@ -15,7 +15,7 @@ import typer
 from das.command_line.outputs import check_outputs
 from das.command_line.printing import busy, tell
 from das.domain.errors import DasError
-from das.domain.files.writing import new_file, write_whole
+from das.domain.files.writing import make_folder, new_file, write_whole
 from sim.drivers.kinds import FrictionPolicy, Presentation
 
 DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
@@ -133,9 +133,9 @@ def new_recording(kind: str) -> Path:
     """A new file in ./recordings, named by its kind and the time."""
     folder = Path("recordings")
     try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
+        make_folder(folder)
+    except DasError as error:
+        raise DasError(f"{error}; say where with --out") from error
     return new_file(folder / f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap")
 
 

@@ -53,6 +53,8 @@ def make_folder(folder: Path) -> None:
     """Make a folder and those above it, where they are not there; DasError where one cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise DasError(f"{folder}: is a file, expected a folder to write to") from None
     except OSError as error:
         raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
 
@@ -188,12 +190,7 @@ def folder_held(folder: Path, taken: str) -> Iterator[None]:
     where the folder cannot be written to. A `.lock` that is a link, a pipe or anybody's file is refused and left as it
     is.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise DasError(f"{folder}: is a file, expected a folder to write to") from None
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be written to ({error.strerror})") from error
+    make_folder(folder)
     handle = _opened(folder / LOCK)
     try:
         try:
