@@ -26,7 +26,7 @@ from sim.experiment.analysis.resampling import resampled, weights
 from sim.experiment.design import freeze, read_design
 from sim.experiment.factors import study_days
 from sim.experiment.plan import PlannedComparison
-from sim.experiment.running import Keep, jobs_of, run_study
+from sim.experiment.trials import Keep, jobs_of, run_study
 
 MEASURE: Final = "gap_to_optimum_ratio"
 DAY: Final = "zug-luzern"

@@ -24,7 +24,7 @@ from sim.experiment.plan import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer
     from sim.experiment.design import Design
-    from sim.experiment.running import Keep
+    from sim.experiment.trials import Keep
 
 DesignArgument = Annotated[
     str,
@@ -83,7 +83,7 @@ def run(
     _check_options(scheduler, recordings=recordings, measures_only=measures_only)
     with busy("reading the design …"):
         from sim.experiment.design import load_design
-        from sim.experiment.running import Keep, jobs_of, run_study
+        from sim.experiment.trials import Keep, jobs_of, run_study
         from sim.jobs.batch import require_pyarrow
 
         if not measures_only:

@@ -28,7 +28,7 @@ from sim.progress import progress_bar
 from sim.world.loop import AFTER_S, BEFORE_S
 
 if TYPE_CHECKING:
-    from sim.experiment.running import StudyRun
+    from sim.experiment.trials import StudyRun
 
 MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0

@@ -11,7 +11,7 @@ from das.domain.errors import DasError
 from das.domain.route import Floats, Route, Stop
 from das.domain.units import KMH, NS
 from sim.trips import cleaning
-from sim.trips.findings import CleaningReport, FindingKind, FindingLog
+from sim.trips.cleaning import CleaningReport, FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.points import Points, Stand, fitting_points, left_over, measured_mps, stands, visits
 from sim.trips.record import Bools, Ints, Record

@@ -12,7 +12,7 @@ from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import KMH
 from sim.trips import cleaning
-from sim.trips.findings import FindingKind, FindingLog
+from sim.trips.cleaning import FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import GAPS, PLACING, POSITIONS, SPEEDS, STANDS

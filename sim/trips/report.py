@@ -14,8 +14,8 @@ from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
 from das.solver.section import Section
+from sim.trips.cleaning import CleaningReport, FindingKind
 from sim.trips.estimate import DrivenEstimate, EnergyRange, energy_range, estimate_run, strongest_held_n
-from sim.trips.findings import CleaningReport, FindingKind
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 

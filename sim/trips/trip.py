@@ -19,14 +19,12 @@ from das.domain.units import KMH, NS
 from das.solver.section import Section, SectionOptions, build_section
 from sim.options import TripOptions
 from sim.recording.inputs import AttachedFiles
-from sim.trips.cleaning import find_gaps, in_order
-from sim.trips.findings import FindingKind, FindingLog
+from sim.trips.cleaning import FindingKind, FindingLog, find_gaps, in_order
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.points import runs_back, stands
 from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.reading import Reading, read_trip, reading_of
-from sim.trips.record import Record
+from sim.trips.record import Reading, Record, read_trip, reading_of
 from sim.trips.settings import PLACING, POSITIONS, STANDS
 
 

@@ -18,8 +18,8 @@ from das.bus.topics import POSITION
 from das.domain.errors import DasError
 from sim.options import TripOptions
 from sim.trips import cleaning
-from sim.trips.findings import FindingKind
-from sim.trips.reading import read_trip
+from sim.trips.cleaning import FindingKind
+from sim.trips.record import read_trip
 from sim.trips.settings import POSITIONS
 from sim.trips.trip import load_trip
 from tests.support.dirt import (

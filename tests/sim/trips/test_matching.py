@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.line import Line
 from sim.trips.matching import match_trip
 from sim.trips.profile import to_profile

@@ -13,9 +13,9 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.route import Floats, Stop
 from sim.options import TripOptions
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.points import slowed_to
-from sim.trips.reading import read_trip
+from sim.trips.record import read_trip
 from sim.trips.report import write_cleaned
 from sim.trips.trip import Trip, load_trip
 from tests.support.dirt import (

@@ -24,7 +24,7 @@ from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.experiment.design import Design, read_design
 from sim.experiment.factors import FACTORS
 from sim.experiment.plan import FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
-from sim.experiment.running import Keep, TrialJob, jobs_of, make_trial, run_study
+from sim.experiment.trials import Keep, TrialJob, jobs_of, make_trial, run_study
 from sim.jobs.runner import Journal, attempted
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim, wait_until

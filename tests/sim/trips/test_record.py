@@ -11,8 +11,7 @@ from das.bus import das_pb2
 from das.bus.recorder import RecordingFile
 from das.bus.topics import POSITION
 from das.domain.errors import DasError
-from sim.trips.reading import read_trip
-from sim.trips.record import Record
+from sim.trips.record import Record, read_trip
 
 START_NS = 1_469_780_350_227_000_000
 PLAIN = "59.5,16.2,0,1469780350227\n59.5001,16.2001,10,1469780351227\n59.5002,16.2002,20.5,1469780352227\n"
