@@ -31,7 +31,7 @@ from sim.experiment.design import Chances, ConditionOrder, Days, Design, resolve
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
 from sim.experiment.factors import Setting, setting_files
 from sim.experiment.measures import measured
-from sim.experiment.plan import CHECKSUMS, FAILED_TABLE, PROVENANCE, TRIALS_TABLE
+from sim.experiment.plan import CHECKSUMS, FAILED_TABLE, PROVENANCE, TRIALS_TABLE, as_json
 from sim.experiment.study_files import (
     EVENTS,
     RECORDING,
@@ -56,7 +56,7 @@ ORDER_STREAM: Final = 1
 DAY_STREAM: Final = 2
 """Number of the stream of a design's seed from which the seeds of days are drawn."""
 EVERYBODY: Final = 2**32 - 1
-"""Stands for the participant where all participants meet the same days."""
+"""Takes the place of the participant's number where all participants drive the same days."""
 
 
 def trials_of(design: Design) -> list[StudyTrial]:
@@ -96,7 +96,7 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTria
 
 
 def _day_seed(design: Design, who: int, turn: int, place: int) -> int:
-    """The seed of a trial's day, below 2**31; a practice turn is below 0."""
+    """The seed of a trial's day, below 2**31; `turn` is the repetition, negative for practice."""
     days = design.procedure.days
     key = (
         EVERYBODY if days is Days.COMMON else who,
@@ -108,7 +108,7 @@ def _day_seed(design: Design, who: int, turn: int, place: int) -> int:
 
 
 def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
-    """Sentences about what is not balanced: groups of unequal size, orders that are not used equally often."""
+    """A sentence for each imbalance: groups of unequal size, orders or conditions that are not used equally often."""
     found = []
     groups = len(design.conditions(within=False))
     if design.people.count % groups:
@@ -125,7 +125,7 @@ def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
 
 
 def order_count(order: ConditionOrder, conditions: int) -> int | None:
-    """After how many participants the orders begin again; None where every participant's is drawn.
+    """After how many participants the orders begin again; None where each participant's order is drawn.
 
     Raises DasError where all permutations would be too many.
     """
@@ -143,8 +143,8 @@ def order_count(order: ConditionOrder, conditions: int) -> int | None:
 def order_of(order: ConditionOrder, conditions: int, row: int, seed: Sequence[int]) -> list[int]:
     """The order of a participant: the numbers of the conditions, from 0.
 
-    `row` counts participants, and repetitions of each; `seed` decides an order that is drawn. Raises DasError as
-    `order_count` does.
+    `row` counts all orders before it: those of other participants and of earlier repetitions. `seed` decides an order
+    that is drawn. Raises DasError as `order_count` does.
     """
     if order is ConditionOrder.RANDOM:
         return [int(one) for one in np.random.default_rng([*seed, ORDER_STREAM]).permutation(conditions)]
@@ -171,9 +171,9 @@ def williams(count: int) -> list[list[int]]:
 
 
 FAILED: Final = ("trial", "participant", "condition", "error")
-"""What the list of failed trials says of each."""
+"""Columns of the list of failed trials."""
 ONE_AT_A_TIME: Final = Lock()
-"""A worker of a cluster with several threads drives one trial at a time, because its solved lines are shared."""
+"""Held while a trial is driven: the threads of a cluster's worker share their solved lines."""
 
 
 class Keep(StrEnum):
@@ -186,9 +186,10 @@ class Keep(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialJob:
-    """A trial to be driven: `files` are the hashes of its input files, `measures` what is to be found of it.
+    """A trial to drive, and what to compute and keep of it.
 
-    `folder` is the study's.
+    `files` has the name and hash of each input file, `measures` the names of the wanted measures; `folder` is the
+    study's.
     """
 
     trial: StudyTrial
@@ -217,7 +218,7 @@ class TrialJob:
 
     @property
     def kept_files(self) -> tuple[str, ...]:
-        """The files that are to be there when the trial is finished, without its recording."""
+        """The files that a finished trial has besides its recording, as paths within the study's folder."""
         wanted = () if self.keep is Keep.MEASURES else (EVENTS, SETTING, SERIES)
         return tuple(trial_file(self.trial, what) for what in wanted)
 
@@ -256,11 +257,11 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
 def make_trial(job: TrialJob) -> JobResult:
     """Drive a trial, find its measures and make its files; raises DasError where it cannot be driven.
 
-    It is also raised if a file of the trial is not the one with which the jobs were made: it was changed since, or this
-    is another machine, with another file at the same path.
+    DasError is also raised if a file of the trial is not the one with which the jobs were made: it was changed
+    afterwards, or this is another machine with another file at the same path.
     """
     here = _files_here(job.trial.setting)
-    # Version, source and population are no files of a setting.
+    # The hashes of version, code and population are not compared: these are no files of a setting.
     others = [name for name, digest in job.files if here.get(name, digest) != digest]
     if others:
         raise DasError(f"a worker has another file: {', '.join(others)}; expected the same file at the same path")
@@ -276,10 +277,10 @@ def _files_here(setting: Setting) -> dict[str, str]:
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
-    """The jobs in the order of the trials, but with those of one solved line after each other.
+    """The jobs in the order of the trials, but all jobs of one solved line together.
 
-    A worker keeps the lines of a few loss levels. Trials of up to that many levels are driven in turn, so that a study
-    that is stopped has a balanced set of finished trials.
+    A worker keeps the solved lines of `LINES_KEPT` loss levels. Jobs that need fewer stay in the order of the trials,
+    so that a study that is stopped has a balanced set of finished trials.
     """
     settings = {job.trial.setting for job in jobs}
     many_levels = len({setting.loss_level for setting in settings}) >= LINES_KEPT
@@ -288,7 +289,7 @@ def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
 
 
 def _line_of(setting: Setting, *, by_level: bool) -> str:
-    """What the solved lines of a setting depend on: line, train and timetable, and the advice's losses."""
+    """What the solved lines of a setting depend on: line, train, timetable and, by level, the advice's losses."""
     scenario = setting.read_scenario()
     return repr([*(getattr(scenario, name) for name in PLANNED), setting.loss_level if by_level else None])
 
@@ -360,4 +361,4 @@ def _write_provenance(design: Design, folder: Path, workers: Workers, began: dat
         "began_utc": began.isoformat(timespec="seconds"),
         "ended_utc": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    write_whole(folder / PROVENANCE, json.dumps(content, indent=2).encode() + b"\n")
+    write_whole(folder / PROVENANCE, as_json(content))
