@@ -1,10 +1,10 @@
 """Drawing the participants of a study again, with replacement: means and standard deviations without a bell curve.
 
 The method is the studentized bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5).
-Each resample gives the distance of its mean from that of the study in standard errors of its own, and the quantiles
+Each resample gives the distance of its mean from that of the study, in standard errors of the resample. The quantiles
 of that distance take the place of those of Student's t. Participants are drawn, not trials, because trials of one
-person are no independent witnesses. The functions for means work on many studies at once: one row for each study, one
-column for each participant.
+person are not independent. The functions for means work on many studies at once: one row for each study, one column
+for each participant.
 
 How far drivers differ from each other, apart from how far one driver differs from day to day, is estimated by moments
 (analysis of variance): Searle, Casella and McCulloch, Variance Components, 1992, chapters 3 and 4.
@@ -25,10 +25,11 @@ from sim.experiment.plan import LEAST_PARTICIPANTS
 RESAMPLES: Final = 19_999
 """Resamples of an analysis: a probability of 0.05 is known to 0.003, and the smallest is 0.0001."""
 LEAST_RESAMPLES: Final = 999
+"""Fewest resamples, however many participants there are."""
 SD_RESAMPLES: Final = 1999
 """Resamples for the interval of a standard deviation."""
 MOST_CELLS: Final = 20_000_000
-"""Most numbers of a table of resamples by participants (160 MB); with very many participants fewer resamples do."""
+"""Most cells of a table of resamples by participants (160 MB); very many participants get fewer resamples."""
 NO_RANGE: Final = (math.nan, math.nan)
 
 
@@ -131,7 +132,7 @@ def spread_of(values: Floats, driver: Texts, cell: Texts, rng: np.random.Generat
 
 
 def _less(sd: float, variance: float) -> float:
-    """A standard deviation from which a variance is taken."""
+    """A standard deviation, less a variance that is part of its square."""
     return math.sqrt(max(sd**2 - variance, 0.0))
 
 
@@ -161,8 +162,8 @@ def _log_variance(values: Floats) -> tuple[Floats, Floats]:
 def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
     """Values by driver and cell, (drivers, cells), NaN where there are none; and whether drivers share cells.
 
-    Where they do, what they have in common in a cell (a hard day) is taken out. Where each driver has days of his own,
-    the columns are just his first, second, … value.
+    Where they share cells, what all drivers have in common in a cell (a hard day) is subtracted. Where each driver has
+    days of his own, the columns are his first, second, … value.
     """
     _, row = np.unique(driver, return_inverse=True)
     names, column = np.unique(cell, return_inverse=True)
