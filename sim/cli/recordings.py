@@ -34,7 +34,18 @@ if TYPE_CHECKING:
     from sim.runs.what_if.origin import Origin
 
 
-EXIT_FINDINGS = 1
+MOST_FIELDS = 12
+"""At most this many fields of the first message that differs are shown."""
+WAYS = {
+    WhatIfKind.OPEN_LOOP: "the recorded drive, and the advice that it would have had",
+    WhatIfKind.DRIVEN_ANEW: "the recorded day, driven by a simulated driver",
+}
+"""What each kind of what-if keeps and what it makes anew."""
+FROM_A_DRIVE = (
+    "the day was made from what was heard: timetable, late departures, restrictions; what held the train up between "
+    "stops, wind and rail are not in it"
+)
+"""What a day that is driven anew from a real drive lacks."""
 
 
 def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: JsonOption = False) -> None:
@@ -51,7 +62,7 @@ def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: Json
     else:
         _print_check(found)
     if found.findings:
-        raise typer.Exit(EXIT_FINDINGS)
+        raise typer.Exit(1)
 
 
 def _print_check(found: Checked) -> None:
@@ -104,11 +115,6 @@ def recover(
     tell(f"written: {out}")
 
 
-EXIT_DIFFERENT = 1
-MOST_FIELDS = 12
-"""At most this many fields of the first message that differs are shown."""
-
-
 def reproduce(
     file: RecordingArgument,
     said: NodeSaid,
@@ -132,7 +138,7 @@ def reproduce(
     else:
         _print_reproduction(found)
     if not found.same:
-        raise typer.Exit(EXIT_DIFFERENT)
+        raise typer.Exit(1)
 
 
 def _print_reproduction(found: Reproduction) -> None:
@@ -213,15 +219,9 @@ def export(
     tell(f"written: {found.files} files in {found.folder}; columns.csv says what each column is")
 
 
-WAYS = {
-    WhatIfKind.OPEN_LOOP: "the recorded drive, and the advice that it would have had",
-    WhatIfKind.DRIVEN_ANEW: "the recorded day, driven by a simulated driver",
-}
-
-
 @dataclass(frozen=True, kw_only=True)
 class WhatIfAsked:
-    """What is to be otherwise, as options; `anew` is None where the kind follows from them."""
+    """The changes of a what-if to the recorded day, as options; with `anew` None, the others decide the kind."""
 
     cab: CabOtherwise
     driven: DrivenOtherwise
@@ -247,7 +247,7 @@ class WhatIfAsked:
     ] = None
 
     def otherwise(self, departure_ns: int = 0) -> Otherwise:
-        """The same checked, on the day of a departure (ns since 1970); DasError for a restriction that nobody means."""
+        """The changes, checked, on the day of a departure (ns since 1970); DasError for an impossible restriction."""
         return Otherwise(
             cab=self.cab,
             driven=self.driven,
@@ -273,7 +273,7 @@ def what_if(
     What is not said stays as it was. With nothing otherwise, the new recording holds the same messages.
     """
     check_outputs(out, inputs=(file,), overwrite=overwrite)
-    asked.otherwise()  # Before anything is read or solved.
+    asked.otherwise()  # Refuses impossible changes before anything is read or solved.
     interrupt_on_termination()
     with loading_solver():
         from sim.runs.what_if.difference import changed
@@ -284,19 +284,19 @@ def what_if(
             origin = Origin.read(file, of_train, Path(folder))
         new = asked.otherwise(origin.journey.stops[0].departure_ns)
         origin.check_on_the_way(new)
-        kind = _kind(origin, new, asked.anew)
-        with _place(file, out) as written:
-            notes = _make(origin, new, kind, said, written)
+        kind = _kind_of(origin, new, asked.anew)
+        with _new_recording(file, out) as written:
+            notes = _write_what_if(origin, new, kind, said, written)
         with busy("comparing …"):
             found = changed(kind, file, written, origin.train)
     if as_json:
-        print(json.dumps(_as_dict(found, new, file, written, notes)))
+        print(json.dumps(_what_if_dict(found, new, file, written, notes)))
     else:
-        _print(found, new, (file, written), notes)
+        _print_what_if(found, new, (file, written), notes)
 
 
-def _kind(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
-    """The kind that is asked for; DasError for options of the other one."""
+def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
+    """The kind of what-if that the options ask for; DasError for options of the other kind."""
     if anew is None:
         anew = new.driven.asks_for_a_driver or not origin.has_advice
     if anew:
@@ -309,15 +309,15 @@ def _kind(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
 
 
 @contextmanager
-def _place(file: Path, out: Path | None) -> Iterator[Path]:
-    """Where to write; a file made for it is taken away again where nothing was recorded."""
+def _new_recording(file: Path, out: Path | None) -> Iterator[Path]:
+    """The file to write: `out`, or a new one beside `file`, which is removed again if nothing was recorded."""
     reserved = new_file(file.with_name(f"{file.stem}-what-if.mcap")) if out is None else None
     with removed_if_unused(reserved):
         yield out or reserved or file
 
 
-def _make(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out: Path) -> list[str]:
-    """Write the what-if; returns what should be known about it."""
+def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out: Path) -> list[str]:
+    """Write the what-if's recording, and return notes for the user."""
     if kind is WhatIfKind.OPEN_LOOP:
         from sim.runs.what_if.open_loop import advise_otherwise
 
@@ -338,13 +338,7 @@ def _make(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out:
     return [] if origin.is_simulated else [FROM_A_DRIVE]
 
 
-FROM_A_DRIVE = (
-    "the day was made from what was heard: timetable, late departures, restrictions; what held the train up between "
-    "stops, wind and rail are not in it"
-)
-
-
-def _as_dict(found: Changed, new: Otherwise, file: Path, written: Path, notes: list[str]) -> dict[str, object]:
+def _what_if_dict(found: Changed, new: Otherwise, file: Path, written: Path, notes: list[str]) -> dict[str, object]:
     return {
         "kind": str(found.kind),
         "recording": str(file),
@@ -355,7 +349,7 @@ def _as_dict(found: Changed, new: Otherwise, file: Path, written: Path, notes: l
     }
 
 
-def _print(found: Changed, new: Otherwise, files: tuple[Path, Path], notes: list[str]) -> None:
+def _print_what_if(found: Changed, new: Otherwise, files: tuple[Path, Path], notes: list[str]) -> None:
     from rich.table import Table
 
     from sim.runs.what_if.difference import NAMES

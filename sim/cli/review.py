@@ -34,6 +34,28 @@ if TYPE_CHECKING:
     from sim.drive.drive import Drive
 
 
+SaveOption = Annotated[
+    Path | None,
+    typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
+]
+PictureOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot",
+        "--png",
+        metavar="FILE",
+        help="Picture to write instead (.png, .pdf or .svg): over distance, over time, and what happened.",
+    ),
+]
+ThemeOption = Annotated[str, typer.Option("--theme", metavar="NAME", help="Picture: light (for paper) or dark.")]
+MapOption = Annotated[
+    bool,
+    typer.Option("--map", help="Viewer: a map as well; it loads its tiles from OpenStreetMap over the network."),
+]
+SHOWN = 8
+"""Stretches that the table of a comparison shows: those on which the drives differ most."""
+
+
 def events(
     file: RecordingArgument,
     kind: Annotated[
@@ -128,7 +150,7 @@ def note(
 
 
 def _times(drive: Drive, at: str, until: str | None) -> tuple[int, int]:
-    """The first and last moment (ns) of a note; DasError where they are not of the drive."""
+    """The first and last moment (ns) of a note; DasError where they are outside the drive."""
     clock, trip = drive.clock, drive.course
     start_ns = clock.moment_ns(at)
     end_ns = start_ns if until is None else clock.moment_ns(until)
@@ -162,10 +184,6 @@ def _list_notes(file: Path, drive: Drive, as_json: bool) -> None:
     for number, one in enumerate(kept, start=1):
         tags = f" [{', '.join(one.tags)}]" if one.tags else ""
         tell(f"{number}. {clock.shown(one.time_ns)} {one.text}{tags}")
-
-
-TOLD_KWH = 0.5
-"""What the times of a leg cost is told from this on (kWh)."""
 
 
 def energy(
@@ -235,10 +253,6 @@ def _print_places(attribution: Attribution) -> None:
         tell(f"most lost above the optimum: {told}")
 
 
-SHOWN = 8
-"""Stretches that the table shows: those where the drives part most."""
-
-
 def compare(
     files: Annotated[
         list[Path], typer.Argument(metavar="RECORDING…", help="Two or more recordings (.mcap) of drives on one line.")
@@ -287,7 +301,7 @@ def _print_comparison(aligned: AlignedDrives) -> None:
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
-    """The stretches on which a drive parts most from the first; nothing where it does not."""
+    """Print the stretches on which a drive differs most from the first; nothing where it does not differ."""
     from rich.table import Table
 
     from das.domain.units import kwh
@@ -335,26 +349,6 @@ def report(
     for subject in subjects:
         paragraph(f"{subject.drive.name}: {in_words(subject.drive)}")
     tell_written(out, pdf)
-
-
-SaveOption = Annotated[
-    Path | None,
-    typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
-]
-PictureOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--plot",
-        "--png",
-        metavar="FILE",
-        help="Picture to write instead (.png, .pdf or .svg): over distance, over time, and what happened.",
-    ),
-]
-ThemeOption = Annotated[str, typer.Option("--theme", metavar="NAME", help="Picture: light (for paper) or dark.")]
-MapOption = Annotated[
-    bool,
-    typer.Option("--map", help="Viewer: a map as well; it loads its tiles from OpenStreetMap over the network."),
-]
 
 
 def view(

@@ -8,7 +8,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
@@ -17,17 +16,18 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import NS
+from sim.recording.check import utc
 from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import GAPS, POSITIONS, SPEEDS
 
 _Strays = Callable[[Ints, Any], Floats]
-"""How badly later points j (one, or one for each i) fit earlier points i: they fit up to a value of 1."""
+"""How badly later points j (one, or one for each i) fit earlier points i; two points fit if the value is at most 1."""
 _REMOVING = ("dropped", "cut")
 """What is done about findings whose points are taken out of the record."""
 
 
 class FindingKind(StrEnum):
-    """All that cleaning looks for: a name, words, what is done about it, and whether `--strict` refuses it."""
+    """All that cleaning looks for: a name, words, what is done about it, and whether `--strict` refuses the record."""
 
     words: str
     done: str
@@ -65,7 +65,7 @@ class FindingKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class TripFinding:
-    """One kind of finding: at how many points (or gaps) it was, where first, and what was seen."""
+    """What was found of one kind: at how many points (or gaps), the first place and time, and details in words."""
 
     kind: FindingKind
     count: int
@@ -76,12 +76,12 @@ class TripFinding:
     @property
     def first_time(self) -> str:
         """Time of the first occurrence, UTC."""
-        return f"{datetime.fromtimestamp(self.first_time_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"
+        return utc(self.first_time_ns)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CleaningReport:
-    """What was found in a record of `read` points, of which `kept` are left."""
+    """What was found in a record of `read` points, of which `kept` are left; `unread` are unused columns."""
 
     read: int
     kept: int
@@ -117,16 +117,19 @@ class CleaningReport:
 
 @dataclass
 class FindingLog:
-    """Collects findings while a record is cleaned; `strict` refuses what would drop points or turn the trip round."""
+    """Collects findings while a record of `read` points is cleaned.
+
+    `strict` refuses a record of which points would be dropped, or whose trip would be turned round.
+    """
 
     strict: bool = False
     read: int = 0
     found: list[TripFinding] = field(default_factory=list)
 
     def add(self, kind: FindingKind, record: Record, which: Any, detail: str = "") -> None:
-        """Count the points `which` (mask or indices) of a record; nothing where there are none.
+        """Add a finding at the points `which` (mask or indices) of a record; no points, no finding.
 
-        Raises DasError where the log is strict about this kind.
+        Raises DasError where the log is strict and refuses this kind.
         """
         which = np.asarray(which)
         points = np.flatnonzero(which) if which.dtype == bool else which
@@ -139,15 +142,15 @@ class FindingLog:
         self.found.append(TripFinding(kind=kind, count=len(points), first=first, first_time_ns=time_ns, detail=detail))
 
     def report(self, kept: int, unread: tuple[str, ...]) -> CleaningReport:
-        """All findings, those that removed points first."""
+        """The report on all findings, those that removed points first."""
         ordered = sorted(self.found, key=lambda f: (f.kind.done not in _REMOVING, list(FindingKind).index(f.kind)))
         return CleaningReport(read=self.read, kept=kept, findings=tuple(ordered), unread=unread)
 
 
 def in_order(record: Record, log: FindingLog) -> Record:
-    """The record with times that increase: each time once (its first point), and as few points dropped as possible.
+    """The record with increasing times: of equal times the first point is kept, and as few others as possible dropped.
 
-    A file that mostly runs backwards is turned round first. Raises DasError if no two times increase.
+    A file that mostly runs backwards is turned round first. Raises DasError for times in disorder, or all equal.
     """
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):
@@ -173,10 +176,10 @@ def in_order(record: Record, log: FindingLog) -> Record:
 
 
 def longest_rise(values: Ints) -> list[int]:
-    """Indices of a longest strictly increasing subsequence; of two neighbours in the wrong order it holds the first.
+    """Indices of a longest strictly increasing subsequence; of two neighbours in the wrong order it keeps the first.
 
-    Patience sorting, from the end: `ends[k]` is the index of the greatest value (`least` holds it negated) from which a
-    rise of k + 1 goes on.
+    Patience sorting, from the end: `ends[k]` is the index of the greatest value (negated in `least`) that begins an
+    increasing subsequence of length k + 1.
     """
     ends: list[int] = []
     least: list[int] = []
@@ -197,12 +200,12 @@ def longest_rise(values: Ints) -> list[int]:
 
 
 def find_jumps(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
-    """Points that do not belong to the longest run of positions that one train can have had.
+    """Points that do not belong to the longest chain of positions that one train can have had.
 
-    Two points fit if their distance is the way that the reported speeds between them tell, within 50 m, the way of 5 s
-    of their change, and 2 %. Where speeds are not reported, or differ from those of the positions around, the speeds of
-    the positions count, within what a change by 1 m/s² makes of the way. The distance must also be no more than the
-    train's top speed allows, and not lead back. The search is repeated until there is nothing left to drop.
+    Two points fit if their distance is the integral of the reported speeds between them, give or take 50 m, 5 s times
+    the change of speed, and 2 %. Where speeds are not reported, or contradict the positions around, the speeds of the
+    positions count instead, give or take the distance that a change of speed by 1 m/s² makes. The distance must also be
+    within the train's top speed, and not lead back. The search is repeated until it drops nothing.
     """
     kept = np.arange(len(time_s))
     while len(kept) > 1:
@@ -218,9 +221,9 @@ def find_jumps(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     """Points that repeat a position to the digit while the train moves: the receiver held its last position.
 
-    The reported speeds (NaN: none) are believed if the next position is over 50 m away and they explain at least half
-    of that. If no other position follows, they are believed if the positions before led there as fast, because no train
-    stops within one step.
+    The train moved if the next position is at least 50 m away, and at least half as far as the reported speeds (NaN:
+    none) say. If no other position follows, it moved if the positions before were as fast, because no train stops
+    within one step.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > SPEEDS.wrong_speed_mps
@@ -238,7 +241,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
 
 def _led_on(time_s: Floats, along_m: Floats, speed_mps: Floats, last_good: int) -> bool:
-    """Whether speeds lead over 50 m beyond a last position, and positions led there at half that speed or more."""
+    """Whether reported speeds lead 50 m beyond the last position, and positions led there at half the speed or more."""
     before = max(last_good - POSITIONS.steps_around, 0)
     if before == last_good:
         return False
@@ -270,9 +273,9 @@ def _strays_of_positions(time_s: Floats, along_m: Floats, reported_mps: Floats) 
 
 
 def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) -> tuple[Floats, Floats]:
-    """Way (m) that trusted speeds tell, and time (s) without them, from the first point to each point.
+    """Integral of trusted speeds (m), and time without them (s), from the first point to each point.
 
-    A step is trusted if the reported speeds at both ends are those of the positions around; gaps are not.
+    The speeds of a step are trusted if those at both ends agree with the positions around; those in gaps are not.
     """
     off = np.abs(reported_mps - around_mps)  # NaN is not below anything
     told = off < np.maximum(SPEEDS.wrong_speed_mps, SPEEDS.wrong_speed_ratio * around_mps)
@@ -285,8 +288,8 @@ def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) ->
 def longest_chain(strays: _Strays, time_s: Floats) -> list[int]:
     """Indices of the longest chain in which each point fits the one before, by dynamic programming over the last point.
 
-    A point may follow one that is at most 120 points and 120 s back; points left out between cost more the further the
-    step over them strays.
+    A point may follow one that is at most 120 points and 120 s earlier. Points left out between two points of the chain
+    cost more the worse these two fit.
     """
     count = len(time_s)
     if np.all(strays(np.arange(count - 1), np.arange(1, count)) <= 1.0):
@@ -354,9 +357,9 @@ def speeds_unusable(time_s: Floats, position_m: Floats, speed_mps: Floats) -> bo
 
 
 def find_halts(time_s: Floats, position_m: Floats, speed_mps: Floats) -> Bools:
-    """Points with a reported speed of 0, which is 0 in any unit, at which positions are slow as well.
+    """Points with a reported speed of 0, which is 0 in any unit, at which the positions are slow as well.
 
-    There are none if the reported speed is 0 at most of the points that move.
+    No point counts if the reported speed is 0 at most of the points at which the positions move.
     """
     derived = derived_speed_mps(time_s, position_m)
     moving, zero = derived > SPEEDS.wrong_speed_mps, speed_mps == 0
@@ -378,9 +381,9 @@ def _with_edges(off_mps: Floats, derived_mps: Floats, jump: Bools, unsure_mps: F
 
 
 def _unsure_mps(time_s: Floats) -> Floats:
-    """How far (m/s) the mean slope may be wrong beside a gap.
+    """How far off (m/s) the mean slope of positions may be beside a gap.
 
-    A gap of G lets the speed change by a·(G − 5 s)/2, and half of that is in the window.
+    In a gap of G seconds the speed may change by a·(G − 5 s)/2, half of which is in the window of the slope.
     """
     steps = np.diff(time_s)
     longest = np.maximum(np.append(0.0, steps), np.append(steps, 0.0))

@@ -19,6 +19,8 @@ from das.domain.units import KM, KMH, NS
 from das.estimate.fix import Quality
 from sim.recording.opening import open_recording
 from sim.trips.cells import (
+    LATITUDE_NAMES,
+    LONGITUDE_NAMES,
     CellTable,
     check_column,
     check_location,
@@ -33,17 +35,17 @@ Ints = NDArray[np.int64]
 
 _BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n"
 BACKWARD_NOISE_MPS = 0.3
-"""A recorded speed that is below 0 by less than this (m/s) is a sensor's noise at a standstill."""
+"""A recorded speed below 0 by less than this (m/s) is taken for noise of the sensor at a standstill."""
 WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
 COLUMNS = {
-    "latitude": {"latitude_deg": 1.0, "latitude": 1.0, "lat": 1.0},
-    "longitude": {"longitude_deg": 1.0, "longitude": 1.0, "lon": 1.0, "lng": 1.0},
+    "latitude": dict.fromkeys(LATITUDE_NAMES, 1.0),
+    "longitude": dict.fromkeys(LONGITUDE_NAMES, 1.0),
     "position": {"position_m": 1.0, "position_km": KM},
     "speed": {"speed_kmh": KMH, "speed_mps": 1.0},
     "speed_from_positions": {"speed_from_positions": 1.0},
     "time": {"time_ms": 0.0, "time_s": 0.0, "time": 0.0, "timestamp": 0.0},
 }
-"""Quantities, the names their columns may have, and factors to SI (times are read digit by digit instead)."""
+"""Quantities, the names that their columns may have, and factors to SI (times are read digit by digit instead)."""
 ISO_TIMES = ("time", "timestamp")
 """Columns of times in ISO 8601; the others are numbers."""
 _SHOWN_NAMES = 6
@@ -51,12 +53,12 @@ _SHOWN_NAMES = 6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """Points of a record; arrays of shape (points,), NaN where the file does not tell a value.
+    """The points of a trip as its file gives them, in the order of the file; arrays of shape (points,), NaN if unknown.
 
-    `number` is the place of a point in its file, counted in `place`s (lines, positions). Positions are either on the
-    map or on the route; on the route, `position_m` counts as in the route's file, or in the direction driven if
-    `as_driven`. In a recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing
-    was). `unread` are the names of columns that were not used.
+    `number` is the number of a point's `place` (line, position) in its file. Positions are either on the map or on the
+    route; on the route, `position_m` counts as in the route's file, or in the direction driven if `as_driven`. In a
+    recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing was measured).
+    `unread` are the names of columns that were not used.
     """
 
     source: str
@@ -79,7 +81,7 @@ class Record:
 
     @classmethod
     def of(cls, source: str, number: Ints, time_ns: Ints, **known: Any) -> Self:
-        """Make a record of which only some columns are known."""
+        """Make a record from the columns that are known; values of the others are NaN or False."""
         count = len(time_ns)
         for name in ("latitude_deg", "longitude_deg", "position_m", "speed_mps", "uncertainty_m"):
             known.setdefault(name, np.full(count, np.nan))
@@ -89,7 +91,7 @@ class Record:
 
     @property
     def on_route(self) -> bool:
-        """Whether its positions are on the route already."""
+        """Whether its positions are on the route, so that no line is needed."""
         return bool(np.isfinite(self.position_m).any())
 
     def __len__(self) -> int:
@@ -222,7 +224,7 @@ class _Column:
 
 
 def read_csv(path: Path) -> Record:
-    """Read a record; an empty cell is a value that is not known.
+    """Read a record from a CSV file; an empty cell is an unknown value.
 
     Raises DasError or InputError (file, line, value, expectation).
     """
@@ -296,10 +298,10 @@ def _times(path: Path, column: _Column, rows: list[list[str]], first: int) -> In
 
 
 def read_gpx(path: Path) -> Record:
-    """Read the track points of all segments in the order of the file; `number` is the line each begins at.
+    """Read the track points of all segments of a GPX file in their order; `number` is the line at which each begins.
 
-    A speed is the element of that name in a point or its extensions. Raises DasError or InputError (file, line, value);
-    a file that declares entities is refused: they can grow without bound and reach other files.
+    A speed is the element of that name in a point or its extensions. Raises DasError or InputError (file, line, value).
+    A file that declares entities is refused: they can grow without bound and reach other files.
     """
     try:
         content = path.read_bytes()
@@ -325,7 +327,7 @@ def read_gpx(path: Path) -> Record:
 
 @dataclass
 class _TrackPoints:
-    """Takes track points from the parser's events: (line, time_ns, latitude, longitude, speed)."""
+    """Collects track points from the events of the XML parser: (line, time_ns, latitude, longitude, speed)."""
 
     path: Path
     found: list[tuple[int, int, float, float, float]] = field(default_factory=list)
