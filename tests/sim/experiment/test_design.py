@@ -29,7 +29,7 @@ from sim.experiment.design import (
 )
 from sim.experiment.plan import DESIGN_JSON
 
-DESIGN = """
+FACTORS = """
 schema_version = 1
 [experiment]
 name = "try"
@@ -44,13 +44,15 @@ levels = ["none", "vector"]
 [[factors]]
 name = "hold_s"
 levels = [0, 5.5]
-[[comparisons]]
+"""
+COMPARISON = """[[comparisons]]
 measure = "energy_kwh"
 factor = "presentation"
 a = "none"
 b = "vector"
 where = { hold_s = 5.5 }
 """
+DESIGN = FACTORS + COMPARISON
 
 
 @pytest.fixture
@@ -97,6 +99,9 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ('measure = "energy_kwh"', 'measure = "joy"', "comparisons[0].measure = 'joy': expected one of the measures"),
         ('b = "vector"', 'b = "coach"', "comparisons[0].b = 'coach': expected one of the levels none, vector"),
         ('b = "vector"', 'b = "none"', "comparisons[0].b = 'none': expected another level than a"),
+        ('factor = "presentation"', 'factor = "colour"', "factor = 'colour': expected one of the factors presentation"),
+        ("{ hold_s = 5.5 }", "{ colour = 1 }", "comparisons[0].where.colour = 1: expected one of the keys hold_s"),
+        ("[[comparisons]]", f"{COMPARISON}\n[[comparisons]]", "expected a name of its own for each comparison"),
         ("hold_s = 5.5 }", "hold_s = 7 }", "hold_s = 7: expected one of the levels 0, 5.5"),
         ("[fixed]", "[procedure]\norder = 'best'\n[fixed]", "procedure.order = 'best': expected one of williams"),
         ("[fixed]", "[procedure]\nbreak_min = -1\n[fixed]", "procedure.break_min = -1: expected a number from 0 to"),

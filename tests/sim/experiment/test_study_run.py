@@ -122,15 +122,6 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: P
 
 
 @pytest.mark.more
-def test_another_design_is_refused_in_the_folder(place: Path, study: Path) -> None:
-    (place / "other.toml").write_text(DESIGN.replace("count = 2", "count = 3"))
-    done = das_sim("experiment", "run", "other.toml", "-o", "whole", cwd=place)
-    assert done.returncode == 2
-    assert "holds the frozen design" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
-@pytest.mark.more
 def test_a_factor_that_is_not_sensed_is_refused_before_anything_is_driven(place: Path) -> None:
     (place / "idle.toml").write_text(
         DESIGN.replace('"presentation"', '"reason"').replace('["none", "vector"]', "[true, false]")

@@ -53,6 +53,7 @@ def test_a_planted_defect_is_found_and_mended(
     assert trip.whole
     assert trip.matched.report.anchor == "start and end"
     check_truth(trip, clean(), speed_mps=0.9)
+    assert np.abs(trip.run.acceleration_mps2).max() < 0.6
 
 
 def test_all_defects_together_are_counted_apart(tmp_path: Path) -> None:
@@ -106,7 +107,8 @@ def test_a_record_that_ends_moving_is_left_open(tmp_path: Path) -> None:
     (finding,) = trip.matched.report.cleaning.findings
     assert finding.detail == f"at {cut[-1].v * 3.6:.0f} km/h, {LENGTH_M - cut[-1].s_m:.0f} m before B"  # type: ignore[operator]
     assert not trip.whole
-    assert trip.run.s_m[-1] == pytest.approx(cut[-1].s_m, abs=2)
+    assert (trip.run.time_s[-1], trip.run.s_m[-1]) == pytest.approx((280, cut[-1].s_m), abs=1.5)
+    assert trip.run.speed_mps[-1] == pytest.approx(cut[-1].v, abs=0.3)
 
 
 def test_a_record_without_speeds_is_led_by_its_positions(tmp_path: Path) -> None:

@@ -78,6 +78,7 @@ def test_with_geometry_points_beyond_the_line_are_cut(tmp_path: Path) -> None:
     assert counts(trip)[FindingKind.OFF_LINE] == 30
     assert counts(trip)[FindingKind.BEFORE_SECTION] == one - 1 - 30
     assert trip.matched.report.anchor == "route"
+    assert trip.direction_known
     check_truth(trip, points)
 
 
@@ -203,13 +204,6 @@ def test_how_far_the_stand_is_beyond_is_told(tmp_path: Path, cut: int) -> None:
     assert told.detail.startswith(f"the stand is up to {said_m:.1f} m and ")
 
 
-def test_a_record_between_stops_is_refused_with_what_would_do(tmp_path: Path) -> None:
-    with pytest.raises(
-        DasError, match="expected a record from its stand at A or to that at B, or a route with geometry"
-    ):
-        load(tmp_path, clean(stood_s=0)[20:-20], speeds=False)
-
-
 def test_only_who_slows_down_is_led_to_a_stand() -> None:
     """Parabolas, whose speed at the end is known; slow but even, fast, few points, and a measured speed are none."""
     t = np.arange(0.0, 31.0)
@@ -241,11 +235,6 @@ def test_only_who_slows_down_is_led_to_a_stand() -> None:
 def test_posts_do_not_tell_the_direction(tmp_path: Path, said: dict[str, Any], back: bool, known: bool) -> None:
     points = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()] if back else clean()
     assert load(tmp_path, points, **said).direction_known == known
-
-
-def test_geometry_and_positions_tell_the_direction(tmp_path: Path) -> None:
-    for positions in (True, False):
-        assert on_route(tmp_path, clean(), positions=positions).direction_known
 
 
 def reread(folder: Path, trip: Trip, name: str) -> tuple[bytes, Trip]:
@@ -362,6 +351,10 @@ REFUSED = {
     "elsewhere": (
         lambda p: [replace(q, east_m=3000.0) for q in p],
         r"trip not on the line .*: line 2 is (29|30)\d\d m away",
+    ),
+    "turning back": (
+        lambda p: [replace(q, s_m=min(q.s_m, 12000 - q.s_m)) for q in p],
+        r"position decreases by \d\d m at line \d+ \(wrong direction\? see --reverse\)",
     ),
     "a few metres": (lambda p: [q for q in p if q.s_m < 20], "does not run from A towards B: it covers 1. m"),
 }
