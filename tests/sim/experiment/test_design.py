@@ -150,13 +150,6 @@ def test_any_value_in_any_place_is_read_or_refused(write: Path, monkeypatch: pyt
     assert len(said) > 0.8 * most
 
 
-def test_a_design_that_is_not_there_is_refused() -> None:
-    with pytest.raises(DasError, match="not a bundled study"):
-        load_design("nonsense")
-    with pytest.raises(DasError, match="no such file"):
-        load_design("nonsense.toml")
-
-
 def test_the_hash_is_of_what_the_design_means(write: Path, tmp_path: Path) -> None:
     digest = resolved(read_design(write))["hash"]
     write.write_text("# A remark\n" + DESIGN.replace("levels = [0, 5.5]", "levels = [ 0.0, 5.5 ]  # another"))

@@ -111,6 +111,9 @@ def test_decisions_against_the_file_of_events(vector: Driven) -> None:
 
 
 def test_clocks_agree(vector: Driven, series: dict[str, list[float]]) -> None:
+    onsets = [float(row["onset"]) for row in events(vector)]
+    assert onsets == sorted(onsets)
+    assert onsets[0] >= 0
     for row in events(vector):
         assert float(row["onset"]) == pytest.approx(int(row["monotonic_ns"]) * 1e-9, abs=1e-6)
         since_s = float(row["time_s"]) - float(series["time_s"][0])
