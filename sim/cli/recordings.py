@@ -1,4 +1,4 @@
-"""The commands that make something of a recording: check, recover, reproduce, export, what-if."""
+"""The commands on a recording: check, recover, reproduce, export, what-if."""
 
 from __future__ import annotations
 

@@ -130,8 +130,8 @@ class AnalysisPlan:
 class Design:
     """An experiment: its factors, what is the same for all trials, its participants, their procedure, and its analysis.
 
-    `fixed` has the level of each factor that does not vary, by name; a train or loss level that is in neither is the
-    scenario's. `seed` decides everything that is drawn; `source` is the design's file.
+    `fixed` has the level of each factor that does not vary, by name; a train or loss level that is neither
+    fixed nor a factor is the scenario's. `seed` decides everything that is drawn; `source` is the design's file.
     """
 
     name: str

@@ -108,7 +108,7 @@ class WatchedDriver:
 
     @property
     def events(self) -> Sequence[DriverEvent]:
-        """What the driver did and felt so far."""
+        """The diary of the watched driver so far."""
         return kept_by(self._driver)
 
     def command(self, cab: CabView) -> Command:
@@ -160,7 +160,7 @@ class Driven:
 def drive(trial: StudyTrial, population: str, record: JobRecording | None = None) -> Driven:
     """Drive a trial with a participant of a population, and record it where `record` says.
 
-    Raises DasError for files that cannot be used, and where the train does not get there.
+    Raises DasError for files that cannot be used, and where the train does not arrive.
     """
     day = _day(trial, Participant(population=_population(population), number=trial.person))
     setting = trial.setting

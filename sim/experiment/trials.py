@@ -279,8 +279,8 @@ def _files_here(setting: Setting) -> dict[str, str]:
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
     """The jobs in the order of the trials, but all jobs of one solved line together.
 
-    A worker keeps the solved lines of `LINES_KEPT` loss levels. Jobs that need fewer stay in the order of the trials,
-    so that a study that is stopped has a balanced set of finished trials.
+    A worker keeps `LINES_KEPT` solved lines. With fewer loss levels, all jobs of a line are in the order of the trials,
+    whatever their level, so that a study that is stopped has a balanced set of finished trials.
     """
     settings = {job.trial.setting for job in jobs}
     many_levels = len({setting.loss_level for setting in settings}) >= LINES_KEPT

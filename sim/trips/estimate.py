@@ -72,9 +72,9 @@ class DrivenEstimate:
 def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Floats) -> DrivenEstimate:
     """Inverse dynamics over a run; arrays of one length, times and positions do not decrease.
 
-    The force comes from the change of v² over the way, and the resistance, gradient and curves of each interval. The
-    motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone where the section
-    brakes so).
+    The force comes from the change of v² over the distance, and the resistance, gradient and curves of each interval.
+    The motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone where the
+    section brakes so).
     """
     vehicle = section.vehicle
     index = _moving_points(s_m)

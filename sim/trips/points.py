@@ -170,7 +170,7 @@ def _enough(kept: Points, count: int, section_m: float) -> bool:
 
 
 def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
-    """The largest part of the record that no long gap interrupts in which the train moved unseen."""
+    """The largest part of the record without a long gap in which, or beside which, the train moved."""
     steps_s, steps_m = np.diff(points.time_s), np.abs(np.diff(points.along_m))
     moving = steps_m > SPEEDS.wrong_speed_mps * steps_s
     beside = np.append(False, moving[:-1]) | np.append(moving[1:], False)

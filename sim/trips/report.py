@@ -321,7 +321,7 @@ def _distances(axis: Any, trip: Trip) -> None:
 
 
 def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
-    """Draw the wheel forces of motors and friction brake; a title says which peaks are cut, shorter than held ones."""
+    """Draw the wheel forces of motors and friction brake; peaks that are not held are cut, and the title names them."""
     at_km = driven.trajectory.s_m / KM
     axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
     if driven.trajectory.force_friction_n.any():

@@ -289,7 +289,7 @@ def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> Assu
 
 
 def _people(study: RunStudy, groups: TwoGroups) -> Iterator[AssumptionCheck]:
-    """Whether the drivers of the groups differ by more than chance (Welch, Bonferroni); no check without data."""
+    """Whether the drivers of the groups differ by more than chance (Welch, Bonferroni); no check without their data."""
     from scipy import stats
 
     if not study.people or min(len(groups.a), len(groups.b)) < ENOUGH:

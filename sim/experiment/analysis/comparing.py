@@ -41,8 +41,8 @@ class NeededParticipants:
     """How many participants find a difference of `effect` in 80 % of studies.
 
     `interval` is the range of that number, because the spread of participants is not known exactly. In a comparison of
-    two groups, the numbers are those of each group. None stands for more than a million. `given` is True where the
-    difference was asked for, and False where it came out of the study. `reason` says in words why it is listed.
+    two groups, the numbers are those of each group. None stands for more than a million. `given` is False where the
+    difference came out of the study. `reason` says in words why it is listed.
     """
 
     effect: float
@@ -210,9 +210,10 @@ def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> It
 def _needed(
     found: FoundDifference, asked: tuple[float, ...], alpha: float, spread: tuple[float, float]
 ) -> Iterator[NeededParticipants]:
-    """How many participants find the difference that was found here, half of it, and those `asked` for.
+    """How many participants find the difference that was found here, half of it, and others.
 
-    `asked` is in the unit of the report. `spread` is the interval of the standard deviation between participants.
+    The others are those `asked` for, in the unit of the report, and `ASKED_POINTS`. `spread` is the interval of the
+    standard deviation between participants.
     """
     estimate, shown = found.estimate, found.shown
     if not estimate.resampled:

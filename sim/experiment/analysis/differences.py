@@ -135,7 +135,7 @@ def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -
 
 
 def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
-    """The participants of each of two groups, by the mean of their trials; DasError where a group is empty."""
+    """The mean of each participant's trials, in two groups; DasError where a group is empty."""
     trials, kept = study.trials, study.chosen(comparison)
     found = {}
     for level in (comparison.a, comparison.b):

@@ -63,7 +63,7 @@ class _Data:
 
 
 def fit_mixed_model(study: RunStudy, comparison: PlannedComparison) -> MixedFit:
-    """Fit the mixed model of a comparison; DasError where it cannot be."""
+    """Fit the mixed model of a comparison; DasError where it cannot be fitted."""
     data = _data(study, comparison)
     slopes = data.within and _told_apart(data)
     noisier = _noisier(data)

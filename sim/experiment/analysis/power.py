@@ -330,7 +330,7 @@ def _check(asked: Asked) -> None:
 
 
 def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
-    """The plan and, where the source is the folder of a study, the study; nothing for no source."""
+    """The plan of a design or of a study's folder, and the study of a folder; None for each that there is not."""
     if path is None:
         return None, None
     if path.is_dir():

@@ -189,7 +189,7 @@ class RunStudy:
 def read_study(folder: Path) -> RunStudy:
     """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json` and `failed.csv`.
 
-    DasError where one of them cannot be used, or where a table is not the one that `checksums.json` has the hash of.
+    DasError where one of them cannot be used, or where a table does not have its hash in `checksums.json`.
     """
     if not folder.is_dir():
         raise DasError(f"{folder}: expected the folder of a study that was run")

@@ -41,7 +41,7 @@ def weights(participants: int, resamples: int, rng: np.random.Generator) -> Floa
 
 
 class ResampledStudies(NamedTuple):
-    """Means (studies,) and their standard errors, and distances of resamples in errors of their own, (studies, n)."""
+    """Mean and standard error of each study, (studies,), and distances of its resamples in errors of their own."""
 
     means: Floats
     errors: Floats
@@ -95,7 +95,7 @@ def _moments(values: Floats, drawn: Floats) -> tuple[Floats, Floats]:
 
 
 def _studentized(means: Floats, errors: Floats) -> Floats:
-    """Distances in own standard errors; a resample without spread is infinitely far off, or 0 at the very mean."""
+    """Distances of resamples in their own standard errors; without spread infinite, or 0 at the mean of the study."""
     tiny = 1e-12 * np.maximum(np.abs(means).max(axis=-1, keepdims=True), 1e-300)
     without_spread = np.where(np.abs(means) > tiny, np.copysign(np.inf, means), 0.0)
     return np.where(errors > tiny, means / np.maximum(errors, tiny), without_spread)
@@ -185,7 +185,7 @@ def components(tables: Floats, removed: int = 0) -> tuple[Floats, Floats]:
     """Standard deviations between the rows and within them, of tables (studies, drivers, cells), NaN where missing.
 
     `removed` is how many differences between cells were taken out of the table. A negative variance between drivers is
-    0. Where no driver has two values, what is between holds all, and what is within is NaN.
+    0. Where no driver has two values, the first holds the spread of both kinds, and the second is NaN.
     """
     there = np.isfinite(tables)
     counts = there.sum(axis=2)
