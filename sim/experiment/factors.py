@@ -239,9 +239,3 @@ DEFAULTS: Final[dict[str, Any]] = {
     "reason": True,
 }
 """The levels of factors that a design does not mention; train and loss level are then the scenario's."""
-
-
-def factor_markdown() -> str:
-    """The table of factors as docs/reference/experiments.md shows it."""
-    rows = [f"| `{one.name}` | {one.meaning} | {one.expected} |" for one in FACTORS.values()]
-    return "\n".join(["| factor | what it varies | levels |", "|---|---|---|", *rows])

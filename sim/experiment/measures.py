@@ -348,14 +348,3 @@ MEASURES: Final = {one.name: one for one in _LISTED}
 def measured(driven: Driven, names: list[str]) -> dict[str, Any]:
     """The values of some measures of a trial, by name."""
     return {name: MEASURES[name].of(driven) for name in names}
-
-
-def measure_markdown() -> str:
-    """The table of measures as docs/reference/measures.md shows it."""
-    rows = [f"| `{one.name}` | {one.unit} | {_cell(one.formula)} | {_cell(one.source)} |" for one in MEASURES.values()]
-    return "\n".join(["| measure | unit | formula | source |", "|---|---|---|---|", *rows])
-
-
-def _cell(text: str) -> str:
-    """Text for a cell of a table: a bar would end the cell."""
-    return text.replace("|", "\\|")
