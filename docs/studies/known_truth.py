@@ -20,13 +20,20 @@ import numpy as np
 from docs.studies.output import DOCS, write_table
 from precompute.workers import Workers
 from sim.experiment.analysis.differences import PairedTrials, paired_trials
-from sim.experiment.analysis.power import AT_ONCE, RESAMPLES, PilotDifferences, PowerQuestion, power_of, share_interval
+from sim.experiment.analysis.power import (
+    AT_ONCE,
+    RESAMPLES_EACH,
+    PilotDifferences,
+    PowerQuestion,
+    power_of,
+    share_interval,
+)
 from sim.experiment.analysis.reading import Floats, RunStudy, read_study
 from sim.experiment.analysis.resampling import resampled, weights
 from sim.experiment.design import freeze, read_design
 from sim.experiment.factors import study_days
 from sim.experiment.plan import PlannedComparison
-from sim.experiment.running import Keep, jobs_of, run_study
+from sim.experiment.trials import Keep, jobs_of, run_study
 
 MEASURE: Final = "gap_to_optimum_ratio"
 DAY: Final = "zug-luzern"
@@ -170,7 +177,7 @@ def share_without(values: Floats, size: int, studies: int = STUDIES) -> Share:
 
 
 def _share(values: Floats, size: int, studies: int, rng: np.random.Generator, *, swapped: bool) -> Share:
-    drawn = weights(size, RESAMPLES, rng)
+    drawn = weights(size, RESAMPLES_EACH, rng)
     found = 0
     for start in range(0, studies, AT_ONCE):
         count = min(AT_ONCE, studies - start)

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from das.domain.errors import DasError
-from das.domain.files.writing import write_whole
+from das.domain.files.writing import make_folder, write_whole
 
 DOCS: Final = Path(__file__).resolve().parents[1]
 """The folder of the documentation."""
@@ -27,12 +27,10 @@ class Output:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.written: list[Path] = []
+        make_folder(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
                 pass
-        except (FileExistsError, NotADirectoryError):
-            raise DasError(f"{folder}: is a file, expected a folder to write to") from None
         except OSError as error:
             raise DasError(f"{folder}: cannot be written to ({error.strerror})") from error
 

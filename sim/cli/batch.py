@@ -36,8 +36,21 @@ if TYPE_CHECKING:
     from sim.jobs.runner import Rows
     from sim.jobs.sensitivity import Sensitivity, SensitivityJob, SensitivityRun
 
-
 TABLE = "runs.parquet"
+"""Name of the table of runs in the folder of a batch."""
+DaysOption = Annotated[
+    str, typer.Option("--seeds", metavar="LIST", help="Days, like 0-3 or 1,5: the same for every driver.")
+]
+ParametersOption = Annotated[
+    str | None,
+    typer.Option(
+        "--parameters",
+        metavar="LIST",
+        help="Parameters to vary, with commas between [default: all].",
+        show_default=False,
+    ),
+]
+MarkdownOption = Annotated[bool, typer.Option("--markdown", help="Print the table as Markdown, for a document.")]
 
 
 def batch(
@@ -117,6 +130,7 @@ def _run_all(jobs: Sequence[BatchJob], out: Path, workers: Workers) -> dict[str,
 
 
 def _each(kind: type[Kind], option: str, text: str) -> list[Kind]:
+    """The members of an enumeration that a list with commas names, each once; DasError for an unknown name."""
     return list(dict.fromkeys(chosen(kind, option, part.strip()) for part in text.split(",")))
 
 
@@ -148,21 +162,6 @@ def _participants(
     return [Participant(population=found, number=number) for number in parse_seeds(numbers, "--participants")]
 
 
-DaysOption = Annotated[
-    str, typer.Option("--seeds", metavar="LIST", help="Days, like 0-3 or 1,5: the same for every driver.")
-]
-ParametersOption = Annotated[
-    str | None,
-    typer.Option(
-        "--parameters",
-        metavar="LIST",
-        help="Parameters to vary, with commas between [default: all].",
-        show_default=False,
-    ),
-]
-MarkdownOption = Annotated[bool, typer.Option("--markdown", help="Print the table as Markdown, for a document.")]
-
-
 def sensitivity(
     scenario: ScenarioArgument,
     advice: AdviceListOption = "vector",
@@ -190,7 +189,7 @@ def sensitivity(
             scenario=load_scenario(scenario).source,
             level=level,
             seeds=parse_seeds(seeds),
-            advice=list(dict.fromkeys(chosen(Presentation, "--advice", part.strip()) for part in advice.split(","))),
+            advice=_each(Presentation, "--advice", advice),
             friction=friction,
             population=load_population(population or DEFAULT),
             parameters=None if parameters is None else [name.strip() for name in parameters.split(",")],
@@ -207,7 +206,7 @@ def sensitivity(
 
 
 def _runs_made(jobs: Sequence[SensitivityJob], workers: int) -> list[SensitivityRun]:
-    """All runs of a study, with progress; DasError for one that cannot be made."""
+    """Make all runs of a study, with progress; DasError for a run that cannot be made."""
     from sim.jobs.runner import JobWords, made_with_progress
     from sim.jobs.sensitivity import drive
 
@@ -222,7 +221,7 @@ def _runs_made(jobs: Sequence[SensitivityJob], workers: int) -> list[Sensitivity
 
 
 def _print_sensitivity(found: Sequence[Sensitivity]) -> None:
-    """Print the table."""
+    """Print a row for each presentation and parameter."""
     from rich.table import Table
 
     from sim.jobs.sensitivity import shown_points

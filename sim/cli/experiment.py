@@ -19,12 +19,16 @@ from das.domain.errors import DasError
 from das.domain.files.writing import make_folder
 from precompute.workers import Workers
 from sim.cli.options import PageOption, PdfOption, WorkersOption, check_packages, check_page, tell_written, write_page
-from sim.experiment.plan import DESIGN_JSON, TRIALS_SIDECAR, TRIALS_TABLE
+from sim.experiment.plan import DESIGN_JSON, FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer
     from sim.experiment.design import Design
-    from sim.experiment.running import Keep
+    from sim.experiment.trials import Keep
+
+DEFAULT_PARTICIPANTS: Final = "12,24,36,48,76,100,150"
+MOST_ROWS: Final = 50
+"""Most numbers of participants for which `power` gives a row."""
 
 DesignArgument = Annotated[
     str,
@@ -47,7 +51,6 @@ def check(
         from sim.experiment.design import freeze, load_design
 
         asked = load_design(design)
-    _check_folder(out)
     with contextlib.nullcontext() if out is None else _made(out):
         found = check_design(asked)
         if out is not None and not found.refusals:
@@ -82,10 +85,9 @@ def run(
     """
     hands = Workers.asked(workers, scheduler)
     _check_options(scheduler, recordings=recordings, measures_only=measures_only)
-    _check_folder(out)
     with busy("reading the design …"):
         from sim.experiment.design import load_design
-        from sim.experiment.running import Keep, jobs_of, run_study
+        from sim.experiment.trials import Keep, jobs_of, run_study
         from sim.jobs.batch import require_pyarrow
 
         if not measures_only:
@@ -102,14 +104,8 @@ def run(
 
         print_run(asked, found)
     if found.failed:
-        print(f"{len(found.failed)} of {found.trials} trials failed: see {out / 'failed.csv'}", file=sys.stderr)
+        print(f"{len(found.failed)} of {found.trials} trials failed: see {out / FAILED_TABLE}", file=sys.stderr)
         raise typer.Exit(1)
-
-
-def _check_folder(folder: Path | None) -> None:
-    """Refuse a folder that is a file."""
-    if folder is not None and folder.exists() and not folder.is_dir():
-        raise DasError(f"{folder}: is a file, expected a folder")
 
 
 def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bool) -> None:
@@ -121,10 +117,9 @@ def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bo
 
 
 def _checked(design: Design, folder: Path) -> None:
-    """Freeze a design in its folder, and check it first, unless it was checked before; DasError if it is refused."""
+    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is refused."""
     from sim.experiment.checking import check_design, was_checked
     from sim.experiment.design import check_frozen, freeze, resolved
-    from sim.experiment.plan import DESIGN_JSON
 
     digest = resolved(design)["hash"]
     if (folder / DESIGN_JSON).exists():
@@ -141,7 +136,7 @@ def _checked(design: Design, folder: Path) -> None:
 
 @contextlib.contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Make a folder before minutes are spent on what goes into it; it is taken away again if nothing came into it."""
+    """Make a folder, so that a bad one is refused before minutes of work; remove it if nothing was written into it."""
     new = not folder.exists()
     make_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
@@ -165,8 +160,6 @@ def studies(as_json: JsonOption = False) -> None:
         return
     print_studies(found)
 
-
-DEFAULT_PARTICIPANTS: Final = "12,24,36,48,76,100,150"
 
 StudyArgument = Annotated[
     Path, typer.Argument(metavar="DIR", help="Folder of a study that das-sim experiment run made.")
@@ -243,9 +236,6 @@ AlphaOption = Annotated[
         "--alpha", metavar="X", help="Level of the test [default: the design's, or 0.05].", show_default=False
     ),
 ]
-
-
-MOST_ROWS = 50
 
 
 def analyse(

@@ -1,4 +1,4 @@
-"""What commands of das-sim have in common: options that no other program has, and where their results go."""
+"""What commands of das-sim share: options that no other program has, and functions that check and write results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import typer
 from das.command_line.files import check_outputs
 from das.command_line.printing import busy, tell
 from das.domain.errors import DasError
-from das.domain.files.writing import new_file, write_whole
+from das.domain.files.writing import make_folder, new_file, write_whole
 from sim.drivers.kinds import FrictionPolicy, Presentation
 
 DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
@@ -130,18 +130,18 @@ def chosen(kind: type[Kind], option: str, text: str) -> Kind:
 
 
 def new_recording(kind: str) -> Path:
-    """A new file in ./recordings, named by its kind and the time."""
+    """Make a new file in ./recordings, named by its kind and the time."""
     folder = Path("recordings")
     try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be made ({error.strerror}); say where with --out") from error
+        make_folder(folder)
+    except DasError as error:
+        raise DasError(f"{error}; say where with --out") from error
     return new_file(folder / f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap")
 
 
 @contextmanager
 def removed_if_unused(reserved: Path | None) -> Iterator[None]:
-    """Where a block fails before anything was recorded, take the empty file away that `new_recording` made for it."""
+    """Remove the empty file that `new_recording` made, if the block fails before anything is recorded in it."""
     try:
         yield
     except BaseException:
@@ -159,7 +159,7 @@ def check_packages(extra: str, *names: str) -> None:
 
 
 def check_page(out: Path | None, pdf: Path | None, inputs: Iterable[Path], *, overwrite: bool) -> None:
-    """Raise DasError where a page or its PDF cannot be made; asked before the work begins."""
+    """Raise DasError where a page or its PDF cannot be made; called before the work begins."""
     for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
         if path is not None and path.suffix.lower() not in suffixes:
             raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
@@ -186,7 +186,7 @@ def write_page(draw: Callable[[], str], out: Path | None, pdf: Path | None) -> N
 
 
 def tell_written(*paths: Path | None) -> None:
-    """Tell which of some files were written; None stands for one that was not asked for."""
+    """Print which files were written; None stands for a file that was not asked for."""
     for path in paths:
         if path is not None:
             tell(f"written: {path}")

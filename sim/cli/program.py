@@ -88,7 +88,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="view",
-        where="sim.cli.recordings:view",
+        where="sim.cli.review:view",
         summary="Look at a recording in the rerun viewer, or draw it as a picture.",
         examples=("das-sim view recordings/run.mcap --plot run.png",),
     ),
@@ -142,7 +142,7 @@ ENTRIES: Final = (
     ),
     Entry(
         name="what-if",
-        where="sim.cli.what_if:what_if",
+        where="sim.cli.recordings:what_if",
         summary="Ask what would have been: other advice for a recorded drive, or its day driven anew.",
         examples=(
             "das-sim what-if run.mcap --level l1 -o l1.mcap",

@@ -1,29 +1,50 @@
-"""The commands about a recording as a file: check, recover, reproduce, export and view."""
+"""The commands on a recording: check, recover, reproduce, export, what-if."""
 
 from __future__ import annotations
 
 import json
 import shlex
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.files import check_outputs, check_picture
+from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
-from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen
+from das.domain.files.writing import new_file
+from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen, removed_if_unused
 from sim.options import NodeSaid, OfTrainOption
 from sim.progress import progress_bar
+from sim.recording.opening import WhatIfKind
+from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
 if TYPE_CHECKING:
     from sim.recording.check import Checked
     from sim.runs.reproduce.reproduce import Difference, Reproduction
+    from sim.runs.what_if.difference import Changed
+    from sim.runs.what_if.origin import Origin
 
 
-EXIT_FINDINGS = 1
+MOST_FIELDS = 12
+"""At most this many fields of the first message that differs are shown."""
+WAYS = {
+    WhatIfKind.OPEN_LOOP: "the recorded drive, and the advice that it would have had",
+    WhatIfKind.DRIVEN_ANEW: "the recorded day, driven by a simulated driver",
+}
+"""What each kind of what-if keeps and what it makes anew."""
+FROM_A_DRIVE = (
+    "the day was made from what was heard: timetable, late departures, restrictions; what held the train up between "
+    "stops, wind and rail are not in it"
+)
+"""What a day that is driven anew from a real drive lacks."""
 
 
 def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: JsonOption = False) -> None:
@@ -40,7 +61,7 @@ def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: Json
     else:
         _print_check(found)
     if found.findings:
-        raise typer.Exit(EXIT_FINDINGS)
+        raise typer.Exit(1)
 
 
 def _print_check(found: Checked) -> None:
@@ -93,11 +114,6 @@ def recover(
     tell(f"written: {out}")
 
 
-EXIT_DIFFERENT = 1
-MOST_FIELDS = 12
-"""At most this many fields of the first message that differs are shown."""
-
-
 def reproduce(
     file: RecordingArgument,
     said: NodeSaid,
@@ -121,7 +137,7 @@ def reproduce(
     else:
         _print_reproduction(found)
     if not found.same:
-        raise typer.Exit(EXIT_DIFFERENT)
+        raise typer.Exit(1)
 
 
 def _print_reproduction(found: Reproduction) -> None:
@@ -202,59 +218,156 @@ def export(
     tell(f"written: {found.files} files in {found.folder}; columns.csv says what each column is")
 
 
-SaveOption = Annotated[
-    Path | None,
-    typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
-]
-PlotOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--plot",
-        "--png",
-        metavar="FILE",
-        help="Picture to write instead (.png, .pdf or .svg): over distance, over time, and what happened.",
-    ),
-]
-ThemeOption = Annotated[str, typer.Option("--theme", metavar="NAME", help="Picture: light (for paper) or dark.")]
-MapOption = Annotated[
-    bool,
-    typer.Option("--map", help="Viewer: a map as well; it loads its tiles from OpenStreetMap over the network."),
-]
+@dataclass(frozen=True, kw_only=True)
+class WhatIfAsked:
+    """The changes of a what-if to the recorded day, as options; with `anew` None, the others decide the kind."""
+
+    cab: CabOtherwise
+    driven: DrivenOtherwise
+    restriction: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--restriction",
+            metavar="KM-KM:KM/H[@HH:MM-HH:MM]",
+            help="One more temporary restriction, known from the beginning, with a window (UTC) if it has one; may be "
+            "given several times.",
+        ),
+    ] = None
+    without_restrictions: Annotated[
+        bool, typer.Option("--without-restrictions", help="Leave out the restrictions that were told on the day.")
+    ] = False
+    anew: Annotated[
+        bool | None,
+        typer.Option(
+            "--driven-anew/--open-loop",
+            help="Drive the day anew, or keep the drive as it was [default: anew where a driver or display is named].",
+            show_default=False,
+        ),
+    ] = None
+
+    def otherwise(self, departure_ns: int = 0) -> Otherwise:
+        """The changes, checked, on the day of a departure (ns since 1970); DasError for an impossible restriction."""
+        return Otherwise(
+            cab=self.cab,
+            driven=self.driven,
+            restrictions=tuple(read_restriction(one, departure_ns) for one in self.restriction or ()),
+            without_restrictions=self.without_restrictions,
+        )
 
 
-def view(
+def what_if(
     file: RecordingArgument,
-    save: SaveOption = None,
-    plot: PlotOption = None,
+    asked: WhatIfAsked,
+    said: NodeSaid,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Recording (.mcap) to write [default: beside the old one]."),
+    ] = None,
     overwrite: OverwriteOption = False,
-    start: FromTimeOption = None,
-    end: ToTimeOption = None,
-    theme: ThemeOption = "light",
-    with_map: MapOption = False,
     of_train: OfTrainOption = None,
+    as_json: JsonOption = False,
 ) -> None:
-    """Look at a recording in the rerun viewer, or as a picture: speed, limits, advice, forces, delay, events.
+    """Ask what would have been: other advice for a recorded drive, or its day driven anew; into a new recording.
 
-    For example: das-sim view run.mcap --from 10:00 --to 20:00 --plot part.pdf
+    What is not said stays as it was. With nothing otherwise, the new recording holds the same messages.
     """
-    check_picture(plot)
-    check_outputs(save, plot, inputs=(file,), overwrite=overwrite)
-    from sim.recording.course import part_of
-    from sim.recording.opening import open_recording
-    from sim.review.colors import THEMES
-    from sim.review.view import open_view, save_picture, save_view
+    check_outputs(out, inputs=(file,), overwrite=overwrite)
+    asked.otherwise()  # Refuses impossible changes before anything is read or solved.
+    interrupt_on_termination()
+    with loading_solver():
+        from sim.runs.what_if.difference import changed
+        from sim.runs.what_if.origin import Origin
 
-    if theme not in THEMES:
-        raise DasError(f"--theme {theme}: expected one of {', '.join(THEMES)}")
-    with busy(f"reading {file} …"):
-        recording = part_of(open_recording(file, of_train), start, end)
-    if save is None and plot is None:
-        open_view(recording, with_map=with_map)
-    if plot is not None:
-        with busy(f"drawing {plot} …"):
-            save_picture(recording, plot, THEMES[theme])
-        tell(f"written: {plot}")
-    if save is not None:
-        with busy(f"writing {save} …"):
-            save_view(recording, save, with_map=with_map)
-        tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")
+    with tempfile.TemporaryDirectory(prefix="das-what-if-") as folder:
+        with busy(f"reading {file} …"):
+            origin = Origin.read(file, of_train, Path(folder))
+        new = asked.otherwise(origin.journey.stops[0].departure_ns)
+        origin.check_on_the_way(new)
+        kind = _kind_of(origin, new, asked.anew)
+        with _new_recording(file, out) as written:
+            notes = _write_what_if(origin, new, kind, said, written)
+        with busy("comparing …"):
+            found = changed(kind, file, written, origin.train)
+    if as_json:
+        print(json.dumps(_what_if_dict(found, new, file, written, notes)))
+    else:
+        _print_what_if(found, new, (file, written), notes)
+
+
+def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
+    """The kind of what-if that the options ask for; DasError for options of the other kind."""
+    if anew is None:
+        anew = new.driven.asks_for_a_driver or not origin.has_advice
+    if anew:
+        return WhatIfKind.DRIVEN_ANEW
+    for name in ("driver", "friction", "participant", "population"):
+        value = getattr(new.driven, name)
+        if value is not None:
+            raise DasError(f"--{name} {value}: nobody drives anew in an open loop")
+    return WhatIfKind.OPEN_LOOP
+
+
+@contextmanager
+def _new_recording(file: Path, out: Path | None) -> Iterator[Path]:
+    """The file to write: `out`, or a new one beside `file`, which is removed again if nothing was recorded."""
+    reserved = new_file(file.with_name(f"{file.stem}-what-if.mcap")) if out is None else None
+    with removed_if_unused(reserved):
+        yield out or reserved or file
+
+
+def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out: Path) -> list[str]:
+    """Write the what-if's recording, and return notes for the user."""
+    if kind is WhatIfKind.OPEN_LOOP:
+        from sim.runs.what_if.open_loop import advise_otherwise
+
+        with progress_bar(f"hearing {origin.path.name} again", "solving the first section", "messages") as progress:
+            return advise_otherwise(origin, new, said, out, progress)
+    from sim.runs.what_if.anew import day_again, drive_again
+
+    if said.tables is not None:
+        raise DasError(f"--tables {said.tables}: a day driven anew solves its sections")
+    with busy("solving the sections …"):
+        again = day_again(origin, new, said.node)
+    try:
+        with progress_bar(f"driving {origin.path.name} anew", "starting node and recorder", "m") as progress:
+            drive_again(again, out, progress)
+    except KeyboardInterrupt:
+        print(f"stopped; recorded so far: {out}", file=sys.stderr)
+        raise
+    return [] if origin.is_simulated else [FROM_A_DRIVE]
+
+
+def _what_if_dict(found: Changed, new: Otherwise, file: Path, written: Path, notes: list[str]) -> dict[str, object]:
+    return {
+        "kind": str(found.kind),
+        "recording": str(file),
+        "written": str(written),
+        "otherwise": new.described(),
+        **found.as_dict(),
+        "notes": notes,
+    }
+
+
+def _print_what_if(found: Changed, new: Otherwise, files: tuple[Path, Path], notes: list[str]) -> None:
+    from rich.table import Table
+
+    from sim.runs.what_if.difference import NAMES
+
+    tell(f"{found.kind}: {WAYS[found.kind]}")
+    tell(f"otherwise: {'; '.join(new.described()) or 'nothing'}")
+    table = Table()
+    table.add_column("")
+    for name in NAMES:
+        table.add_column(name, justify="right")
+    for row in found.rows():
+        table.add_row(*row)
+    if table.row_count:
+        print_table(table)
+    for line in found.sentences():
+        paragraph(line)
+    for note in notes:
+        tell(f"note: {note}")
+    old, written = files
+    tell(f"written: {written}")
+    both = f"{shlex.quote(str(old))} {shlex.quote(str(written))}"
+    tell(f"compare them: {typed('das-sim')} report {both} -o what-if.html")

@@ -1,8 +1,9 @@
-"""The commands that review recorded drives: events and notes, energy, comparison, report."""
+"""The commands that review recorded drives: events and notes, energy, comparison, report, view."""
 
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ import typer
 
 from das.command_line.files import check_outputs, check_picture, save_figure
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
-from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, visible
+from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed, visible
 from das.domain.errors import DasError
 from sim.cli.options import (
     FromTimeOption,
@@ -24,11 +25,34 @@ from sim.cli.options import (
     write_page,
 )
 from sim.drive.events.event import DriveEvent, EventKind, Filter
+from sim.options import OfTrainOption
 
 if TYPE_CHECKING:
     from sim.drive.attribution.attribution import Attribution
     from sim.drive.comparison.aligned import AlignedDrives
     from sim.drive.drive import Drive
+
+
+SaveOption = Annotated[
+    Path | None,
+    typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
+]
+PictureOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot",
+        "--png",
+        metavar="FILE",
+        help="Picture to write instead (.png, .pdf or .svg): over distance, over time, and what happened.",
+    ),
+]
+ThemeOption = Annotated[str, typer.Option("--theme", metavar="NAME", help="Picture: light (for paper) or dark.")]
+MapOption = Annotated[
+    bool,
+    typer.Option("--map", help="Viewer: a map as well; it loads its tiles from OpenStreetMap over the network."),
+]
+SHOWN = 8
+"""Stretches that the table of a comparison shows: those on which the drives differ most."""
 
 
 def events(
@@ -125,7 +149,7 @@ def note(
 
 
 def _times(drive: Drive, at: str, until: str | None) -> tuple[int, int]:
-    """The first and last moment (ns) of a note; DasError where they are not of the drive."""
+    """The first and last moment (ns) of a note; DasError where they are outside the drive."""
     clock, trip = drive.clock, drive.course
     start_ns = clock.moment_ns(at)
     end_ns = start_ns if until is None else clock.moment_ns(until)
@@ -159,10 +183,6 @@ def _list_notes(file: Path, drive: Drive, as_json: bool) -> None:
     for number, one in enumerate(kept, start=1):
         tags = f" [{', '.join(one.tags)}]" if one.tags else ""
         tell(f"{number}. {clock.shown(one.time_ns)} {one.text}{tags}")
-
-
-TOLD_KWH = 0.5
-"""What the times of a leg cost is told from this on (kWh)."""
 
 
 def energy(
@@ -232,10 +252,6 @@ def _print_places(attribution: Attribution) -> None:
         tell(f"most lost above the optimum: {told}")
 
 
-SHOWN = 8
-"""Stretches that the table shows: those where the drives part most."""
-
-
 def compare(
     files: Annotated[
         list[Path], typer.Argument(metavar="RECORDING…", help="Two or more recordings (.mcap) of drives on one line.")
@@ -284,7 +300,7 @@ def _print_comparison(aligned: AlignedDrives) -> None:
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
-    """The stretches on which a drive parts most from the first; nothing where it does not."""
+    """Print the stretches on which a drive differs most from the first; nothing where it does not differ."""
     from rich.table import Table
 
     from das.domain.units import kwh
@@ -332,3 +348,41 @@ def report(
     for subject in subjects:
         paragraph(f"{subject.drive.name}: {in_words(subject.drive)}")
     tell_written(out, pdf)
+
+
+def view(
+    file: RecordingArgument,
+    save: SaveOption = None,
+    plot: PictureOption = None,
+    overwrite: OverwriteOption = False,
+    start: FromTimeOption = None,
+    end: ToTimeOption = None,
+    theme: ThemeOption = "light",
+    with_map: MapOption = False,
+    of_train: OfTrainOption = None,
+) -> None:
+    """Look at a recording in the rerun viewer, or as a picture: speed, limits, advice, forces, delay, events.
+
+    For example: das-sim view run.mcap --from 10:00 --to 20:00 --plot part.pdf
+    """
+    check_picture(plot)
+    check_outputs(save, plot, inputs=(file,), overwrite=overwrite)
+    from sim.recording.course import part_of
+    from sim.recording.opening import open_recording
+    from sim.review.colors import THEMES
+    from sim.review.view import open_view, save_picture, save_view
+
+    if theme not in THEMES:
+        raise DasError(f"--theme {theme}: expected one of {', '.join(THEMES)}")
+    with busy(f"reading {file} …"):
+        recording = part_of(open_recording(file, of_train), start, end)
+    if save is None and plot is None:
+        open_view(recording, with_map=with_map)
+    if plot is not None:
+        with busy(f"drawing {plot} …"):
+            save_picture(recording, plot, THEMES[theme])
+        tell(f"written: {plot}")
+    if save is not None:
+        with busy(f"writing {save} …"):
+            save_view(recording, save, with_map=with_map)
+        tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

@@ -1,4 +1,4 @@
-"""The commands `das-sim run` and `scenarios`, days in closed loop, and `drivers` and `drive`, who drives them."""
+"""The commands that simulate one day: run and drive; and those that list what can be run: scenarios and drivers."""
 
 from __future__ import annotations
 
@@ -61,6 +61,21 @@ if TYPE_CHECKING:
     from sim.world.outcome import DayResult, RecordedFigures
     from sim.world.scenario import Scenario
     from sim.world.service import Day
+
+
+DRIVERS: Final = {
+    "perfect": "follows the full advice, speed and force, as exactly as the train lets",
+    "fast": "drives as fast as allowed and brakes late",
+    "rms": "holds one reduced maximum speed, the advised one or the driver's own",
+    "timetable": "keeps time without advice",
+    "human": "reacts, errs, refuses and learns, by the parameters below",
+}
+"""What each driver does."""
+OUTSIDE: Final = {
+    "package.module:Class": "a class of your own, in this process",
+    "external": "a process of its own, over the bus",
+}
+"""Drivers that users bring (docs/how-to/bring-your-own-driver.md)."""
 
 
 def scenarios(as_json: JsonOption = False) -> None:
@@ -149,7 +164,7 @@ def run(
 
 
 def _tell(found: DayResult, as_json: bool) -> None:
-    """Print what a run came to."""
+    """Print the result of a run."""
     from sim.world.outcome import print_result
 
     if as_json:
@@ -191,7 +206,7 @@ def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
 
 
 def _drive(day: Day, options: _Asked) -> DayResult:
-    """Run the day, over the bus where there is a recording to write."""
+    """Run the day: over the bus if there is a recording to write, else in this process."""
     from sim.world.disturbances import described
     from sim.world.outcome import DayResult, outcome
 
@@ -222,7 +237,7 @@ def _drive(day: Day, options: _Asked) -> DayResult:
 
 
 def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, RecordedFigures | None]:
-    """The run, and figures of its recording."""
+    """The run, and the figures of its recording; None without one."""
     from sim.drivers.presentations.presenter import presenter_of
     from sim.world.loop import InProcess, World
     from sim.world.outcome import RecordedFigures
@@ -255,7 +270,7 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
 
 
 def _external(day: Day, options: _Asked) -> ExternalDriver:
-    """The driver that is a process of its own; says where it is waited for."""
+    """The external driver, a process of its own; prints the command that starts it."""
     from sim.world.external import ExternalDriver
 
     where = f"--bus {options.bus.path}" if options.bus is not None else f"--connect {options.driver_at}"
@@ -266,7 +281,7 @@ def _external(day: Day, options: _Asked) -> ExternalDriver:
 
 
 class _Pace:
-    """Keeps to a multiple of real time and shows progress."""
+    """Paces a run at a multiple of real time (None: no waiting), and shows its progress."""
 
     def __init__(self, speed: float | None, progress: Callable[[float, float], None]) -> None:
         self._speed, self._progress = speed, progress
@@ -279,7 +294,7 @@ class _Pace:
         return self._now - self._began
 
     def tick(self, done_m: float, all_m: float) -> None:
-        """Take note of a driven second, and wait until it is over at the wanted speed."""
+        """Count a driven second, and wait until it is over at the wanted speed."""
         from sim.world.lockstep import sleep_until
         from sim.world.loop import TICK_S
 
@@ -290,21 +305,6 @@ class _Pace:
             sleep_until(self._began + self._ticks * TICK_S / self._speed)
         self._now = time.perf_counter()
         self._progress(done_m / KM, all_m / KM)
-
-
-DRIVERS: Final = {
-    "perfect": "follows the full advice, speed and force, as exactly as the train lets",
-    "fast": "drives as fast as allowed and brakes late",
-    "rms": "holds one reduced maximum speed, the advised one or the driver's own",
-    "timetable": "keeps time without advice",
-    "human": "reacts, errs, refuses and learns, by the parameters below",
-}
-"""What each driver does."""
-OUTSIDE: Final = {
-    "package.module:Class": "a class of your own, in this process",
-    "external": "a process of its own, over the bus",
-}
-"""Drivers that users bring (docs/how-to/bring-your-own-driver.md)."""
 
 
 def drivers(as_json: JsonOption = False) -> None:

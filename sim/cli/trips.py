@@ -71,7 +71,7 @@ def trip(
 
 
 def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None) -> tuple[dict[str, Any], Any]:
-    """Read the trip and write what is asked for; its description and what was cleaned."""
+    """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
     from sim.trips.estimate import estimate_run
     from sim.trips.report import describe, draw_trip, write_cleaned
     from sim.trips.trip import open_trip, trip_section
@@ -212,7 +212,7 @@ def make_trip(
 
 
 def _tell_trip(plan: TripPlan, last: HurriedState, out: Path) -> None:
-    """Tell how the trip went; `last` is its last state."""
+    """Print how the trip went; `last` is its last state."""
     took_s, due_s = last.time_s, plan.running_time_s
     late_s = plan.delay_s + took_s - due_s
     tell(f"{plan.start.name} – {plan.end.name}: {took_s:.0f} s, timetable {due_s:.0f} s, arrival {late_s:+.0f} s")
@@ -258,7 +258,7 @@ def example(
 
 
 def _check_example(folder: Path, overwrite: bool) -> bool:
-    """Whether there is something in the folder already; DasError where it cannot be written."""
+    """Whether the folder holds files already; DasError where the example cannot be written."""
     if not folder.resolve().parent.is_dir():
         raise DasError(f"{folder}: no such folder {folder.parent}")
     if not folder.exists():

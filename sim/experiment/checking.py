@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import time
@@ -10,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from rich import box
 from rich.table import Table
@@ -22,25 +21,22 @@ from das.domain.files.writing import write_whole
 from sim.experiment.design import ConditionOrder, Days, Design, Factor, resolved
 from sim.experiment.driving import StudyTrial, drive, lever_trace_sha256, service_of
 from sim.experiment.factors import FactorLevel, Setting
-from sim.experiment.plan import LEAST_PARTICIPANTS
-from sim.experiment.trials import imbalances, trials_of
+from sim.experiment.plan import CHECK_RESULT, LEAST_PARTICIPANTS, TRIALS_TABLE, as_json
+from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.progress import progress_bar
 from sim.world.loop import AFTER_S, BEFORE_S
 
-if TYPE_CHECKING:
-    from sim.experiment.running import StudyRun
-
 MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0
-CHECKED: Final = "check.json"
-"""What the check of a study's frozen design found."""
 DAYS_TRIED: Final = 5
 """A factor is admitted if it changes what the driver does on at least one of so many days."""
+FAILED_SHOWN: Final = 5
+"""Failed trials that are printed; the table of failed trials has all."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensed:
-    """Whether a driver senses a factor: `alike` are the pairs of levels that made no difference on any of `days` days.
+    """Whether the driver senses a factor: `alike` are the pairs of levels that made no difference on `days` days.
 
     `failed` says why a drive did not arrive; None where all did.
     """
@@ -68,8 +64,8 @@ class Sensed:
 class SensingTest:
     """Drives a design's conditions on a few days until every two levels of every factor are told apart.
 
-    `said` is called after each drive with the number of drives so far. Every condition is driven once a day at most.
-    `clock` is a stopwatch (s), with which drives are timed.
+    `said` is called after each drive with the number of drives so far. Every condition is driven at most once on each
+    day. `clock` is a stopwatch (s), which times the drives.
     """
 
     design: Design
@@ -81,7 +77,7 @@ class SensingTest:
     _failed: str | None = None
 
     def of(self, factor: Factor) -> Sensed:
-        """Whether the levels of a factor are sensed, by driving; a drive that fails tells nothing."""
+        """Drive to see whether the levels of a factor are sensed; a drive that fails tells no two levels apart."""
         alike = set(combinations([level.text for level in factor.levels], 2))
         for day in range(DAYS_TRIED):
             for context in self._contexts(factor):
@@ -96,7 +92,7 @@ class SensingTest:
         return Sensed(factor=factor.name, days=DAYS_TRIED, alike=tuple(sorted(alike)), failed=self._failed)
 
     def _contexts(self, factor: Factor) -> Iterator[dict[str, FactorLevel]]:
-        """Levels of the other factors: all at their first, then each of the others at another one."""
+        """Levels of the other factors: all at their first level, then one of them at another level at a time."""
         others = [other for other in self.design.factors if other is not factor]
         first = {other.name: other.levels[0] for other in others}
         yield first
@@ -117,7 +113,7 @@ class SensingTest:
         return self._traces[key]
 
     def _trial(self, setting: Setting, day: int) -> StudyTrial:
-        """A trial that is only for this test: the same person and the same chances for all settings of a day."""
+        """A trial for this test only: all settings of a day have the same person and the same chances."""
         people = self.design.people
         return StudyTrial(
             number=1,
@@ -138,9 +134,9 @@ class SensingTest:
 class DesignCheck:
     """What the check of a design found.
 
-    `person_s` is how long the longest participant is busy, breaks included, and `all_s` all participants together.
+    `person_s` is the time of the busiest participant, breaks included, and `all_s` that of all participants together.
     `notes` are sentences about balance and order; `sensed` says what driving showed of each factor. `work_s` is how
-    long one core of this machine would take to drive all trials, as fast as it drove those of the check.
+    long one core of this machine would take to drive all trials, judged by the drives of the check.
     """
 
     digest: str
@@ -176,20 +172,20 @@ class DesignCheck:
 
     def keep(self, folder: Path) -> None:
         """Write what was found beside the frozen design."""
-        write_whole(folder / CHECKED, json.dumps(self.as_dict(), indent=2, ensure_ascii=False).encode() + b"\n")
+        write_whole(folder / CHECK_RESULT, as_json(self.as_dict()))
 
 
 def was_checked(folder: Path, digest: str) -> bool:
-    """Whether the folder holds a check of the design with a hash that refused nothing."""
+    """Whether the folder holds the result of a check that refused nothing, for the design with the hash `digest`."""
     try:
-        kept = read_json(folder / CHECKED).data
+        kept = read_json(folder / CHECK_RESULT).data
     except DasError:
         return False
     return bool(kept.get("hash") == digest and kept.get("refused") == [])
 
 
 def check_design(design: Design, clock: Callable[[], float] = time.perf_counter) -> DesignCheck:
-    """Check a design, and drive a few of its conditions to see whether every factor is sensed; `clock` times drives.
+    """Check a design, and drive a few of its conditions to see whether every factor is sensed; `clock` times them.
 
     Raises DasError for files that cannot be used, and for days that cannot be driven.
     """
@@ -243,7 +239,7 @@ def _spans_s(design: Design, trials: Sequence[StudyTrial], lengths_s: Mapping[Se
 
 
 def _work_s(test: SensingTest, trials: Sequence[StudyTrial], lengths_s: Mapping[Setting, float]) -> float:
-    """How long one core takes to drive all trials (s), by how long it took for what the check drove."""
+    """How long one core takes to drive all trials (s), judged by the drives of the check."""
     driven_s = sum(lengths_s[setting] for setting, _ in test.timed)
     return sum(span_s for _, span_s in test.timed) / driven_s * sum(lengths_s[trial.setting] for trial in trials)
 
@@ -263,7 +259,7 @@ def _order_notes(design: Design) -> list[str]:
 
 
 def group_notes(design: Design) -> list[str]:
-    """Notes on factors of which each participant meets one level."""
+    """Notes on factors of which each participant drives one level."""
     between = [factor for factor in design.factors if not factor.within]
     if not between:
         return []
@@ -336,12 +332,8 @@ def print_run(design: Design, found: StudyRun) -> None:
     paragraph(f"{design.name}: {found.trials} trials, {found.made} of them driven now, {len(found.failed)} failed")
     for row in found.failed[:FAILED_SHOWN]:
         paragraph(f"note: trial {row['trial']} ({row['participant']}, {row['condition']}): {row['error']}", "  ")
-    tell(f"written: {found.folder / 'trials.csv'}")
+    tell(f"written: {found.folder / TRIALS_TABLE}")
     tell(f"next: {typed(f'das-sim experiment analyse {found.folder} -o report.html')}")
-
-
-FAILED_SHOWN: Final = 5
-"""Failed trials that are printed; failed.csv has all."""
 
 
 def print_studies(found: Sequence[Design]) -> None:

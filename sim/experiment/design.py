@@ -1,7 +1,7 @@
 """The design of an experiment: factors, participants, order and measures, read from a TOML file, and frozen.
 
-The format: docs/reference/experiments.md. A design is frozen as JSON with every default written out; its hash tells
-whether anything of it was changed since.
+The format: docs/reference/experiments.md. A design is frozen as JSON with every default written out. Its hash shows
+whether anything in it was changed afterwards.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from sim.experiment.plan import (
     DESIGN_JSON,
     DESIGN_TEXT,
     PlannedComparison,
+    as_json,
     read_comparisons,
     read_correction,
 )
@@ -43,7 +44,7 @@ _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 
 class ConditionOrder(StrEnum):
-    """In which order a participant meets the conditions."""
+    """The order in which a participant drives the conditions."""
 
     WILLIAMS = "williams"
     """Each participant takes a row of a Williams square: every condition follows every other equally often."""
@@ -52,22 +53,22 @@ class ConditionOrder(StrEnum):
     RANDOM = "random"
     """Each participant has an order of their own, drawn by the seed of the design."""
     LISTED = "listed"
-    """All participants meet the conditions as the design lists them."""
+    """All participants drive the conditions in the order of the design."""
 
 
 class Days(StrEnum):
-    """Which days the trials are on."""
+    """Which simulated days the trials take place on."""
 
     OWN = "own"
-    """Every participant has days of their own, one for each repetition, and meets them under every condition."""
+    """Every participant has days of their own, one for each repetition, and drives each under every condition."""
     COMMON = "common"
-    """As OWN, but all participants meet the same days."""
+    """All participants drive the same days, one for each repetition, each under every condition."""
     NEW = "new"
     """Every trial is on a day of its own."""
 
 
 class Chances(StrEnum):
-    """What chance lets a participant do on a trial: reaction times, glances, errors, lapses."""
+    """Whether a participant's reaction times, glances, errors and lapses are drawn anew for every trial."""
 
     NEW = "new"
     """Drawn anew for every trial, as with people."""
@@ -77,7 +78,7 @@ class Chances(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Factor:
-    """What is varied: its name, its levels, and whether every participant meets all levels (`within`) or one."""
+    """A factor that varies: its name, its levels, and whether each participant drives all of them (`within`) or one."""
 
     name: str
     levels: tuple[FactorLevel, ...]
@@ -86,9 +87,10 @@ class Factor:
 
 @dataclass(frozen=True, kw_only=True)
 class People:
-    """The participants: how many, from which number of the population on, and what practice they bring along.
+    """The participants: how many, from which number of the population on, and how practised they are.
 
-    With `learning`, a participant has made `trips_before` trips before the first trial and one more before each next.
+    With `learning`, a participant has made `trips_before` trips before the first trial, and each trial counts as one
+    more.
     """
 
     count: int
@@ -100,9 +102,9 @@ class People:
 
 @dataclass(frozen=True, kw_only=True)
 class Procedure:
-    """What a participant goes through: order, repetitions of all conditions, practice trials, breaks, days, chances.
+    """The procedure for a participant: order, repetitions of all conditions, practice trials, breaks, days, chances.
 
-    After `break_after` trials (0: never) there is a break of `break_s`, and another session begins.
+    After every `break_after` trials (0: never) there is a break of `break_s`, and another session begins.
     """
 
     order: ConditionOrder = ConditionOrder.WILLIAMS
@@ -116,7 +118,7 @@ class Procedure:
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysisPlan:
-    """What is to be found out: the measures, the planned comparisons, and how these are corrected for their number."""
+    """What is analysed: the measures, the planned comparisons, and how these are corrected for their number."""
 
     measures: tuple[str, ...] = tuple(MEASURES)
     comparisons: tuple[PlannedComparison, ...] = ()
@@ -126,10 +128,10 @@ class AnalysisPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """An experiment: what varies (`factors`), what is the same for all trials (`fixed`), who, in what order, and why.
+    """An experiment: its factors, what is the same for all trials, its participants, their procedure, and its analysis.
 
-    `fixed` has every factor that does not vary, by name; one that is not there is as the scenario has it. `seed`
-    decides everything that is drawn; `source` is the design's file.
+    `fixed` has the level of each factor that does not vary, by name; a train or loss level that is neither
+    fixed nor a factor is the scenario's. `seed` decides everything that is drawn; `source` is the design's file.
     """
 
     name: str
@@ -144,7 +146,7 @@ class Design:
     plan: AnalysisPlan
 
     def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
-        """All combinations of the levels of the factors within (or between) participants; one empty one without any."""
+        """All combinations of levels of the factors within (or between) participants; without any, one empty one."""
         some = [factor for factor in self.factors if factor.within is within]
         return [
             {factor.name: level for factor, level in zip(some, levels, strict=True)}
@@ -152,7 +154,7 @@ class Design:
         ]
 
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
-        """How a trial under a condition is driven; a condition without some factor leaves what is fixed."""
+        """How a trial under a condition is driven; a factor that the condition does not name keeps its fixed level."""
         values: dict[str, Any] = {name: level.value for name, level in (dict(self.fixed) | dict(condition)).items()}
         return Setting(**values)
 
@@ -223,7 +225,7 @@ def _factors(fields: Fields) -> tuple[Factor, ...]:
 
 
 def _fixed(table: Fields, factors: tuple[Factor, ...]) -> dict[str, FactorLevel]:
-    """What is the same for all trials, with its defaults; a factor cannot be fixed as well."""
+    """What is the same for all trials, defaults included; InputError for a factor that varies as well."""
     table.check_keys(list(FACTORS))
     for factor in factors:
         if table.has(factor.name):
@@ -250,15 +252,12 @@ def _people(table: Fields) -> People:
 def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
     keys = [name for name in Procedure.__dataclass_fields__ if name != "break_s"]
     table.check_keys([*keys, *table.quantity_keys({"break": "time"})])
-    break_s = table.quantity("break", "time", Procedure.break_s)
-    if not 0 <= break_s <= LONGEST_BREAK_S:
-        raise table.error("break", break_s, f"0 to {LONGEST_BREAK_S:g} s")
     found = Procedure(
         order=table.choice("order", ConditionOrder, Procedure.order),
         repetitions=table.whole("repetitions", (1, MOST_TRIALS_EACH), Procedure.repetitions),
         practice_trials=table.whole("practice_trials", (0, MOST_TRIALS_EACH), Procedure.practice_trials),
         break_after=table.whole("break_after", (0, MOST_TRIALS_EACH), Procedure.break_after),
-        break_s=break_s,
+        break_s=table.within("break", "time", Procedure.break_s, (0.0, LONGEST_BREAK_S)),
         days=table.choice("days", Days, Procedure.days),
         chances=table.choice("chances", Chances, Procedure.chances),
     )
@@ -284,7 +283,7 @@ def _plan(fields: Fields, factors: tuple[Factor, ...]) -> AnalysisPlan:
 
 
 def _level_text(factor: Factor, table: Fields, key: str) -> str:
-    """The text of a level, which may be given as the text or as the value stands in the list of levels."""
+    """The text of a level that is given as its text, or as its value in the list of levels."""
     texts = [level.text for level in factor.levels]
     value = table.data.get(key, MISSING)
     if isinstance(value, str) and value in texts:
@@ -323,7 +322,7 @@ def resolved(design: Design) -> dict[str, Any]:
 
 
 def design_sha256(found: Mapping[str, Any]) -> str:
-    """SHA-256 of a resolved design without its hash, in one canonical form: keys sorted, nothing between the values.
+    """SHA-256 of a resolved design without its hash, in one canonical form: keys sorted, no white space.
 
     The order of the factors is part of it, because it decides the names of the conditions.
     """
@@ -333,7 +332,7 @@ def design_sha256(found: Mapping[str, Any]) -> str:
 
 
 def design_files(design: Design) -> dict[str, str]:
-    """The hashes of all files that decide the result, by what they are; raises DasError for one that is missing."""
+    """The hash of each file that decides the result, by what the file is; raises DasError for a missing file."""
     found = {"population": sha256(Path(load_population(design.people.population).source))}
     for setting in design.settings():
         found |= setting_files(setting)
@@ -341,9 +340,9 @@ def design_files(design: Design) -> dict[str, str]:
 
 
 def freeze(design: Design, folder: Path) -> dict[str, Any]:
-    """Write the design into a study's folder, which is made; its resolved form.
+    """Write the design into a study's folder, which is made where needed, and return its resolved form.
 
-    Where the folder holds a frozen design, it must be this one: DasError for another.
+    Raises DasError where the folder holds another frozen design.
     """
     found = resolved(design)
     make_folder(folder)
@@ -352,7 +351,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
         check_frozen(design, folder, found["hash"])
     else:
         write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
-        write_whole(kept, json.dumps(found, indent=2, ensure_ascii=False).encode() + b"\n")
+        write_whole(kept, as_json(found))
     return found
 
 

@@ -27,7 +27,7 @@ from sim.world.service import Day, Service, make_day
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
-"""Solved lines that a process keeps: one for the true train's losses, and two for loss levels of the advice."""
+"""Most solved lines that a process keeps: one for the true train's losses, and two for loss levels of the advice."""
 APART: Final = 1_000_000_007
 """Distance of a participant's random streams on two trials; it exceeds every participant's number."""
 _services = ServiceMemory(most=LINES_KEPT)
@@ -39,7 +39,8 @@ class StudyTrial:
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
     factors' levels in the order of the design. `seed` is that of the day, `chance` differs between trials of a
-    participant that draw different random numbers, and `trips` is how many trips the participant has made before.
+    participant that draw different random numbers. `trips` is how many trips the participant has made before; None
+    where practice does not count.
     """
 
     number: int
@@ -76,7 +77,10 @@ class StudyTrial:
 
 
 class DriverLook(NamedTuple):
-    """One look of the driver: time (s), position (m), speed and limit (m/s), what is shown, and what he asks for."""
+    """One look of the driver: time (s), position (m), speed and limit (m/s), the display, and what the driver asks for.
+
+    `shown` is None where the display shows no advice.
+    """
 
     time_s: float
     s_m: float
@@ -87,14 +91,14 @@ class DriverLook(NamedTuple):
 
     @property
     def lever_ratio(self) -> float:
-        """The controller's setting (−1 … 1); NaN where the driver asks for a speed or a force instead."""
+        """The controller's setting (−1 … 1); NaN where the driver asks for a speed or a force instead of a setting."""
         if self.command.law == kernels.LEVER:
             return self.command.value
         return 0.0 if self.command == (kernels.FORCE, 0.0, *self.command[2:]) else math.nan
 
 
 class WatchedDriver:
-    """Drives as another driver does, and notes every look."""
+    """Drives as the driver that it is given, and keeps every look in `looks`."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
@@ -102,7 +106,7 @@ class WatchedDriver:
 
     @property
     def events(self) -> Sequence[DriverEvent]:
-        """What the driver did and felt so far."""
+        """The diary of the watched driver so far."""
         return kept_by(self._driver)
 
     def command(self, cab: CabView) -> Command:
@@ -113,7 +117,7 @@ class WatchedDriver:
 
 
 def lever_trace_sha256(looks: Sequence[DriverLook]) -> str:
-    """Hash of all that a driver asked of the train, look by look; equal hashes mean equal use of the controller."""
+    """Hash of all commands of a driver, look by look; equal hashes mean equal use of the controller."""
     return hashlib.sha256(np.array([look.command for look in looks], dtype=np.float64).tobytes()).hexdigest()
 
 
@@ -133,7 +137,7 @@ class Driven:
 
     @cached_property
     def moving(self) -> tuple[tuple[PlantState, DriverLook], ...]:
-        """The seconds that begin with a moving train."""
+        """The state and the driver's first look of every second that begins with a moving train."""
         return tuple((state, look) for state, look in self.seconds if state.speed_mps > 0)
 
     @property
@@ -154,7 +158,7 @@ class Driven:
 def drive(trial: StudyTrial, population: str, record: JobRecording | None = None) -> Driven:
     """Drive a trial with a participant of a population, and record it where `record` says.
 
-    Raises DasError for files that cannot be used, and where the train does not get there.
+    Raises DasError for files that cannot be used, and where the train does not arrive.
     """
     day = _day(trial, Participant(population=_population(population), number=trial.person))
     setting = trial.setting
@@ -172,10 +176,10 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
 
 
 def service_of(setting: Setting) -> Service:
-    """The service of a setting.
+    """The service of a setting: its line, train, timetable and solved sections.
 
-    The timetable and the optimum are the true train's, whichever losses the advice is planned with. Raises DasError
-    for files that cannot be used.
+    Timetable and optimum are those of the true train, whichever losses the advice is planned with. Raises DasError for
+    files that cannot be used.
     """
     scenario = setting.read_scenario()
     own = _services.of(scenario, None)

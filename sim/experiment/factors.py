@@ -1,4 +1,4 @@
-"""How a trial is driven, and which factors of that an experiment can vary: what each is, and how it is written."""
+"""The setting of a trial, and the factors of it that an experiment can vary: what each means, and its levels."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Setting:
     """How a trial is driven.
 
     `loss_level` is the level of losses that the advice is planned with (None: that of the train); the losses of the
-    true train do not change with it. `scenario` and `train` are names of bundled files or paths; without a train, it is
-    the scenario's. Times are in s; `preview_s` is infinite where everything that comes is shown.
+    true train do not change with it. `scenario` and `train` are names of bundled files or paths; `train` None is the
+    scenario's train. Times are in s; `preview_s` is infinite where the display shows everything that comes.
     """
 
     scenario: str = "clear-day"
@@ -79,7 +79,7 @@ class Setting:
 
 
 def setting_files(setting: Setting) -> dict[str, str]:
-    """The hashes of the files of one setting: scenario, route, vehicle, losses, and the driver of one's own."""
+    """The hash of each file of a setting: scenario, route, vehicle, losses, and the user's own driver if it has one."""
     scenario = setting.read_scenario()
     where = scenario.id if setting.train is None else f"{scenario.id} with {Path(scenario.vehicle).stem}"
     found = {f"{where}: {name}": sha256(path) for name, path in scenario_files(scenario).items()}
@@ -88,7 +88,7 @@ def setting_files(setting: Setting) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class FactorLevel:
-    """A level: the text that stands in tables for it, and the value of the setting."""
+    """A level of a factor: its text in tables, and its value in a `Setting`."""
 
     text: str
     value: Any
@@ -96,10 +96,10 @@ class FactorLevel:
 
 @dataclass(frozen=True, kw_only=True)
 class KnownFactor:
-    """A factor that experiments may vary: its name, what it is, its unit, and what its levels may be.
+    """A factor that experiments may vary: its name, what it means, its unit, and what its levels may be.
 
-    `read` turns a value of the file into a level: it is given the table, the key and the value, and raises InputError
-    for a value that is not allowed.
+    `read` makes a level of a table, a key and the value under it, and raises InputError for a value that is not
+    allowed.
     """
 
     name: str
@@ -194,12 +194,12 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="hold_s", title="Hold time", unit="s", read=_seconds(LONGEST_S),
-            meaning="what is read off the display stands for at least this long, unless it is advice to brake",
+            meaning="what the display shows stays for at least this long, unless it is advice to brake",
             expected=f"0 to {LONGEST_S:g} s",
         ),
         KnownFactor(
             name="preview_s", title="Preview", unit="s", read=_preview,
-            meaning="of what comes later, only what comes within this time is shown",
+            meaning="how far ahead the display shows what comes",
             expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
         ),
         KnownFactor(
@@ -238,10 +238,4 @@ DEFAULTS: Final[dict[str, Any]] = {
     "preview_s": "all",
     "reason": True,
 }
-"""What is fixed where a design says nothing; the train is the scenario's, and the loss level the train's."""
-
-
-def factor_markdown() -> str:
-    """The table of factors as docs/reference/experiments.md shows it."""
-    rows = [f"| `{one.name}` | {one.meaning} | {one.expected} |" for one in FACTORS.values()]
-    return "\n".join(["| factor | what it varies | levels |", "|---|---|---|", *rows])
+"""The levels of factors that a design does not mention; train and loss level are then the scenario's."""

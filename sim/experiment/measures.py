@@ -1,4 +1,4 @@
-"""The measures of an experiment: what each is, its formula, its unit and where it is from, and how it is found."""
+"""The measures of an experiment: the name, unit, formula and source of each, and the function that computes it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.experiment.driving import Driven
 from sim.world.loop import TICK_S
 
 BAND_MPS: Final = 3.0 * KMH
-"""Speeds this near to what is shown are in band."""
+"""A speed is in band if it differs from the shown speed by at most this."""
 LEAST_FORCE_N: Final = 1000.0
 """Wheel forces below this are neither traction nor braking."""
 LEAST_MOVE_RATIO: Final = 1e-9
@@ -30,7 +30,7 @@ OWN: Final = "own definition"
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """A measure of a trial: its column, which ends in its unit, its formula, where it is from, and how it is found.
+    """A measure of a trial: its column (which ends in its unit), its title, unit, formula and source, and its function.
 
     `of` gives a number, or None where a trial has none (no advice was shown, or the driver keeps no diary).
     """
@@ -90,7 +90,7 @@ def compliance_ratio(driven: Driven) -> float | None:
 
 
 def control_movements_per_min(driven: Driven) -> float | None:
-    """Movements of the controller per minute in which the train moved; None where it has no setting."""
+    """Movements of the controller per minute in which the train moved; None where the driver sets no controller."""
     settings = [look.lever_ratio for look in driven.looks if look.speed_mps > 0]
     if not settings or any(math.isnan(one) for one in settings):
         return None
@@ -121,7 +121,7 @@ def jerk_rms_mps3(driven: Driven) -> float | None:
 
 
 def glances_per_min(driven: Driven) -> float | None:
-    """Glances at the display per minute in which the train moved; None of a driver who keeps no diary."""
+    """Glances at the display per minute in which the train moved; None for a driver who keeps no diary."""
     moving = {math.floor(state.time_s) for state, _ in driven.moving}
     glances = [one for one in driven.run.decisions if one.what == "glance"]
     if not glances or not moving:
@@ -130,7 +130,7 @@ def glances_per_min(driven: Driven) -> float | None:
 
 
 def lapses(driven: Driven) -> int | None:
-    """Lapses of attention; None of a driver who keeps no diary."""
+    """Lapses of attention; None for a driver who keeps no diary."""
     return _count(driven, "lapse") if driven.run.decisions else None
 
 
@@ -153,7 +153,7 @@ def _speed_is(view: AdviceView) -> SpeedIs:
 
 
 def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]:
-    """When advice was noticed and when it was acted on (s), for all advice that was followed; departures left out."""
+    """When advice was noticed and when it was acted on (s), for all advice that was followed, but no departures."""
     noticed_s = math.nan
     for event in decisions:
         if event.what == "noticed":
@@ -163,7 +163,7 @@ def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]
 
 
 def _shown_since(driven: Driven) -> list[tuple[float, float]]:
-    """For every second, its time (s) and since when the present advice was shown: its mode, or its top speed."""
+    """For every second, its time (s), and since when (s) the same advice is shown: the same mode or highest speed."""
     found: list[tuple[float, float]] = []
     before, since_s = None, math.nan
     for state, look in driven.seconds:
@@ -200,7 +200,8 @@ def _balance(name: str) -> Callable[[Driven], float | None]:
     return lambda driven: kwh(float(getattr(driven.outcome.balance, name)))
 
 
-def _known(value: float) -> float | None:
+def known(value: float) -> float | None:
+    """The value; None for NaN."""
     return None if math.isnan(value) else value
 
 
@@ -326,7 +327,7 @@ _LISTED: Final = (
     ),
     Measure(
         name="advice_changes_per_min", title="Advice changes", unit="1/min", source=OWN,
-        of=lambda driven: _known(driven.outcome.drive.stability.changes_per_min),
+        of=lambda driven: known(driven.outcome.drive.stability.changes_per_min),
         formula="seconds that begin with another mode, speed (km/h) or effort (step of 0.2) on the display, per "
         "minute in which the train moved and advice was shown",
     ),
@@ -347,14 +348,3 @@ MEASURES: Final = {one.name: one for one in _LISTED}
 def measured(driven: Driven, names: list[str]) -> dict[str, Any]:
     """The values of some measures of a trial, by name."""
     return {name: MEASURES[name].of(driven) for name in names}
-
-
-def measure_markdown() -> str:
-    """The table of measures as docs/reference/measures.md shows it."""
-    rows = [f"| `{one.name}` | {one.unit} | {_cell(one.formula)} | {_cell(one.source)} |" for one in MEASURES.values()]
-    return "\n".join(["| measure | unit | formula | source |", "|---|---|---|---|", *rows])
-
-
-def _cell(text: str) -> str:
-    """Text for a cell of a table: a bar would end the cell."""
-    return text.replace("|", "\\|")

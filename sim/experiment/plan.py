@@ -5,6 +5,7 @@ The plan has the factors, the measures, and the planned comparisons with their c
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -37,9 +38,12 @@ PERSON_NUMBER: Final = "person"
 """Column of the participants: number in the population."""
 
 CHECKSUMS: Final = "checksums.json"
-"""The SHA-256 of the tables that are analysed, by their names: file → hash."""
+"""The SHA-256 of each table that is analysed: name of the file → hash."""
 CHECKED_TABLES: Final = (TRIALS_TABLE, PEOPLE_TABLE)
 """The tables whose hashes are kept."""
+
+CHECK_RESULT: Final = "check.json"
+"""What the check of the frozen design found."""
 
 PROVENANCE: Final = "provenance.json"
 """Which program made the data from which files, when and how."""
@@ -57,7 +61,7 @@ PROCEDURE: Final = {
     "practice_trials": "practice trials for each driver", "break_after": "trials between breaks",
     "days": "days", "chances": "chances",
 }  # fmt: skip
-"""What the design says of the procedure, and how the report names it."""
+"""The settings of the procedure that the report lists, and its name for each."""
 PROCEDURE_WORDS: Final = {
     "order williams": "Williams squares: every condition follows every other equally often",
     "order full": "all orders in turn",
@@ -69,6 +73,11 @@ PROCEDURE_WORDS: Final = {
     "chances new": "reactions, errors and lapses are drawn anew on every trial",
     "chances paired": "reactions, errors and lapses are the same for all trials of a driver on one day",
 }
+
+
+def as_json(content: Any) -> bytes:
+    """JSON as the files of a study hold it: indented, UTF-8."""
+    return json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +117,8 @@ class PlannedComparison:
 class StudyPlan:
     """The part of a frozen design that its analysis needs.
 
-    `about` says in words what is asked. `simulated` says whether its drivers are simulated. `setting` has, by name, who
-    took part and what was not varied.
+    `about` is the study's title and description. `simulated` says whether its drivers are simulated. `setting` has
+    pairs of a name and a text: who took part, the procedure, and what was not varied.
     """
 
     name: str
@@ -235,9 +244,9 @@ def _level(levels: tuple[str, ...], fields: Fields, key: str) -> str:
 def read_comparisons(
     fields: Fields, levels: Mapping[str, Callable[[Fields, str], str]], measures: Sequence[str]
 ) -> tuple[PlannedComparison, ...]:
-    """The planned comparisons of a design; none is no error, because a study may only describe.
+    """The planned comparisons of a design, which may have none: a study may only describe its conditions.
 
-    `levels` has for each factor what reads the text of a level under a key of a table. Raises InputError.
+    `levels` has, for each factor, the function that reads a level from a table and a key. Raises InputError.
     """
     listed = fields.data.get("comparisons", [])
     if not isinstance(listed, list):
@@ -280,7 +289,7 @@ def _alpha(fields: Fields) -> float:
 
 
 def read_correction(fields: Fields) -> str:
-    """How the p of a design's comparisons are corrected; InputError for a way that is not known."""
+    """How the p values of a design's comparisons are corrected; InputError for an unknown correction."""
     value = fields.text("correction", CORRECTIONS[0])
     if value not in CORRECTIONS:
         raise fields.error("correction", value, f"one of {', '.join(CORRECTIONS)}")

@@ -1,13 +1,12 @@
 """The files of a study: its table of trials, its participants, the events and series of each trial, and their columns.
 
-What a column means is said in sidecars in the form of BIDS: LongName, Description, Units.
+Sidecars in the form of BIDS say what each column means: LongName, Description, Units.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -24,17 +23,20 @@ from sim.drivers.presentations.presenter import Shown, presenter_of
 from sim.experiment.design import Design
 from sim.experiment.driving import Driven, StudyTrial
 from sim.experiment.factors import FACTORS, FactorLevel, Setting, day_of
-from sim.experiment.measures import MEASURES
+from sim.experiment.measures import MEASURES, known
 from sim.experiment.plan import (
+    CHECK_RESULT,
     CHECKED_TABLES,
     CHECKSUMS,
     DESIGN_JSON,
+    DESIGN_TEXT,
     PEOPLE_TABLE,
     PERSON_ID,
     PERSON_NUMBER,
     PROVENANCE,
     TRIALS_SIDECAR,
     TRIALS_TABLE,
+    as_json,
 )
 from sim.recording.inputs import sha256
 
@@ -45,9 +47,9 @@ MISSING_TEXT: Final = "n/a"
 """What BIDS writes for a missing value, and for a column without a unit."""
 IGNORED: Final = (
     *("*.parquet", "*.mcap", "*.jsonl", "*.csv", "*.toml", "*.html"),
-    *(DESIGN_JSON, TRIALS_SIDECAR, "check.json", CHECKSUMS, PROVENANCE, f"task-{TASK}_series.json"),
+    *(DESIGN_JSON, TRIALS_SIDECAR, CHECK_RESULT, CHECKSUMS, PROVENANCE, f"task-{TASK}_series.json"),
 )
-"""What a BIDS validator is not to look at: BIDS has no place for it."""
+"""Files that a BIDS validator must skip, because BIDS has no place for them."""
 
 _TRIAL_COLUMNS: Final = {
     "trial": ("Trial", "number of the trial in the study, from 1"),
@@ -57,7 +59,7 @@ _TRIAL_COLUMNS: Final = {
     "practice": ("Practice", "1 for a practice trial, which is not for analysis, else 0"),
     "condition": ("Condition", "levels of all factors in the order of the design, joined by _"),
 }
-"""Columns of the table of trials before those of the factors; after these come the seed and the measures."""
+"""The first columns of the table of trials; those of the factors, the seed and the measures follow."""
 EVENT_KINDS: Final = {
     "glance": "the driver looks at the display; value: mode shown",
     "noticed": "the driver notices new advice; value: its mode",
@@ -72,7 +74,7 @@ EVENT_KINDS: Final = {
     "departure": "the train departs from a stop; value: delay (s)",
     "arrival": "the train arrives at a stop; value: delay (s)",
 }
-"""Kinds of events, and what the number beside each is."""
+"""Kinds of events, and what the value of each means."""
 CLOCKS: Final = {
     "monotonic_ns": ("Monotonic clock", "time since the trial began, on a clock that is never set", "ns"),
     "utc_ns": ("UTC", "time since 1970-01-01 UTC; of a simulated trial that of the simulated day", "ns"),
@@ -160,7 +162,7 @@ def tab_separated(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> byte
 
 
 def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping[int, Mapping[str, Any]]) -> bytes:
-    """The tidy table of the trials that are finished: `measures` by the number of the trial."""
+    """The tidy table of the finished trials; `measures` has those of each finished trial by its number."""
     head = [*_TRIAL_COLUMNS, *(factor.name for factor in design.factors), "seed", *design.plan.measures]
     rows = (
         [
@@ -177,24 +179,20 @@ def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes
     """The files of a study that do not depend on how its trials went, by their names."""
     people, persons = _participants(design, trials)
     return {
-        "dataset_description.json": _json(_description(design)),
+        "dataset_description.json": as_json(_description(design)),
         "README": _readme(design).encode(),
         ".bidsignore": "".join(f"{one}\n" for one in IGNORED).encode(),
         PEOPLE_TABLE: people,
-        "participants.json": _json(participants_sidecar(design, persons)),
-        f"task-{TASK}_events.json": _json(events_sidecar()),
-        f"task-{TASK}_series.json": _json(series_sidecar()),
-        TRIALS_SIDECAR: _json(trials_sidecar(design)),
+        "participants.json": as_json(participants_sidecar(design, persons)),
+        f"task-{TASK}_events.json": as_json(events_sidecar()),
+        f"task-{TASK}_series.json": as_json(series_sidecar()),
+        TRIALS_SIDECAR: as_json(trials_sidecar(design)),
     }
 
 
 def checksums(folder: Path) -> bytes:
-    """The hashes of the tables of a study that are analysed, as they lie in its folder."""
-    return _json({name: sha256(folder / name) for name in CHECKED_TABLES})
-
-
-def _json(content: Any) -> bytes:
-    return json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
+    """The hashes of the tables in a study's folder that are analysed, as JSON."""
+    return as_json({name: sha256(folder / name) for name in CHECKED_TABLES})
 
 
 def _description(design: Design) -> dict[str, Any]:
@@ -229,7 +227,7 @@ def _readme(design: Design) -> str:
         f"{design.title}\n\n{described}"
         f"{TRIALS_TABLE} has one row for each trial, and {TRIALS_SIDECAR} says what each column is.\n"
         f"{CHECKSUMS} has the SHA-256 of the tables that are analysed.\n"
-        "design.toml is the design as it was frozen, and design.json the same with all defaults and its hash.\n"
+        f"{DESIGN_TEXT} is the design as it was frozen, and {DESIGN_JSON} the same with all defaults and its hash.\n"
         "sub-XX/ses-YY/beh has for each trial what the driver decided (events.tsv), how the trial was set up\n"
         "(events.json) and a series of one row a second (series.parquet).\n"
         f"task-{TASK}_events.json and task-{TASK}_series.json say what their columns are.\n"
@@ -293,7 +291,7 @@ def _entry(title: str, text: str, unit: str) -> dict[str, Any]:
 
 
 def level_words(factor: str, level: FactorLevel) -> str:
-    """What a level means; empty where its name says it. Raises DasError for a scenario that cannot be read."""
+    """What a level means; empty where its text says it already. Raises DasError for a scenario that cannot be read."""
     if factor == "scenario":
         return day_of(level.value).title
     if factor == "presentation":
@@ -307,7 +305,7 @@ def trial_files(trial: StudyTrial, driven: Driven) -> dict[str, bytes]:
     about = {"participant": trial.participant, "condition": trial.condition, "trial": str(trial.number)}
     about |= {name: str(entry["Value"]) for name, entry in setting.items()}
     return {
-        trial_file(trial, SETTING): _json({"Setting": setting}),
+        trial_file(trial, SETTING): as_json({"Setting": setting}),
         trial_file(trial, EVENTS): tab_separated(EVENT_COLUMNS, _event_rows(driven)),
         trial_file(trial, SERIES): as_parquet(_series(driven), about),
     }
@@ -327,7 +325,7 @@ def setting_sidecar(setting: Setting, driven: Driven) -> Sidecar:
 
 
 def _event_rows(driven: Driven) -> Iterator[tuple[Any, ...]]:
-    """The rows of the events, in the order of time."""
+    """The rows of the file of events, in the order of time."""
     service, began_s = driven.day.service, driven.run.states[0].time_s
     began_ns = service.moment_ns(began_s)
     for time_s, what, value in sorted(_events(driven), key=lambda one: one[0]):
@@ -337,7 +335,7 @@ def _event_rows(driven: Driven) -> Iterator[tuple[Any, ...]]:
 
 
 def _events(driven: Driven) -> Iterator[tuple[float, str, float]]:
-    """What happened: the time on the trip's clock (s), its kind and its number."""
+    """Every event: its time on the trip's clock (s), its kind and its value."""
     for event in driven.run.decisions:
         yield event.time_s, event.what, float(event.value)
     before: Shown | None = None
@@ -361,10 +359,10 @@ def _series(driven: Driven) -> DataTable:
         utc_ns, view = service.moment_ns(state.time_s), look.shown
         row = (
             *(state.time_s, utc_ns - began_ns, utc_ns, state.s_m, state.speed_mps, state.acceleration_mps2),
-            *(look.limit_mps, state.force_el_n, state.force_friction_n, state.input_j, _number(look.lever_ratio)),
+            *(look.limit_mps, state.force_el_n, state.force_friction_n, state.input_j, known(look.lever_ratio)),
             None if view is None else mode_name(Regime(view.mode)),
-            None if view is None else _number(view.shown_speed_mps),
-            None if view is None else _number(view.lever_ratio),
+            None if view is None else known(view.shown_speed_mps),
+            None if view is None else known(view.lever_ratio),
         )
         for column, value in zip(values.values(), row, strict=True):
             column.append(value)
@@ -373,7 +371,3 @@ def _series(driven: Driven) -> DataTable:
         for name, (_, text, _) in SERIES_COLUMNS.items()
     ]
     return DataTable(name="series", columns=columns)
-
-
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value

@@ -1,4 +1,4 @@
-"""Cells of a trip's file as numbers and as times, with errors that name the file, the line and the value.
+"""Cells of a CSV file as numbers and as times, with errors that name the file, the line and the value.
 
 Times are whole ns since 1970, without the rounding of a double.
 """
@@ -20,16 +20,20 @@ from das.domain.route import Floats
 from das.domain.units import MS, NS
 
 ROUNDING = 1e-6
-"""A negative speed this near to 0 (in its file's unit) comes from rounding."""
+"""A negative speed that is this near to 0 (in its file's unit) comes from rounding."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NS_PER_MICROSECOND = 1000
 LATEST_NS = round(9e9 / NS)
 """The latest time (ns since 1970, year 2255) that fits in integer nanoseconds."""
 PER_UNIT_NS = {"time_ms": round(MS / NS), "time_s": round(1 / NS)}
+"""Nanoseconds in the unit of each column of times."""
+LATITUDE_NAMES = ("latitude", "latitude_deg", "lat")
+LONGITUDE_NAMES = ("longitude", "longitude_deg", "lon", "lng")
+"""Names that a column of latitudes or of longitudes may have."""
 
 
 def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], str]:
-    """Cells of a CSV file, row i being line i + 1, and the separator: a semicolon or tab if line 1 has one, or a comma.
+    """Cells of a CSV file, row i from line i + 1, and the separator: a semicolon or tab if line 1 has it, else a comma.
 
     Raises DasError for a missing or empty file, or one with a line break inside quotes.
     """
@@ -47,7 +51,7 @@ def read_cells(path: Path, what: str, expected: str) -> tuple[list[list[str]], s
 
 
 class CellTable(NamedTuple):
-    """A CSV file: names of its columns, its rows of cells, the line of the first row, and what separates cells."""
+    """A CSV file: what it holds, names of columns, rows of cells, line of the first row, and separator."""
 
     path: Path
     what: str
@@ -58,7 +62,7 @@ class CellTable(NamedTuple):
 
     @classmethod
     def read(cls, path: Path, what: str, names: tuple[str, ...]) -> CellTable:
-        """Read a file with a header or without; `names` are those of the columns of a file without.
+        """Read a file with or without a header; `names` are the columns of a file without one.
 
         Raises DasError as `read_cells` does.
         """
@@ -68,9 +72,9 @@ class CellTable(NamedTuple):
         return cls(path, what, tuple(cell.casefold() for cell in rows[0]), rows[1:], 2, separator)
 
     def body(self) -> list[list[str]]:
-        """The rows with points as decimal signs, which are commas in a file that separates its cells otherwise.
+        """The rows with points as decimal signs; where cells are not separated by commas, a comma is a decimal sign.
 
-        Raises DasError for fewer than two rows, and InputError for one with another number of columns.
+        Raises DasError for fewer than two rows, and InputError for a row with another number of columns.
         """
         count, width = len(self.rows), f"{len(self.names)} columns: {', '.join(self.names)}"
         if count < 2:
@@ -103,7 +107,7 @@ def is_number(cell: str) -> bool:
 
 
 def not_negative(path: Path, line: int, speed: float) -> float:
-    """A speed; one that is below 0 by rounding alone is 0. Raises InputError for other negative speeds."""
+    """The speed, or 0 where rounding alone made it negative. Raises InputError for any other negative speed."""
     if speed < -ROUNDING:
         raise InputError(path, f"line {line} speed", speed, "a speed >= 0")
     return max(speed, 0.0)

@@ -1,12 +1,14 @@
-"""What does not fit in a record: times out of order, impossible positions, impossible speeds.
+"""Cleaning a record: what is looked for, how it is found, and the log of all that was found.
 
-The functions here judge; `matching` acts on what they find.
+The functions find times out of order, impossible positions and impossible speeds; `points` and `matching` act on them.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -14,18 +16,141 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import NS
-from sim.trips.findings import FindingKind, FindingLog
+from sim.recording.course import utc
 from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import GAPS, POSITIONS, SPEEDS
 
 _Strays = Callable[[Ints, Any], Floats]
-"""How badly later points j (one, or one for each i) fit earlier points i: they fit up to a value of 1."""
+"""How badly later points j (one, or one for each i) fit earlier points i; two points fit if the value is at most 1."""
+_REMOVING = ("dropped", "cut")
+"""What is done about findings whose points are taken out of the record."""
+
+
+class FindingKind(StrEnum):
+    """All that cleaning looks for: a name, words, what is done about it, and whether `--strict` refuses the record."""
+
+    words: str
+    done: str
+    refused: bool
+
+    def __new__(cls, name: str, words: str, done: str, refused: bool = False) -> FindingKind:
+        """A kind of finding, whose value is its name."""
+        kind = str.__new__(cls, name)
+        kind._value_, kind.words, kind.done, kind.refused = name, words, done, refused
+        return kind
+
+    NEWEST_FIRST = "newest_first", "newest point first", "turned round", True
+    OTHER_WAY = "other_way", "trip runs the other way", "driven the other way", True
+    DUPLICATE_TIME = "duplicate_time", "time given twice", "dropped", True
+    TIME_BACK = "time_back", "time running back", "dropped", True
+    NO_POSITION = "no_position", "no position", "dropped", True
+    OFF_LINE = "off_line", "off the line before or after", "cut", True
+    POSITION_FROZEN = "position_frozen", "position frozen while moving", "dropped", True
+    POSITION_JUMP = "position_jump", "position jump", "dropped", True
+    FAR_APART = "far_apart", "other part of the record, beyond a long gap", "cut", True
+    BEFORE_SECTION = "before_section", "before the section", "cut", True
+    AFTER_SECTION = "after_section", "after the section", "cut", True
+    LONG_STAND_AT_START = "long_stand_at_start", "long stand at the start", "cut"
+    LONG_STAND_AT_END = "long_stand_at_end", "long stand at the end", "cut"
+    STANDING_DRIFT = "standing_drift", "position drifts while standing", "put together"
+    SLOWS_TO_STAND = "slows_to_stand", "slows down to a stand at an end of the record", "taken for a stand"
+    STEP_BACK = "step_back", "small step back", "made flat"
+    SPEED_MISSING = "speed_missing", "no usable speed", "speed from positions"
+    SPEED_DROPOUT = "speed_dropout", "speed dropout", "speed from positions"
+    SPEED_SPIKE = "speed_spike", "impossible speed", "speed from positions"
+    GAP = "gap", "gap in time", "bridged"
+    STARTS_MOVING = "starts_moving", "starts moving", "left open"
+    ENDS_MOVING = "ends_moving", "ends moving, no final stop", "left open"
+
+
+@dataclass(frozen=True, kw_only=True)
+class TripFinding:
+    """What was found of one kind: at how many points (or gaps), the first place and time, and details in words."""
+
+    kind: FindingKind
+    count: int
+    first: str
+    first_time_ns: int
+    detail: str
+
+    @property
+    def first_time(self) -> str:
+        """Time of the first occurrence, UTC."""
+        return utc(self.first_time_ns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CleaningReport:
+    """What was found in a record of `read` points, of which `kept` are left; `unread` are unused columns."""
+
+    read: int
+    kept: int
+    findings: tuple[TripFinding, ...] = ()
+    unread: tuple[str, ...] = ()
+
+    @property
+    def summary(self) -> str:
+        """The report in one line."""
+        parts = [f"{f.count} × {f.kind.words} ({f.kind.done})" for f in self.findings]
+        return f"{self.kept} of {self.read} points kept; " + ("; ".join(parts) or "nothing to clean")
+
+    def as_object(self) -> dict[str, Any]:
+        """The report as an object for JSON."""
+        return {
+            "points_read": self.read,
+            "points_kept": self.kept,
+            "columns_not_read": list(self.unread),
+            "findings": [
+                {
+                    "kind": str(f.kind),
+                    "count": f.count,
+                    "done": f.kind.done,
+                    "first": f.first,
+                    "first_time": f.first_time,
+                    "first_time_ns": f.first_time_ns,
+                    "detail": f.detail,
+                }
+                for f in self.findings
+            ],
+        }
+
+
+@dataclass
+class FindingLog:
+    """Collects findings while a record of `read` points is cleaned.
+
+    `strict` refuses a record of which points would be dropped, or whose trip would be turned round.
+    """
+
+    strict: bool = False
+    read: int = 0
+    found: list[TripFinding] = field(default_factory=list)
+
+    def add(self, kind: FindingKind, record: Record, which: Any, detail: str = "") -> None:
+        """Add a finding at the points `which` (mask or indices) of a record; no points, no finding.
+
+        Raises DasError where the log is strict and refuses this kind.
+        """
+        which = np.asarray(which)
+        points = np.flatnonzero(which) if which.dtype == bool else which
+        if not len(points):
+            return
+        first, time_ns = record.where(points[0]), int(record.time_ns[points[0]])
+        if self.strict and kind.refused:
+            seen = f", {detail}" if detail else ""
+            raise DasError(f"{record.source}: {first}: {kind.words}{seen} ({len(points)} in all; --strict)")
+        self.found.append(TripFinding(kind=kind, count=len(points), first=first, first_time_ns=time_ns, detail=detail))
+
+    def report(self, kept: int, unread: tuple[str, ...]) -> CleaningReport:
+        """The report on all findings, those that removed points first."""
+        ordered = sorted(self.found, key=lambda f: (f.kind.done not in _REMOVING, list(FindingKind).index(f.kind)))
+        return CleaningReport(read=self.read, kept=kept, findings=tuple(ordered), unread=unread)
 
 
 def in_order(record: Record, log: FindingLog) -> Record:
-    """The record with times that increase: each time once (its first point), and as few points dropped as possible.
+    """The record with increasing times: of equal times the first point is kept, and as few others as possible dropped.
 
-    A file that mostly runs backwards is turned round first. Raises DasError if no two times increase.
+    A file that mostly runs backwards is turned round first. Raises DasError for times in disorder, or all equal.
     """
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):
@@ -42,23 +167,19 @@ def in_order(record: Record, log: FindingLog) -> Record:
             f"{record.source}: the times are in disorder: only {np.count_nonzero(~back)} of {len(back)} points are in "
             "order, sort the file by time if it was shuffled"
         )
-    log.add(FindingKind.TIME_BACK, record, back, _most_back(record.time_ns))
+    most_s = (np.maximum.accumulate(record.time_ns) - record.time_ns).max() * NS
+    log.add(FindingKind.TIME_BACK, record, back, f"up to {most_s:.4g} s back")
     record = record.take(~back)
     if len(record) < 2:
         raise DasError(f"{record.source}: all points have one time, expected times that increase")
     return record
 
 
-def _most_back(time_ns: Ints) -> str:
-    back_s = (np.maximum.accumulate(time_ns) - time_ns).max() * NS
-    return f"up to {back_s:.4g} s back"
-
-
 def longest_rise(values: Ints) -> list[int]:
-    """Indices of a longest strictly increasing subsequence; of two neighbours in the wrong order it holds the first.
+    """Indices of a longest strictly increasing subsequence; of two neighbours in the wrong order it keeps the first.
 
-    Patience sorting, from the end: `ends[k]` is the index of the greatest value (`least` holds it negated) from which a
-    rise of k + 1 goes on.
+    Patience sorting, from the end: `ends[k]` is the index of the greatest value (negated in `least`) that begins an
+    increasing subsequence of length k + 1.
     """
     ends: list[int] = []
     least: list[int] = []
@@ -79,12 +200,12 @@ def longest_rise(values: Ints) -> list[int]:
 
 
 def find_jumps(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
-    """Points that do not belong to the longest run of positions that one train can have had.
+    """Points that do not belong to the longest chain of positions that one train can have had.
 
-    Two points fit if their distance is the way that the reported speeds between them tell, within 50 m, the way of 5 s
-    of their change, and 2 %. Where speeds are not reported, or differ from those of the positions around, the speeds of
-    the positions count, within what a change by 1 m/s² makes of the way. The distance must also be no more than the
-    train's top speed allows, and not lead back. The search is repeated until there is nothing left to drop.
+    Two points fit if their distance is the integral of the reported speeds between them, give or take 50 m, 5 s times
+    the change of speed, and 2 %. Where speeds are not reported, or contradict the positions around, the speeds of the
+    positions count instead, give or take the distance that a change of speed by 1 m/s² makes. The distance must also be
+    within the train's top speed, and not lead back. The search is repeated until it drops nothing.
     """
     kept = np.arange(len(time_s))
     while len(kept) > 1:
@@ -100,9 +221,9 @@ def find_jumps(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     """Points that repeat a position to the digit while the train moves: the receiver held its last position.
 
-    The reported speeds (NaN: none) are believed if the next position is over 50 m away and they explain at least half
-    of that. If no other position follows, they are believed if the positions before led there as fast, because no train
-    stops within one step.
+    The train moved if the next position is at least 50 m away, and at least half as far as the reported speeds (NaN:
+    none) say. If no other position follows, it moved if the positions before were as fast, because no train stops
+    within one step.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > SPEEDS.wrong_speed_mps
@@ -120,7 +241,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
 
 def _led_on(time_s: Floats, along_m: Floats, speed_mps: Floats, last_good: int) -> bool:
-    """Whether speeds lead over 50 m beyond a last position, and positions led there at half that speed or more."""
+    """Whether reported speeds lead 50 m beyond the last position, and positions led there at half the speed or more."""
     before = max(last_good - POSITIONS.steps_around, 0)
     if before == last_good:
         return False
@@ -152,9 +273,9 @@ def _strays_of_positions(time_s: Floats, along_m: Floats, reported_mps: Floats) 
 
 
 def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) -> tuple[Floats, Floats]:
-    """Way (m) that trusted speeds tell, and time (s) without them, from the first point to each point.
+    """Integral of trusted speeds (m), and time without them (s), from the first point to each point.
 
-    A step is trusted if the reported speeds at both ends are those of the positions around; gaps are not.
+    The speeds of a step are trusted if those at both ends agree with the positions around; those in gaps are not.
     """
     off = np.abs(reported_mps - around_mps)  # NaN is not below anything
     told = off < np.maximum(SPEEDS.wrong_speed_mps, SPEEDS.wrong_speed_ratio * around_mps)
@@ -167,8 +288,8 @@ def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) ->
 def longest_chain(strays: _Strays, time_s: Floats) -> list[int]:
     """Indices of the longest chain in which each point fits the one before, by dynamic programming over the last point.
 
-    A point may follow one that is at most 120 points and 120 s back; points left out between cost more the further the
-    step over them strays.
+    A point may follow one that is at most 120 points and 120 s earlier. Points left out between two points of the chain
+    cost more the worse these two fit.
     """
     count = len(time_s)
     if np.all(strays(np.arange(count - 1), np.arange(1, count)) <= 1.0):
@@ -236,9 +357,9 @@ def speeds_unusable(time_s: Floats, position_m: Floats, speed_mps: Floats) -> bo
 
 
 def find_halts(time_s: Floats, position_m: Floats, speed_mps: Floats) -> Bools:
-    """Points with a reported speed of 0, which is 0 in any unit, at which positions are slow as well.
+    """Points with a reported speed of 0, which is 0 in any unit, at which the positions are slow as well.
 
-    There are none if the reported speed is 0 at most of the points that move.
+    No point counts if the reported speed is 0 at most of the points at which the positions move.
     """
     derived = derived_speed_mps(time_s, position_m)
     moving, zero = derived > SPEEDS.wrong_speed_mps, speed_mps == 0
@@ -260,9 +381,9 @@ def _with_edges(off_mps: Floats, derived_mps: Floats, jump: Bools, unsure_mps: F
 
 
 def _unsure_mps(time_s: Floats) -> Floats:
-    """How far (m/s) the mean slope may be wrong beside a gap.
+    """How far off (m/s) the mean slope of positions may be beside a gap.
 
-    A gap of G lets the speed change by a·(G − 5 s)/2, and half of that is in the window.
+    In a gap of G seconds the speed may change by a·(G − 5 s)/2, half of which is in the window of the slope.
     """
     steps = np.diff(time_s)
     longest = np.maximum(np.append(0.0, steps), np.append(steps, 0.0))

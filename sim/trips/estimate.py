@@ -1,8 +1,8 @@
 """The forces and the energy of a driven run, by inverse dynamics with a chosen vehicle.
 
-Positions do not tell the true train, its mass, the wind, how motors and friction brake shared the braking (electric
+Positions do not tell which train it was, its mass, the wind, how motors and friction brake shared the braking (electric
 first is assumed), nor what the auxiliaries drew. So the figures are an estimate and are called so; `energy_range` says
-how far they may be wrong.
+how far off they may be.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ from sim.trips.settings import ESTIMATE, SMOOTHING
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
-    """Something that is not known, and the energy at the collector (J) at either end of what it may be."""
+    """Something unknown about the drive, and the energy at the collector (J) at both ends of its range.
+
+    `assumed` is that range in words.
+    """
 
     name: str
     assumed: str
@@ -39,7 +42,7 @@ class Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyRange:
-    """The estimated energy (J), its range by each unknown on its own, and by all of them together at their worst.
+    """The estimated energy (J), its range for each unknown alone, and for all of them together at their worst.
 
     `left_out` counts the cases that cannot have been.
     """
@@ -56,7 +59,7 @@ class DrivenEstimate:
     """A driven run with the forces that this vehicle would have needed.
 
     `index[i]` is the point of the run at node i of the trajectory. `beyond_ratio` is the share of time in which the run
-    asks for more than the vehicle has: it was another train, or the positions are rough.
+    needs more force than the vehicle has: it was another train, or the positions are rough.
     """
 
     trajectory: Trajectory
@@ -69,9 +72,9 @@ class DrivenEstimate:
 def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Floats) -> DrivenEstimate:
     """Inverse dynamics over a run; arrays of one length, times and positions do not decrease.
 
-    The force comes from the change of v² over the way, and the resistance, gradient and curves of each interval. The
-    motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone where the section
-    brakes so).
+    The force comes from the change of v² over the distance, and the resistance, gradient and curves of each interval.
+    The motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone where the
+    section brakes so).
     """
     vehicle = section.vehicle
     index = _moving_points(s_m)
@@ -125,7 +128,7 @@ def strongest_held_n(driven: DrivenEstimate) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenCase:
-    """One way in which the run may have been; the defaults are what the estimate assumes."""
+    """One possible truth about the drive; the defaults are what the estimate assumes."""
 
     mass_ratio: float = 1.0
     resistance_ratio: float = 1.0
@@ -134,18 +137,18 @@ class DrivenCase:
     jerk_psd_m2ps5: float = SMOOTHING.jerk_psd_m2ps5
 
     def train(self, vehicle: Vehicle) -> Vehicle:
-        """The train as it may have been."""
+        """The train in this case."""
         return Conditions(
             mass_ratio=self.mass_ratio, resistance_ratio=self.resistance_ratio, head_wind_mps=self.head_wind_mps
         ).train(vehicle)
 
     def brakes(self, section: Section) -> BrakePolicy:
-        """How it may have braked."""
+        """How the train braked in this case."""
         return BrakePolicy.FRICTION if self.all_friction else section.brakes
 
 
 BRAKING = "braking"
-"""The name of the unknown that is how motors and friction brake shared the braking."""
+"""The name of the unknown share of motors and friction brake in the braking."""
 
 _Ends = tuple[dict[str, Any], dict[str, Any]]
 _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
@@ -174,19 +177,19 @@ _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
         ),
     ),
 )
-"""The name of each unknown, what it may have been in words, and the changes of a case at either end."""
+"""The name of each unknown, its range in words, and the changes of a case at either end of the range."""
 
 
 def energy_range(section: Section, matched: MatchedTrip) -> EnergyRange:
-    """How far the energy of a driven trip may be wrong: inverse dynamics is repeated for every case."""
+    """How far off the energy of a driven trip may be: inverse dynamics is repeated for every case."""
     return over_unknowns(driven_energy(section, matched))
 
 
 def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange:
-    """The range of an energy (J): each unknown at either end, and all together at the ends that give least and most.
+    """The range of an energy (J): for each unknown alone, and for all together at the ends that give least and most.
 
-    That is the outermost range, not the likeliest. `energy_j` returns None for a case that cannot have been, and that
-    case is left out.
+    The latter is the outermost range, not the likeliest. `energy_j` returns None for a case that cannot have been; such
+    a case is left out.
     """
     known: dict[DrivenCase, float | None] = {}
 
@@ -204,9 +207,10 @@ def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange
 
 
 def one_by_one(energy_j: Callable[[DrivenCase], float | None]) -> tuple[Unknown, ...]:
-    """The range of an energy (J) by each unknown on its own; None for a case that cannot have been, which is left out.
+    """The range of an energy (J) for each unknown alone.
 
-    The case that is assumed must have been possible.
+    `energy_j` returns None for a case that cannot have been; such a case is left out. The assumed case must be
+    possible.
     """
     estimate_j = energy_j(DrivenCase())
     assert estimate_j is not None
@@ -220,9 +224,9 @@ def one_by_one(energy_j: Callable[[DrivenCase], float | None]) -> tuple[Unknown,
 def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float) -> float:
     """The least (sign < 0) or the most energy (J) with every unknown at one of its ends.
 
-    First, each unknown goes to the end that leads furthest on its own. One unknown may reverse what another does: a
-    train that brakes by friction loses more with a tail wind. So each in turn then goes to the end that leads furthest
-    from there, until none leads further.
+    First, each unknown is set to the end that leads furthest on its own. One unknown may reverse what another does: a
+    train that brakes by friction loses more with a tail wind. Therefore each in turn is then set to the end that leads
+    furthest from there, until none leads further.
     """
 
     def reach(case: DrivenCase) -> float:
@@ -257,7 +261,7 @@ def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[DrivenCas
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:
-    """Indices of points that lie apart, the first among them."""
+    """Indices of the first point and of all that lie at least `min_step_m` beyond the one before."""
     keep = [0]
     for i in range(1, len(s_m)):
         if s_m[i] - s_m[keep[-1]] >= ESTIMATE.min_step_m:

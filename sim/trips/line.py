@@ -11,11 +11,11 @@ import numpy as np
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
-from sim.trips.cells import CellTable, check_column, check_location, number
+from sim.trips.cells import LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, check_location, number
 
 COLUMNS: Final = {
-    "latitude": ("latitude", "latitude_deg", "lat"),
-    "longitude": ("longitude", "longitude_deg", "lon", "lng"),
+    "latitude": LATITUDE_NAMES,
+    "longitude": LONGITUDE_NAMES,
     "kilometre": ("kilometre", "kilometer", "km", "position_km"),
 }
 """The quantities in a list of kilometre posts, and the names that the column of each may have."""
@@ -24,14 +24,14 @@ EARTH_RADIUS_M: Final = 6_371_008.8
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
 """The distance of two posts on the map may differ from their difference in kilometres by this share."""
 _PAIRS_AT_ONCE: Final = 1_000_000
-"""Points times segments that are projected at once; this bounds the memory."""
+"""Most pairs of a point and a segment that are projected at once; this bounds the memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
     """A polyline with a chainage at each vertex, increasing in driving order; arrays of shape (vertices,).
 
-    `on_route` tells whether the chainage is the position on the route, or has a zero of its own.
+    `on_route` says whether the chainage is the position on the route; otherwise it has a zero of its own.
     """
 
     source: str

@@ -11,7 +11,7 @@ from das.domain.errors import DasError
 from das.domain.route import Floats, Route, Stop
 from das.domain.units import KMH, NS
 from sim.trips import cleaning
-from sim.trips.findings import CleaningReport, FindingKind, FindingLog
+from sim.trips.cleaning import CleaningReport, FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.points import Points, Stand, fitting_points, left_over, measured_mps, stands, visits
 from sim.trips.record import Bools, Ints, Record
@@ -23,12 +23,12 @@ SAME_TIME_S = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class MatchReport:
-    """How the record fits: s = offset_m + scale · chainage.
+    """How a record was put on the route: s = offset_m + scale · chainage.
 
     `anchor` says what fixed offset and scale: "route" (the line has the route's positions already), "start and end",
     "start" or "end" (the stops where the train stood), "positions" (the record has positions on the route). If only
     positions show that the train stood at an end of the record, it may have stood up to `stand_uncertainty_m` beyond
-    that end. Distances from the line are None if there is no line.
+    that end. Distances from the line (cross track) are None if there is no line.
     """
 
     offset_m: float
@@ -58,8 +58,8 @@ class RunEnds(NamedTuple):
 class MatchedTrip:
     """A record on a route, arrays of shape (points,); `s_m` never decreases, `speed_mps` has no dropouts.
 
-    `dropout` marks speeds that come from the positions and were not measured, `invalid` marks points that a recording
-    calls invalid, and `standing` marks points at which the train stands.
+    `dropout` marks speeds that were not measured but derived from positions, `invalid` points that a recording calls
+    invalid, and `standing` points at which the train stands.
     """
 
     source: str
@@ -96,11 +96,11 @@ def match_trip(
     """Match a record (times increasing) to a route that is driven from the first of `stops` to the second.
 
     Impossible points and speeds are dropped or mended, and listed in the report (see docs/reference/trips.md).
-    Kilometre posts have a zero of their own. If two standstills are as far apart as the stops, within 1 %, they are
-    placed at the stops and the kilometrage is scaled to both; otherwise the stand at the start, or else the one at the
-    end, fixes the zero. Without a line, the record's own positions are used. Long stands at the ends are cut to 30 s
-    unless `whole_stands`. Raises DasError where nothing usable remains: the train is off the line, does not move, turns
-    back, or runs on another section.
+    Kilometre posts have a zero of their own. If two standstills are as far apart as the stops, within 1 %, they are put
+    on the stops and the kilometrage is scaled to both. Otherwise the stand at the start fixes the zero, or else the one
+    at the end. Without a line, the record's own positions are used. Long stands at the ends are cut to 30 s unless
+    `whole_stands`. Raises DasError where nothing usable remains: the train is off the line, does not move, turns back,
+    or runs on another section.
     """
     log = log or FindingLog(read=len(record))
     start_stop, end_stop = stops
@@ -117,7 +117,7 @@ def match_trip(
     points = placed.take(kept)
     log.add(FindingKind.STANDING_DRIFT, record, points.point[drifted])
     points = _mended(record, points, log)
-    _tell(record, points, end_stop, log)
+    _log_section(record, points, end_stop, log)
     return _with_invalid(record, points, _report(record, points, anchored, line, log))
 
 
@@ -223,8 +223,8 @@ def _flattened(record: Record, points: Points) -> Floats:
     return np.minimum(highest, points.along_m[-1]) if points.standing[-1] else highest
 
 
-def _tell(record: Record, points: Points, end_stop: Stop, log: FindingLog) -> None:
-    """Report what was mended in the section's speeds, and what was found but left as it is."""
+def _log_section(record: Record, points: Points, end_stop: Stop, log: FindingLog) -> None:
+    """Log what was mended in the section's speeds, and what was found but left as it is."""
     at = points.point
     for kind, which in (
         (FindingKind.SPEED_MISSING, points.missing),
@@ -259,7 +259,7 @@ def _speeds(record: Record, at: Ints, points: Points, which: Bools) -> str:
 
 
 def _with_invalid(record: Record, points: Points, report: MatchReport) -> MatchedTrip:
-    """The trip, with the points that a recording calls invalid put back, because the node received them as well."""
+    """The trip, including the points that a recording calls invalid, because the node received them as well."""
     inside = np.zeros(len(record), dtype=bool)
     inside[points.point[0] : points.point[-1] + 1] = True
     kept = record.invalid & inside
@@ -370,7 +370,7 @@ def _how_far(beyond_m: np.ndarray, stop: Stop, where: str) -> str:
 def _without_long_stands(
     record: Record, points: Points, found: list[Stand], ends: tuple[int, int], log: FindingLog
 ) -> slice:
-    """The points between the ends, less all but the last 30 s of a stand at the start and the first 30 s at the end."""
+    """The points between the ends; of a stand at the start only the last 30 s, at the end only the first 30 s."""
     (first, last), time_s, kept_s = ends, points.time_s, STANDS.stand_kept_s
 
     def cut(kind: FindingKind, which: slice, stood_s: float) -> None:

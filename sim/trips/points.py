@@ -1,4 +1,4 @@
-"""The points of a record that one train can have been at, with speeds that it can have run, and where it stood."""
+"""The points of a record that fit together as one train's motion, with plausible speeds, and its standstills."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import KMH
 from sim.trips import cleaning
-from sim.trips.findings import FindingKind, FindingLog
+from sim.trips.cleaning import FindingKind, FindingLog
 from sim.trips.line import Line
 from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import GAPS, PLACING, POSITIONS, SPEEDS, STANDS
@@ -20,10 +20,10 @@ from sim.trips.settings import GAPS, PLACING, POSITIONS, SPEEDS, STANDS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Points:
-    """Points of a record that have been kept; arrays of shape (points,), and `point` is the index in the record.
+    """Points of a record that are kept; arrays of shape (points,), of which `point` is the index in the record.
 
     `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
-    `dropout` and `spike` say why a speed is not the reported one. Where the positions alone show that the train stands
+    `dropout` and `spike` say why a speed is not the reported one. Where only the positions show that the train stands
     at an end of the record, `slowed_to_mps` is the speed that they give there; elsewhere it is NaN.
     """
 
@@ -65,8 +65,8 @@ def _place(record: Record, line: Line | None) -> tuple[Floats, Floats]:
 def runs_back(record: Record, line: Line | None) -> bool:
     """Whether a record (in order of time) runs against the line or, without a line, towards lower positions.
 
-    The medians of its first and its last tenth on the line decide. They must lie well apart, because a trip there and
-    back has no direction.
+    The medians of the first and the last tenth of its points on the line decide. They must lie well apart, because a
+    trip there and back has no direction.
     """
     along, aside = _place(record, line)
     along = along[aside <= PLACING.max_cross_track_m]
@@ -80,8 +80,8 @@ def runs_back(record: Record, line: Line | None) -> bool:
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
     """The points of a record that are on the line and fit together, with speeds that fit them.
 
-    Every point that is dropped is reported. Wrong speeds are only marked here; later those of the section are
-    reported. Raises DasError if most points do not fit.
+    The log gets every point that is dropped. Wrong speeds are only marked: the log gets those of the section later.
+    Raises DasError if most points do not fit.
     """
     along, aside = _place(record, line)
     located = np.isfinite(aside)
@@ -170,7 +170,7 @@ def _enough(kept: Points, count: int, section_m: float) -> bool:
 
 
 def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
-    """The part with the most points between gaps in which nobody knows what the train did."""
+    """The largest part of the record without a long gap in which, or beside which, the train moved."""
     steps_s, steps_m = np.diff(points.time_s), np.abs(np.diff(points.along_m))
     moving = steps_m > SPEEDS.wrong_speed_mps * steps_s
     beside = np.append(False, moving[:-1]) | np.append(moving[1:], False)
@@ -228,8 +228,8 @@ def standing(speed_mps: Floats, from_positions: Bools) -> Bools:
 def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) -> Bools:
     """Which points belong to a stand once apparent motion is disregarded.
 
-    `still` are points at which the train stands. Points without a speed (`untold`) stand as well if the positions over
-    15 s on either side show no motion, and so do all points between two stands within 30 m.
+    `still` are points at which the train stands. It also stands at points without a usable speed (`untold`) whose
+    positions over 15 s on either side show no motion, and at all points between two stands if they are within 30 m.
     """
     slow_mps = cleaning.derived_speed_mps(time_s, along_m, SPEEDS.stall_half_window_s)
     found = still | (untold & (np.abs(slow_mps) < STANDS.standing_by_positions_mps))
@@ -260,7 +260,7 @@ def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
 
 
 def left_over(speed_mps: float) -> tuple[float, float]:
-    """How far (m) and how long (s), at most, a train at this speed runs until it stands, or has run since it stood."""
+    """Distance (m) and time (s) that a train at this speed needs at most to stop, or has needed since it started."""
     return speed_mps**2 / (2.0 * STANDS.gentle_mps2), speed_mps / STANDS.gentle_mps2
 
 

@@ -1,4 +1,4 @@
-"""A matched trip as a smooth run: time, position, speed and acceleration that belong together."""
+"""A matched trip as a smooth run: time, position, speed and acceleration that are consistent with each other."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def to_profile(
     """Resample a trip from departure to arrival in steps of `step_s`, smooth and consistent.
 
     GPS receivers filter the speed, so it comes seconds late. The lag is estimated by sliding the integrated speed
-    against the positions; departure and arrival are known from the speed and therefore move with the lag. Then the
-    likeliest motion under white jerk of density `jerk_psd_m2ps5` is taken (Kalman filter and Rauch–Tung–Striebel
+    against the positions; departure and arrival are known from the speed and therefore move with the lag. The run is
+    then the likeliest motion under white jerk of density `jerk_psd_m2ps5` (Kalman filter and Rauch–Tung–Striebel
     smoother for s, v, a). Positions have little weight and govern over long distances; speeds have more weight and give
-    the detail over some 8 s. Dropouts are bridged by positions and inertia, gaps by inertia alone. An end at which the
+    the detail over some 8 s. Positions and inertia bridge dropouts, inertia alone bridges gaps. An end at which the
     train stands is exact in position and speed, and is moved to the next step. Negative speeds become 0, and s is
     integrated from the speed. Raises DasError for a run shorter than 3 steps.
     """
@@ -112,7 +112,7 @@ def speed_lag_s(time_s: Floats, position_m: Floats, speed_mps: Floats) -> float:
 
 
 def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) -> tuple[Floats, Bools]:
-    """Values interpolated on the grid, and at which of its times there is none: outside the points, or in a gap."""
+    """Values interpolated on the grid, and a mask of its times without a value: outside the points, or in a gap."""
     if not len(time_s):
         return np.zeros_like(grid), np.ones(len(grid), dtype=bool)
     after = np.searchsorted(time_s, grid)

@@ -1,28 +1,64 @@
-"""A record of a trip as its file tells it: points in the order of the file, not judged yet."""
+"""The record of a trip, and reading it from its file: a GPS record as CSV or GPX, or a recording of das-sim."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, Self
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.bus.recording import Recording
+from das.bus.scanning import MAGIC
+from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
+from das.domain.errors import MISSING, DasError, InputError
 from das.domain.route import Floats
-from das.domain.units import NS
+from das.domain.units import KM, KMH, NS
+from das.estimate.fix import Quality
+from sim.recording.opening import open_recording
+from sim.trips.cells import (
+    LATITUDE_NAMES,
+    LONGITUDE_NAMES,
+    CellTable,
+    check_column,
+    check_location,
+    not_negative,
+    number,
+    time_from_iso,
+    time_from_number,
+)
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
+_BEFORE_XML = b"\xef\xbb\xbf\xff\xfe \t\r\n"
+BACKWARD_NOISE_MPS = 0.3
+"""A recorded speed below 0 by less than this (m/s) is taken for noise of the sensor at a standstill."""
+WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
+COLUMNS = {
+    "latitude": dict.fromkeys(LATITUDE_NAMES, 1.0),
+    "longitude": dict.fromkeys(LONGITUDE_NAMES, 1.0),
+    "position": {"position_m": 1.0, "position_km": KM},
+    "speed": {"speed_kmh": KMH, "speed_mps": 1.0},
+    "speed_from_positions": {"speed_from_positions": 1.0},
+    "time": {"time_ms": 0.0, "time_s": 0.0, "time": 0.0, "timestamp": 0.0},
+}
+"""Quantities, the names that their columns may have, and factors to SI (times are read digit by digit instead)."""
+ISO_TIMES = ("time", "timestamp")
+"""Columns of times in ISO 8601; the others are numbers."""
+_SHOWN_NAMES = 6
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """Points of a record; arrays of shape (points,), NaN where the file does not tell a value.
+    """The points of a trip as its file gives them, in the order of the file; arrays of shape (points,), NaN if unknown.
 
-    `number` is the place of a point in its file, counted in `place`s (lines, positions). Positions are either on the
-    map or on the route; on the route, `position_m` counts as in the route's file, or in the direction driven if
-    `as_driven`. In a recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing
-    was). `unread` are the names of columns that were not used.
+    `number` is the number of a point's `place` (line, position) in its file. Positions are either on the map or on the
+    route; on the route, `position_m` counts as in the route's file, or in the direction driven if `as_driven`. In a
+    recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing was measured).
+    `unread` are the names of columns that were not used.
     """
 
     source: str
@@ -45,7 +81,7 @@ class Record:
 
     @classmethod
     def of(cls, source: str, number: Ints, time_ns: Ints, **known: Any) -> Self:
-        """Make a record of which only some columns are known."""
+        """Make a record from the columns that are known; values of the others are NaN or False."""
         count = len(time_ns)
         for name in ("latitude_deg", "longitude_deg", "position_m", "speed_mps", "uncertainty_m"):
             known.setdefault(name, np.full(count, np.nan))
@@ -55,7 +91,7 @@ class Record:
 
     @property
     def on_route(self) -> bool:
-        """Whether its positions are on the route already."""
+        """Whether its positions are on the route, so that no line is needed."""
         return bool(np.isfinite(self.position_m).any())
 
     def __len__(self) -> int:
@@ -81,3 +117,273 @@ class Record:
 
     def _arrays(self) -> list[str]:
         return [f.name for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reading:
+    """A record, the format of its file and, for an MCAP recording, its journey and its delays.
+
+    `delays` are pairs of a time (ns) and a delay (s). `recording` is None for a record of another format.
+    """
+
+    record: Record
+    format: str
+    journey: Any | None = None
+    delays: tuple[tuple[int, float], ...] = ()
+    recording: Recording | None = None
+
+    @property
+    def ends(self) -> tuple[str, str] | None:
+        """The first and the last stop of the journey; None for a GPS record, or without a journey of two stops."""
+        stops = [] if self.journey is None else self.journey.stops
+        return (stops[0].name, stops[-1].name) if len(stops) > 1 else None
+
+
+def read_trip(path: Path, train: str | None = None) -> Reading:
+    """Read a trip's file; its format is recognised by its first bytes (MCAP and GPX also by their suffix).
+
+    `train` names the train if a recording holds several. Damaged parts of a recording are left out with a warning.
+    Raises DasError or InputError (file, line, value, expectation) for anything unusable.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(64)
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+    suffix = path.suffix.lower()
+    if head.startswith(MAGIC) or suffix == ".mcap":
+        return reading_of(open_recording(path, train))
+    if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
+        return Reading(record=read_gpx(path), format="GPX")
+    return Reading(record=read_csv(path), format="CSV")
+
+
+def reading_of(recording: Recording) -> Reading:
+    """The record of a recording: its positions are on the route as driven, its journey and delays give the timetable.
+
+    Raises DasError or InputError for positions that cannot be used.
+    """
+    path = recording.path
+    data = recording.columns(POSITION, "time_ns", "s_m", "speed_mps", "quality", "uncertainty_m")
+    time_ns = data["time_ns"]
+    if len(time_ns) < 2:
+        raise DasError(f"{path}: the recording has {len(time_ns)} positions, expected at least 2")
+    invalid = data["quality"] == Quality.INVALID
+    for name in ("s_m", "speed_mps"):
+        _refuse(path, name, data[name], ~np.isfinite(data[name]) & ~invalid, "a finite number")
+    _refuse(path, "speed_mps", data["speed_mps"], (data["speed_mps"] < -BACKWARD_NOISE_MPS) & ~invalid, "a speed >= 0")
+    latitude, longitude = _locations(recording, time_ns)
+    delays = recording.columns(DELAY, "time_ns", "delay_s")
+    journeys = recording.of(JOURNEY)
+    return Reading(
+        record=Record.of(
+            str(path),
+            np.arange(len(time_ns)),
+            time_ns,
+            place="position",
+            latitude_deg=latitude,
+            longitude_deg=longitude,
+            position_m=np.where(invalid, np.nan, data["s_m"]),
+            speed_mps=np.maximum(np.where(invalid, np.nan, data["speed_mps"]), 0.0),
+            uncertainty_m=data["uncertainty_m"],
+            degraded=data["quality"] == Quality.DEGRADED,
+            invalid=invalid,
+            as_driven=True,
+        ),
+        format="MCAP",
+        journey=journeys[0].message if journeys else None,
+        delays=tuple(zip(delays["time_ns"].tolist(), delays["delay_s"].tolist(), strict=True)),
+        recording=recording,
+    )
+
+
+def _refuse(path: Path, name: str, values: Floats, bad: Any, expected: str) -> None:
+    if bad.any():
+        i = int(bad.argmax())
+        raise InputError(path, f"position[{i}].{name}", float(values[i]), expected)
+
+
+def _locations(recording: Recording, time_ns: Any) -> tuple[Floats, Floats]:
+    """Latitude and longitude at the times of the positions; NaN where the recording has none."""
+    fixes = [
+        (m.message.timestamp.ToNanoseconds(), m.message.latitude, m.message.longitude) for m in recording.of(LOCATION)
+    ]
+    if not fixes:
+        return np.full(len(time_ns), np.nan), np.full(len(time_ns), np.nan)
+    t, latitude, longitude = (np.array(column) for column in zip(*sorted(fixes), strict=True))
+    return np.interp(time_ns, t, latitude), np.interp(time_ns, t, longitude)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Where a quantity is: index and name of its column, factor to SI."""
+
+    index: int
+    name: str
+    factor: float
+
+
+def read_csv(path: Path) -> Record:
+    """Read a record from a CSV file; an empty cell is an unknown value.
+
+    Raises DasError or InputError (file, line, value, expectation).
+    """
+    table = CellTable.read(path, "trip", WITHOUT_HEADER)
+    names, first = table.names, table.first
+    columns, body = _columns(path, names), table.body()
+    latitude, longitude, position, speed, derived = (
+        _values(path, quantity, columns.get(quantity), body, first) for quantity in COLUMNS if quantity != "time"
+    )
+    check_location(path, latitude, longitude, first)
+    check_column(path, "speed_from_positions", derived, ~np.isin(derived, (0, 1)) & ~np.isnan(derived), "0 or 1", first)
+    used = {column.index for column in columns.values()}
+    return Record.of(
+        str(path),
+        np.arange(len(body)) + first,
+        _times(path, columns["time"], body, first),
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        position_m=position,
+        speed_mps=speed,
+        degraded=derived == 1,
+        unread=tuple(name for i, name in enumerate(names) if i not in used),
+    )
+
+
+def _columns(path: Path, names: tuple[str, ...]) -> dict[str, _Column]:
+    """The column of each quantity that the file has; raises InputError if time or place is missing."""
+    found: dict[str, _Column] = {}
+    for index, name in enumerate(names):
+        for quantity, accepted in COLUMNS.items():
+            if name not in accepted:
+                continue
+            if quantity in found:
+                raise InputError(
+                    path, "line 1", name, f"one column of {quantity} only, there is {found[quantity].name}"
+                )
+            found[quantity] = _Column(index, name, accepted[name])
+    unknown = [name for name in names if not any(name in accepted for accepted in COLUMNS.values())]
+    for quantity in ("time", "speed"):
+        unclear = [name for name in unknown if quantity not in found and name.startswith(quantity)]
+        if unclear:
+            raise InputError(path, "line 1", unclear[0], f"{quantity} as {' or '.join(COLUMNS[quantity])}")
+    located = "position" in found or {"latitude", "longitude"} <= found.keys()
+    if "time" not in found or not located:
+        shown = ",".join(names[:_SHOWN_NAMES]) + ("…" if len(names) > _SHOWN_NAMES else "")
+        expected = f"columns of time ({', '.join(COLUMNS['time'])}) and latitude_deg, longitude_deg or position_m"
+        raise InputError(path, "line 1", shown, expected)
+    return found
+
+
+def _values(path: Path, quantity: str, column: _Column | None, rows: list[list[str]], first: int) -> Floats:
+    """The values of a column in SI; NaN where its cell is empty, or everywhere if there is no such column."""
+    values = np.full(len(rows), np.nan)
+    if column is None:
+        return values
+    for i, row in enumerate(rows):
+        if not row[column.index]:
+            continue
+        value = number(path, i + first, quantity, row[column.index])
+        if quantity == "speed":
+            value = not_negative(path, i + first, value)
+        values[i] = value * column.factor
+    return values
+
+
+def _times(path: Path, column: _Column, rows: list[list[str]], first: int) -> Ints:
+    cells = [(f"line {i} time", row[column.index]) for i, row in enumerate(rows, first)]
+    if column.name in ISO_TIMES:
+        return np.array([time_from_iso(path, key, cell) for key, cell in cells], dtype=np.int64)
+    return np.array([time_from_number(path, key, cell, column.name) for key, cell in cells], dtype=np.int64)
+
+
+def read_gpx(path: Path) -> Record:
+    """Read the track points of all segments of a GPX file in their order; `number` is the line at which each begins.
+
+    A speed is the element of that name in a point or its extensions. Raises DasError or InputError (file, line, value).
+    A file that declares entities is refused: they can grow without bound and reach other files.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+    points = _TrackPoints(path)
+    try:
+        points.parser.Parse(content, True)
+    except (expat.ExpatError, LookupError) as error:  # the latter: an unknown encoding
+        raise DasError(f"{path}: not usable XML ({error})") from error
+    if len(points.found) < 2:
+        raise DasError(f"{path}: GPX with {len(points.found)} track points, expected at least 2")
+    line, time_ns, latitude, longitude, speed = zip(*points.found, strict=True)
+    return Record.of(
+        str(path),
+        np.array(line),
+        np.array(time_ns, dtype=np.int64),
+        latitude_deg=np.array(latitude),
+        longitude_deg=np.array(longitude),
+        speed_mps=np.array(speed),
+    )
+
+
+@dataclass
+class _TrackPoints:
+    """Collects track points from the events of the XML parser: (line, time_ns, latitude, longitude, speed)."""
+
+    path: Path
+    found: list[tuple[int, int, float, float, float]] = field(default_factory=list)
+    _line: int = 0
+    _attributes: dict[str, str] | None = None
+    """XML attributes of the track point that is being read."""
+    _texts: dict[str, str] = field(default_factory=dict)
+    _open: str = ""
+
+    def __post_init__(self) -> None:
+        self.parser = expat.ParserCreate(namespace_separator=" ")
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._text
+        self.parser.EntityDeclHandler = self._refuse_entity
+        self._root = True
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        name = tag.rpartition(" ")[2]
+        if self._root and name != "gpx":
+            raise DasError(f"{self.path}: XML of {name!r}, expected GPX")
+        self._root = False
+        if name == "trkpt":
+            self._line, self._attributes, self._texts = self.parser.CurrentLineNumber, attributes, {}
+        self._open = name if name not in self._texts else ""  # the point's own value wins over an extension's
+
+    def _text(self, text: str) -> None:
+        if self._attributes is not None and self._open in ("time", "speed"):
+            self._texts[self._open] = self._texts.get(self._open, "") + text
+
+    def _end(self, tag: str) -> None:
+        self._open = ""
+        if tag.rpartition(" ")[2] == "trkpt" and self._attributes is not None:
+            self._take(self._attributes)
+            self._attributes = None
+
+    def _take(self, attributes: dict[str, str]) -> None:
+        texts = {name: text.strip() for name, text in self._texts.items()}
+        if not texts.get("time"):
+            raise InputError(self.path, f"line {self._line} time", MISSING, "a time for every track point")
+        time_ns = time_from_iso(self.path, f"line {self._line} time", texts["time"])
+        speed = np.nan
+        if texts.get("speed"):
+            speed = not_negative(self.path, self._line, number(self.path, self._line, "speed", texts["speed"]))
+        latitude = self._number("latitude", attributes.get("lat"), 90.0)
+        longitude = self._number("longitude", attributes.get("lon"), 180.0)
+        self.found.append((self._line, time_ns, latitude, longitude, speed))
+
+    def _number(self, name: str, text: str | None, largest: float) -> float:
+        if text is None:
+            raise InputError(self.path, f"line {self._line} {name}", MISSING, "a number")
+        value = number(self.path, self._line, name, text)
+        if abs(value) > largest:
+            raise InputError(self.path, f"line {self._line} {name}", value, f"-{largest:g} to {largest:g} deg")
+        return value
+
+    def _refuse_entity(self, name: str, *_: object) -> None:
+        line = self.parser.CurrentLineNumber
+        raise DasError(f"{self.path}: line {line} declares the entity {name!r}, expected a GPX file without entities")

@@ -1,4 +1,4 @@
-"""Reports on a trip: an object for programs, tables and notes for people, a picture, and the cleaned record."""
+"""Reports on a trip: JSON for programs, tables and notes for people, a picture, and the cleaned record."""
 
 from __future__ import annotations
 
@@ -14,14 +14,12 @@ from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
 from das.solver.section import Section
+from sim.trips.cleaning import CleaningReport, FindingKind
 from sim.trips.estimate import DrivenEstimate, EnergyRange, energy_range, estimate_run, strongest_held_n
-from sim.trips.findings import CleaningReport, FindingKind
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
-LEGEND: Final = {
-    "from, to": "what the energy may have been at least and at most, whatever the unknowns are",
-}
+LEGEND: Final = {"from, to": "what the energy may have been at least and at most, whatever the unknowns are"}
 """Explanations that are printed below the table of energies."""
 BALANCE_WORDS = {
     "resistance": "running resistance",
@@ -33,6 +31,7 @@ BALANCE_WORDS = {
 }
 """The shares of an energy balance in words; shares that round to 0 are not shown."""
 PANEL_HEIGHTS = (3, 1, 2)
+"""Relative heights of the panels of speeds, distances from the smooth run, and forces."""
 FORCES_SHOWN_RATIO = 1.3
 """Forces are drawn up to this many times the strongest held force, so that no spike of a second sets the scale."""
 COLUMNS = ("time_ms", "position_m", "speed_mps", "speed_from_positions", "latitude_deg", "longitude_deg")
@@ -40,9 +39,9 @@ _NS_PER_MS = round(MS / NS)
 
 
 def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
-    """What is in a trip, as an object (times in s, distances in m, energies in kWh at the current collector).
+    """What is in a trip, for JSON (times in s, distances in m, energies in kWh at the current collector).
 
-    Energies are without comfort systems. Without a section, that is without a vehicle, there are no energies.
+    Energies are without comfort systems. Without a section, that is without a vehicle, `energy` is None.
     """
     run, report = trip.run, trip.matched.report
     return {
@@ -79,7 +78,7 @@ def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
 
 
 def _stands(trip: Trip) -> list[dict[str, Any]]:
-    """Every stand, with the running time since the departure before."""
+    """Every stand for JSON, with the running time since the last departure before it."""
     rows: list[dict[str, Any]] = []
     left_ns = None
     for stand in trip.stands:
@@ -127,7 +126,7 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
 
 
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
-    """What a record of positions cannot tell, in one sentence each, with figures where there are any."""
+    """One sentence for each thing that a record of positions leaves unknown, with figures where there are any."""
     notes = []
     if not trip.direction_known:
         notes.append(direction_by_posts(trip))
@@ -156,7 +155,7 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
 
 
 def direction_by_posts(trip: Trip) -> str:
-    """A sentence that says what kilometre posts leave open, and how the user can settle it."""
+    """A sentence that says that kilometre posts do not show the direction, and how the user can state it."""
     turned = any(f.kind == FindingKind.OTHER_WAY for f in trip.matched.report.cleaning.findings)
     posts = "turn the list of posts round and " if turned else ""
     right, wrong = ("--reverse", "--no-reverse") if trip.reversed else ("--no-reverse", "--reverse")
@@ -204,7 +203,7 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
 
 
 def cleaning_table(report: CleaningReport) -> Table:
-    """What was cleaned, kind by kind."""
+    """The table of what was cleaned, one row for each kind of finding."""
     table = Table(title=f"cleaning: {report.kept} of {report.read} points kept", title_justify="left")
     for name, right in (("count", True), ("what", False), ("done", False), ("first at", False), ("seen", False)):
         table.add_column(name, justify="right" if right else "left")
@@ -322,7 +321,7 @@ def _distances(axis: Any, trip: Trip) -> None:
 
 
 def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
-    """Draw the wheel forces of motors and friction brake; peaks shorter than the held ones are cut; a text says so."""
+    """Draw the wheel forces of motors and friction brake; peaks that are not held are cut, and the title names them."""
     at_km = driven.trajectory.s_m / KM
     axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
     if driven.trajectory.force_friction_n.any():

@@ -1,7 +1,7 @@
-"""What reading a recorded trip takes for possible, likely and known: settings, each with its unit and reason.
+"""Settings for reading a recorded trip: what is possible, likely and known, each with its unit and reason.
 
 The values are assumptions unless a field says otherwise. They were tried on clean, noisy and damaged records
-(docs/reference/trips.md); the constants at the end are what the program uses.
+(docs/reference/trips.md). The program uses the constants at the end.
 """
 
 from __future__ import annotations
@@ -14,52 +14,52 @@ from das.domain.units import KMH
 
 @dataclass(frozen=True, kw_only=True)
 class PositionSettings:
-    """Which positions a train cannot have been at."""
+    """Which positions of a train are impossible."""
 
     jump_m: float = 50.0
-    """A position further (m) than this from where its neighbours lead is a jump, if the speed did not have time to
-    change."""
+    """A position further (m) than this from where its neighbours lead is a jump unless the speed had time to change."""
     max_backward_m: float = 30.0
-    """Steps back up to this (m) are noise; longer ones are a train that turned, or jumps where it drives on."""
+    """Steps back up to this (m) are noise; longer ones mean that the train turned, or are jumps if it drives on."""
     change_mps2: float = 1.0
-    """Change of speed (m/s²) that a train may have while it is not seen: full service braking is the most there is."""
+    """The speed of an unseen train may change by this (m/s²): no train brakes harder in service."""
     steps_around: int = 5
-    """The speed that neighbours tell is the median of this many steps on either side."""
+    """The speed of the positions around a point is the median of this many steps on either side."""
     frozen_ratio: float = 0.5
-    """Reported speeds were right if they explain this share of the way after a frozen position."""
+    """A frozen position was wrong if the next one is this share of the way further on that reported speeds give."""
     late_s: float = 5.0
-    """Reported speeds may come this late (s), which makes the way that they tell unsure."""
+    """Reported speeds may be this late (s), which makes their integral uncertain."""
     scale_ratio: float = 0.02
-    """The way that reported speeds tell may be wrong by this share of itself."""
+    """The integral of reported speeds may be wrong by this share of itself."""
     points_back: int = 120
-    """At most this many points in a row may be wrong, so that the right ones before and after find each other."""
+    """At most this many points in a row may be wrong, so that the right ones before and after are still compared."""
     longest_jump_s: float = 120.0
-    """At most this long (s) may positions be wrong in a row, for the same reason."""
+    """Positions may be wrong in a row for at most this long (s), so that the right ones are still compared."""
     stray_weight: float = 3.0
-    """A point left out under a step that only just fits costs this much besides itself. Otherwise a train would be
-    thought to brake and speed up again as hard as it can, to get onto a part that is wrong as a whole and off it."""
+    """Extra cost of a point that is left out under a step that only just fits. Without it, the chain would lead onto a
+    part that is wrong as a whole and off it again, as if the train braked and accelerated as hard as it can."""
     top_speed_percentile: float = 99.0
     """The top speed of a trip is this percentile of the speeds around its points, because a few may be wrong."""
     least_kept_ratio: float = 0.5
-    """At least this share of a record's points must fit together, or those that fit must cover this share of the
-    section; a record of which less is left is refused."""
+    """A record is refused unless this share of its points fit together, or those that fit cover this share of the
+    section."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedSettings:
-    """Which reported speeds a train cannot have had."""
+    """Which reported speeds are impossible."""
 
     derived_half_window_s: float = 5.0
     """The speed from positions is their mean slope over this time (s) on either side."""
     stall_half_window_s: float = 15.0
-    """Positions of a receiver that stalls have caught up again within this time (s)."""
+    """After a receiver stalls, its positions have caught up again within this time (s)."""
     wrong_speed_mps: float = 4.0
-    """A reported speed is wrong if it differs from that of the positions by more than this (m/s) and more than the
-    ratio below; a delay of 3 s at 1 m/s² explains less."""
+    """A reported speed is wrong if it differs from that of the positions by more than this (m/s) and by more than
+    `wrong_speed_ratio`; a delay of 3 s at 1 m/s² explains less."""
     wrong_speed_ratio: float = 0.2
-    """The share of the speed from positions that belongs to the field above."""
+    """A wrong speed also differs by more than this share of the speed from positions."""
     edge_mps: float = 1.0
-    """Beside a wrong speed, one that still differs by this (m/s) is wrong as well if it jumps or repeats (below)."""
+    """Beside a wrong speed, one that still differs by this (m/s) is wrong as well if it jumps (`edge_mps2`) or repeats
+    (`same_mps`)."""
     edge_mps2: float = 1.5
     """A speed jumps if it changes faster than this (m/s²)."""
     same_mps: float = 0.05
@@ -71,13 +71,13 @@ class GapSettings:
     """When points are missing."""
 
     gap_s: float = 5.0
-    """A time without points is a gap if it is longer than this (s) and longer than the steps below."""
+    """A time without points is a gap if it is longer than this (s) and than `gap_steps` usual steps."""
     gap_steps: float = 3.0
     """A gap is longer than this many usual steps."""
     sparse_s: float = 30.0
     """A time longer than this (s) is a gap in any record, however sparse."""
     longest_gap_s: float = 300.0
-    """A record is not continued over a longer gap (s) in which, or beside which, the train moved."""
+    """A record ends at a longer gap (s) if the train moved in it or beside it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,23 +87,24 @@ class StandSettings:
     standing_mps: float = 1.0 * KMH
     """A train stands if it is reported slower than this (m/s) and its positions do not move."""
     standing_by_positions_mps: float = 0.5
-    """The same limit (m/s) where no speed is reported: positions wander by some metres in 10 s."""
+    """Where no speed is reported, a train stands if its positions are slower than this (m/s): they wander by some
+    metres in 10 s."""
     wander_m: float = 30.0
-    """Positions of a standing train wander by no more than this (m), and come back; as long as steps back in noise."""
+    """Positions of a standing train wander by no more than this (m), and come back: as far as steps back in noise."""
     led_window_s: float = 12.0
-    """Whether positions slow down to a stand at an end of a record is judged over this time (s)."""
+    """Positions at an end of a record show a stand if they slow down to it over this time (s)."""
     led_points: int = 4
-    """It is judged only if there are at least this many points in that time."""
+    """They show a stand only if there are at least this many points in that time."""
     led_speed_mps: float = 2.0
-    """Positions slow down to a stand if they lead to no more than this speed (m/s) at the end."""
+    """They show a stand only if their speed at the end is no more than this (m/s)."""
     led_change_mps2: float = 0.1
-    """They must also change the speed by at least this (m/s²): noise changes it by less."""
+    """They show a stand only if their speed changes by at least this (m/s²): noise changes it by less."""
     gentle_mps2: float = 0.3
-    """No train stops or starts more gently than this (m/s²): v²/2a and v/a are what may be left of its motion."""
+    """No train stops or starts more gently than this (m/s²), so v²/2a and v/a bound what may be left of its motion."""
     at_stop_m: float = 300.0
     """A train that stands this near (m) to a stop stands at it: platforms are long, and maps inexact."""
     stand_kept_s: float = 30.0
-    """Of the stand at the start and at the end, this much (s) is kept."""
+    """This much (s) of a stand at the start or the end is kept."""
     shortest_stand_s: float = 5.0
     """A stand on the way that is shorter (s) is not reported: at 1 Hz it may be a single slow point."""
 
@@ -116,9 +117,9 @@ class PlacingSettings:
     """A point further (m) from the line than this is not on it. Lines through kilometre posts cut curves: 62 m at a
     radius of 2 km."""
     least_moved_m: float = 30.0
-    """A trip in one direction leads further (m) than the noise of positions."""
+    """A trip leads further than this (m): noise alone may spread positions as far."""
     one_way_ratio: float = 0.5
-    """A trip in one direction leads over at least this share of all that it covers."""
+    """The ends of a trip in one direction are at least this share of its whole extent apart."""
     scale_tolerance_ratio: float = 0.01
     """The kilometrage is scaled to the stops if matched length and distance of the stops differ by at most this."""
     told_m: float = 0.01
@@ -134,18 +135,18 @@ class SmoothingSettings:
     """How a smooth run is laid through positions and speeds."""
 
     position_sigma_m: float = 25.0
-    """Weight of a position a second, as a standard deviation (m): errors of some 6 m last about 15 s, so 6·√15."""
+    """Weight of one position a second, as a standard deviation (m): errors of some 6 m last about 15 s, hence 6·√15."""
     speed_sigma_mps: float = 0.5
     """Weight of a reported speed a second, as a standard deviation (m/s)."""
     jerk_psd_m2ps5: float = 0.03
     """Density of the white jerk (m²/s⁵). With the speed's weight the smoothing acts like a local fit over
     (σ²/psd)^¼ ≈ 1.7 s on either side, about 8 s in all."""
     exact: float = 1e-3
-    """Standard deviation of what is known: the position of a stop (m), and that the train stands there (m/s)."""
+    """Standard deviation of what is known exactly: the position of a stop (m), and the speed 0 there (m/s)."""
     max_speed_gap_s: float = 3.0
     """Reported speeds further apart (s) than this are not joined; inertia leads through the gap."""
     max_position_gap_s: float = 6.0
-    """Positions further apart (s) than this are not joined either."""
+    """Positions further apart (s) than this are not joined; inertia leads through the gap."""
     usual_steps_joined: float = 2.0
     """In a sparse record, points up to this many usual steps apart are joined nevertheless."""
     min_lag_gain_ratio: float = 0.2
@@ -156,12 +157,12 @@ class SmoothingSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateSettings:
-    """How the energy of a trip is estimated, and how far it may be off."""
+    """How the energy of a trip is estimated, and how far off it may be."""
 
     min_step_m: float = 0.05
-    """Points nearer to each other (m) than this are one: the train stands."""
+    """Points nearer to each other (m) than this count as one, at which the train stands."""
     beyond_ratio: float = 1.05
-    """A force this many times the vehicle's envelope is counted as more than this train has."""
+    """A force beyond this many times the vehicle's envelope is more than this vehicle has."""
     mass_ratio: float = 0.05
     """The mass may be off by this share."""
     resistance_ratio: float = 0.10
@@ -169,11 +170,11 @@ class EstimateSettings:
     wind_mps: float = 5.0
     """There may be a wind of this speed (m/s) along the line, either way."""
     held_s: int = 8
-    """The strongest force is one held this long (s): the smoothing acts over it and tells no shorter one."""
+    """The strongest force is one held for this long (s): the smoothing acts over this time and hides shorter ones."""
     smoothing_ratio: float = 10.0
     """The density of jerk may be this many times higher or lower: the window shrinks and grows by 1.8."""
     foreign_ratio: float = 0.005
-    """A trip that asks for more than the vehicle has in more than this share of the time was driven by another one."""
+    """If a trip needs more than the vehicle has in more than this share of the time, another vehicle drove it."""
 
 
 POSITIONS: Final = PositionSettings()

@@ -1,4 +1,4 @@
-"""A trip to replay or to look at: opened, cleaned, put on its route as a smooth run; its stands and its sections."""
+"""A recorded trip: opened, cleaned, and put on its route as a smooth run; its standstills and its section."""
 
 from __future__ import annotations
 
@@ -19,24 +19,22 @@ from das.domain.units import KMH, NS
 from das.solver.section import Section, SectionOptions, build_section
 from sim.options import TripOptions
 from sim.recording.inputs import AttachedFiles
-from sim.trips.cleaning import find_gaps, in_order
-from sim.trips.findings import FindingKind, FindingLog
+from sim.trips.cleaning import FindingKind, FindingLog, find_gaps, in_order
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.points import runs_back, stands
 from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.reading import Reading, read_trip, reading_of
-from sim.trips.record import Record
+from sim.trips.record import Reading, Record, read_trip, reading_of
 from sim.trips.settings import PLACING, POSITIONS, STANDS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trip:
-    """A trip matched to a route as driven, its smooth run, and what a recording says besides.
+    """A trip matched to a route as driven, its smooth run, and the journey and delays of a recording.
 
-    `reversed` says that it ran against the route's file. `direction_known` is False where only kilometre posts tell
-    where it was, because they do not tell the direction. `line_not_used` are the posts of a trip that has positions on
-    the route.
+    `reversed` says that it ran against the route's file. `direction_known` is False where only kilometre posts give its
+    positions, because they do not show the direction. `line_not_used` are the kilometre posts that were given for a
+    trip with positions on the route. `delays` are pairs of a time (ns) and a delay (s).
     """
 
     path: Path
@@ -73,7 +71,7 @@ class Trip:
 
     @property
     def better_stops(self) -> str:
-        """Options that name the stops at which the trip starts and ends, if those are others; else empty."""
+        """Options that name the stops at which the trip starts and ends, if others were chosen; else empty."""
         stands = self.stands
         first = next((s.stop for s in stands if s.arrival_ns is None), None)
         last = next((s.stop for s in stands if s.departure_ns is None), None)
@@ -85,7 +83,7 @@ def load_trip(path: Path, reading: Reading, route: Route, said: TripOptions) -> 
     """Clean a trip and put it on a route, which is given as in its file.
 
     A GPS record needs kilometre posts or a route with geometry, unless it has positions on the route. A trip that runs
-    the other way than said is driven the other way if no stops are named. Raises DasError or InputError for anything
+    against the stated direction is turned round if no stops are named. Raises DasError or InputError for anything
     unusable.
     """
     log = FindingLog(strict=said.strict, read=len(reading.record))
@@ -129,7 +127,7 @@ def _check_seen(path: Path, matched: MatchedTrip) -> None:
 
 
 def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
-    """Raise DasError for a recording with a journey outside the section: its timetable would not be the section's."""
+    """Raise DasError for a recorded trip that goes beyond the section: its timetable is not that of the section."""
     s_m = record.position_m[np.isfinite(record.position_m)]
     if not len(s_m):
         return
@@ -143,7 +141,7 @@ def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
 
 
 def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog) -> tuple[Route, bool, Line | None]:
-    """The route as driven, whether that is against its file, and the line; None if the record's positions count."""
+    """The route as driven, whether that is against its file, and the line (None if the record has route positions)."""
     ways, reverse = (route, route.reversed()), bool(said.reverse)
     line = _line(record, ways[reverse], said.line)
     if record.as_driven or not runs_back(record.driven(reverse, route.length_m), line):
@@ -176,7 +174,7 @@ def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
 
 @dataclass(frozen=True, kw_only=True)
 class StandFound:
-    """A standstill: its place, the stop of the route there if any, and when it began and ended.
+    """A standstill: its position, the stop of the route there (None if there is none), and when it began and ended.
 
     `off_m` is how far beyond the stop the train stood. A time is None if the record begins or ends with the stand.
     """
@@ -189,6 +187,7 @@ class StandFound:
 
     @property
     def dwell_s(self) -> float | None:
+        """How long the train stood; None if the record begins or ends with the stand."""
         if self.arrival_ns is None or self.departure_ns is None:
             return None
         return (self.departure_ns - self.arrival_ns) * NS

@@ -14,7 +14,8 @@ from das.bus.contents import read_contents
 from das.bus.recorder import RecordingFile
 from das.bus.recording import read_recording
 from das.domain.errors import DasError
-from sim.cli.recordings import check, export, recover, reproduce, view
+from sim.cli.recordings import check, export, recover, reproduce
+from sim.cli.review import view
 from sim.cli.trips import bundled_recording, trip
 from sim.options import NodeSaid, ReplayOptions
 from sim.recording import opening

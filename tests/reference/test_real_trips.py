@@ -19,12 +19,11 @@ from das.bus.recording import read_recording
 from das.bus.topics import POSITION
 from das.domain.files.load import load_route
 from das.domain.units import KMH
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.line import read_kilometre_posts
 from sim.trips.matching import MatchedTrip
 from sim.trips.profile import to_profile
-from sim.trips.reading import read_csv
-from sim.trips.record import Record
+from sim.trips.record import Record, read_csv
 from tests.support.benchmark import shared_data, track_path, train_path
 from tests.support.made_line import counts, matched
 from tests.support.making import das_sim, in_a_process

@@ -14,9 +14,9 @@ import pytest
 
 from das.domain.route import Floats, Route
 from sim.options import TripOptions
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.line import EARTH_RADIUS_M
-from sim.trips.reading import read_trip
+from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip
 from tests.support.made_line import motion, north, posts_file, route
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from das.domain.route import Floats, Route
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.line import EARTH_RADIUS_M, Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.record import Record

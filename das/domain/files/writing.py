@@ -56,6 +56,8 @@ def make_folder(folder: Path) -> None:
     """Make a folder and its parents if they are missing; DasError where one cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise DasError(f"{folder}: is a file, expected a folder to write to") from None
     except OSError as error:
         raise DasError(f"{folder}: cannot be made ({error.strerror})") from error
 
@@ -199,12 +201,7 @@ def folder_held(folder: Path, taken: str) -> Iterator[None]:
     and DasError where the folder cannot be written to. A `.lock` that is a link, a pipe or some other file is refused
     and left as it is.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise DasError(f"{folder}: is a file, expected a folder to write to") from None
-    except OSError as error:
-        raise DasError(f"{folder}: cannot be written to ({error.strerror})") from error
+    make_folder(folder)
     handle = _opened(folder / LOCK)
     try:
         try:

@@ -1,4 +1,4 @@
-"""What the statistics of a comparison assume, and whether the trials bear it out."""
+"""The assumptions behind the statistics of a comparison, each checked on the trials."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ from sim.experiment.plan import PlannedComparison
 
 SURE: Final = 0.01
 """An assumption counts as broken where the p value of its test is below this."""
-LEAST: Final = 5
-"""Fewest participants for which a statistical test is made."""
+ENOUGH: Final = 5
+"""So many participants are enough for a statistical test, and so many days are enough to stand for other days."""
 EVEN_NOISE: Final = 2.0
 """Conditions count as equally noisy if their standard deviations differ by at most this factor."""
-UNTOLD: Final = "cannot be told"
 
 
 @dataclass(frozen=True, kw_only=True)
 class AssumptionCheck:
-    """One assumption: what was found, and what follows; `holds` is None where the trials cannot tell.
+    """One assumption: what was found, and what follows from it; `holds` is None where the trials cannot tell.
 
-    `needed` is False where the first interval does not need the assumption.
+    `needed` is False where the first interval, of resampled drivers, does not need the assumption.
     """
 
     name: str
@@ -35,13 +34,18 @@ class AssumptionCheck:
     follows: str
     needed: bool = True
 
+    @classmethod
+    def untold(cls, name: str, follows: str) -> AssumptionCheck:
+        """The check of an assumption about which the trials say nothing."""
+        return cls(name=name, found="cannot be told", holds=None, follows=follows)
+
 
 def checks_of(
     study: RunStudy, comparison: PlannedComparison, trials: ComparedTrials, shown: ShownMeasure
 ) -> list[AssumptionCheck]:
     """Every check of a comparison."""
     if isinstance(trials, TwoGroups):
-        rows = np.flatnonzero(study.chosen(comparison))
+        rows = study.rows(comparison)
         return [
             _balance(study, comparison, rows),
             *_people(study, trials),
@@ -63,8 +67,8 @@ def checks_of(
 
 
 def _few_or_alike(groups: Sequence[Floats]) -> bool:
-    """Whether a group has too few drivers for a test, or drivers who do not differ."""
-    return min(len(one) for one in groups) < LEAST or min(float(np.ptp(one)) for one in groups) == 0
+    """Whether some group has too few drivers for a test, or drivers who do not differ."""
+    return min(len(one) for one in groups) < ENOUGH or min(float(np.ptp(one)) for one in groups) == 0
 
 
 def _shape(name: str, groups: Sequence[Floats]) -> AssumptionCheck:
@@ -72,7 +76,7 @@ def _shape(name: str, groups: Sequence[Floats]) -> AssumptionCheck:
 
     follows = "The first interval does not need it; Student's t and the mixed model do."
     if _few_or_alike(groups):
-        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
+        return AssumptionCheck.untold(name, follows)
     chances = [float(stats.shapiro(one).pvalue) for one in groups]
     skews = " and ".join(f"{float(stats.skew(one)):+.1f}".replace("-", "−") for one in groups)
     found = f"skewness {skews}, p {' and '.join(probability(one) for one in chances)} (Shapiro–Wilk)"
@@ -94,10 +98,10 @@ def _single_driver_of_groups(groups: TwoGroups, shown: ShownMeasure) -> Assumpti
 
 
 def _single_driver(names: Sequence[str], mean: float, without: Floats, shown: ShownMeasure) -> AssumptionCheck:
-    """Whether the difference keeps its sign whichever driver is left out; `without` has it for each driver left out."""
+    """Whether the difference keeps its sign whichever driver is left out; `without[i]` is the one without driver i."""
     name = "No single driver makes the result"
     if len(names) < 3:
-        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows="Too few drivers.")
+        return AssumptionCheck.untold(name, "Too few drivers.")
     far = int(np.argmax(np.abs(without - mean)))
     return AssumptionCheck(
         name=name,
@@ -109,7 +113,7 @@ def _single_driver(names: Sequence[str], mean: float, without: Floats, shown: Sh
 
 
 def _noise(pairs: PairedTrials, comparison: PlannedComparison) -> AssumptionCheck:
-    """Noise is what remains in a condition once the effects of drivers and of the other factors are taken out."""
+    """Whether both conditions are equally noisy, once the effects of drivers and of other factors are taken out."""
     name = "Both conditions scatter alike from trial to trial"
     follows = "Paired differences do not need it. The mixed model has a noise for each condition."
     spreads = []
@@ -119,7 +123,7 @@ def _noise(pairs: PairedTrials, comparison: PlannedComparison) -> AssumptionChec
         rest = rest - pairs.by_participant(rest)[pairs.owner]
         spreads.append(float(np.sqrt((rest**2).sum() / max(len(rest) - len(pairs.participants) - taken, 1))))
     if len(pairs.owner) < 2 * len(pairs.participants) or min(spreads) == 0:
-        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
+        return AssumptionCheck.untold(name, follows)
     factor = max(spreads) / min(spreads)
     louder, quieter = (comparison.a, comparison.b) if spreads[0] > spreads[1] else (comparison.b, comparison.a)
     found = f"{louder} scatters {factor:.1f} times as much as {quieter}"
@@ -139,11 +143,11 @@ def _order(pairs: PairedTrials, comparison: PlannedComparison, shown: ShownMeasu
         with np.errstate(invalid="ignore"):
             means.append(sums / np.bincount(pairs.owner[mine], minlength=count))
     both = np.isfinite(means[0]) & np.isfinite(means[1])
-    if both.sum() >= LEAST:
+    if both.sum() >= ENOUGH:
         return _against_chance(name, follows, means[0][both] - means[1][both], shown, (what, tail))
     only = [one[np.isfinite(one)] for one in means]
-    if min(len(one) for one in only) < LEAST:
-        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
+    if min(len(one) for one in only) < ENOUGH:
+        return AssumptionCheck.untold(name, follows)
     from scipy import stats
 
     chance = float(stats.ttest_ind(*only, equal_var=False).pvalue)
@@ -155,7 +159,7 @@ def _order(pairs: PairedTrials, comparison: PlannedComparison, shown: ShownMeasu
 
 def _carry_over(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) -> AssumptionCheck:
     """Whether a trial depends on the condition of the one before it."""
-    trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
+    trials, rows = study.trials, study.rows(comparison)
     driver, position = trials.participant[rows], trials.position[rows]
     rest = _unexplained(study, comparison, rows)
     carried = [
@@ -172,7 +176,7 @@ def _carry_over(study: RunStudy, comparison: PlannedComparison, shown: ShownMeas
 
 def _drift(study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure) -> AssumptionCheck:
     """Whether values drift from trial to trial of a driver."""
-    trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
+    trials, rows = study.trials, study.rows(comparison)
     driver, position = trials.participant[rows], trials.position[rows].astype(np.float64)
     rest = _unexplained(study, comparison, rows)
     slopes = [
@@ -190,8 +194,7 @@ def _unexplained(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> 
     """What remains of each value once the means of its conditions and of its driver are subtracted, (trials,)."""
     trials = study.trials
     rest = trials.values[comparison.measure][rows].copy()
-    cells = [" ".join(str(trials.levels[one.name][row]) for one in study.plan.factors) for row in rows]
-    for names in (np.array(cells), trials.participant[rows]):
+    for names in (study.conditions(rows), trials.participant[rows]):
         rest -= _means(rest, names)
     return rest
 
@@ -202,7 +205,7 @@ def _means(values: Floats, names: Texts) -> Floats:
 
 
 def _carried(study: RunStudy, comparison: PlannedComparison, driver: str, position: Ints, rest: Floats) -> float:
-    """The mean remainder of one driver after trials at level a minus that after level b; NaN if he lacks either."""
+    """The mean remainder of one driver after trials at level a minus that after level b; NaN if either is missing."""
     trials = study.trials
     mine = trials.participant == driver
     before = dict(zip(trials.position[mine].tolist(), trials.levels[comparison.factor][mine].tolist(), strict=True))
@@ -212,7 +215,7 @@ def _carried(study: RunStudy, comparison: PlannedComparison, driver: str, positi
 
 
 def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
-    """Whether the result could change with other days, because participants are resampled and days are not."""
+    """Whether the days are enough to stand for others: the interval covers other participants, but not other days."""
     name = "The days are many enough to stand for other days"
     if not pairs.same_day:
         return AssumptionCheck(
@@ -229,7 +232,7 @@ def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
         found = f"{len(days)} days that drivers share"
         if math.isfinite(spread):
             found += f"; the mean difference has a standard deviation of {shown.with_unit(spread)} from day to day"
-        holds = len(days) >= LEAST
+        holds = len(days) >= ENOUGH
     follows = "The interval covers other such drivers on other days of the same kinds."
     if not holds:
         follows = "The interval covers other such drivers on these days; for other days it is too narrow."
@@ -245,14 +248,14 @@ def _compared_words(shown: ShownMeasure, difference: float, tail: str) -> str:
 def _against_chance(
     name: str, follows: str, values: Floats, shown: ShownMeasure, what: tuple[str, str]
 ) -> AssumptionCheck:
-    """Check whether a figure, of which each participant has one, differs from 0 only by chance (Student's t).
+    """Check whether a figure of the participants, one each, differs from 0 only by chance (Student's t).
 
     `what` are the words before and after the finding.
     """
     from scipy import stats
 
-    if len(values) < LEAST:
-        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
+    if len(values) < ENOUGH:
+        return AssumptionCheck.untold(name, follows)
     if float(np.ptp(values)) == 0:
         return AssumptionCheck(name=name, found="no driver differs", holds=bool(values[0] == 0), follows=follows)
     chance = float(stats.ttest_1samp(values, 0.0).pvalue)
@@ -266,9 +269,8 @@ def _against_chance(
 
 def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> AssumptionCheck:
     """Whether the groups are of one size and drove the same conditions equally often and equally early."""
-    trials, others = study.trials, [one.name for one in study.plan.factors if one.name != comparison.factor]
+    trials, cells = study.trials, study.conditions(rows, without=comparison.factor)
     sizes, shares, places = [], [], []
-    cells = np.array([" ".join(str(trials.levels[name][row]) for name in others) for row in rows], dtype=np.str_)
     for level in (comparison.a, comparison.b):
         mine = trials.levels[comparison.factor][rows] == level
         sizes.append(len(np.unique(trials.participant[rows][mine])))
@@ -276,7 +278,7 @@ def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> Assu
         places.append(float(trials.position[rows][mine].mean()))
     uneven = max(abs(shares[0][cell] - shares[1][cell]) for cell in shares[0])
     said = f"{sizes[0]} and {sizes[1]} drivers; mean place in the order {places[0]:.1f} and {places[1]:.1f}"
-    if others:
+    if len(study.plan.factors) > 1:
         said += f"; shares of the other conditions differ by at most {100 * uneven:.0f} %"
     return AssumptionCheck(
         name="The groups are of one size and drove the same conditions",
@@ -287,10 +289,10 @@ def _balance(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> Assu
 
 
 def _people(study: RunStudy, groups: TwoGroups) -> Iterator[AssumptionCheck]:
-    """Whether the drivers of the groups differ by more than chance (Welch, Bonferroni); no check without data."""
+    """Whether the drivers of the groups differ by more than chance (Welch, Bonferroni); no check without their data."""
     from scipy import stats
 
-    if not study.people or min(len(groups.a), len(groups.b)) < LEAST:
+    if not study.people or min(len(groups.a), len(groups.b)) < ENOUGH:
         return
     names = list(next(iter(study.people.values())))
     chances, sizes = [], []
@@ -313,14 +315,14 @@ def _people(study: RunStudy, groups: TwoGroups) -> Iterator[AssumptionCheck]:
 
 
 def _spread(groups: TwoGroups, comparison: PlannedComparison) -> AssumptionCheck:
-    """Brown and Forsythe's test: Levene's with medians."""
+    """Whether the drivers of both groups differ equally among themselves (Brown and Forsythe: Levene with medians)."""
     from scipy import stats
 
     name = "Drivers differ as much in one group as in the other"
     follows = "The intervals (resampled, and Welch's) do not need it; the mixed model does."
     both = (groups.a, groups.b)
     if _few_or_alike(both):
-        return AssumptionCheck(name=name, found=UNTOLD, holds=None, follows=follows)
+        return AssumptionCheck.untold(name, follows)
     factor = float(groups.a.std(ddof=1) / groups.b.std(ddof=1))
     wide, narrow = (comparison.a, comparison.b) if factor >= 1 else (comparison.b, comparison.a)
     chance = float(stats.levene(*both, center="median").pvalue)
@@ -345,7 +347,7 @@ def _same_days(study: RunStudy, comparison: PlannedComparison, rows: Ints) -> As
         follows = 'Luck with days is part of the noise. Common days (days = "common") would take it out.'
         return AssumptionCheck(name=name, found=found, holds=None, follows=follows)
     follows = "The interval covers other such drivers, on these days."
-    if len(common) < LEAST:
+    if len(common) < ENOUGH:
         follows += " With few days it is too narrow for others."
     return AssumptionCheck(
         name=name, found=f"{len(common)} of {len(whole)} days in common", holds=common == whole, follows=follows

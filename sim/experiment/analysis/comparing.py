@@ -33,16 +33,16 @@ ASKED_POINTS: Final = (0.005, 0.01, 0.02)
 """Differences of a ratio for which the report says how many participants would show them."""
 ASKED: Final = "asked for"
 PART_RESAMPLES: Final = 4999
-"""Resamples for a difference at one level of another factor, which is there to look at."""
+"""Resamples for a difference at one level of another factor: fewer, because it is shown but not tested."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NeededParticipants:
-    """How many participants find a difference of `effect` in 80 % of studies; a range for the spread's uncertainty.
+    """How many participants find a difference of `effect` in 80 % of studies.
 
-    Where each participant drives one of two conditions, the number is that of each group.
-
-    None stands for more than a million. `given` says that the difference was given, and did not come out of the study.
+    `interval` is the range of that number, because the spread of participants is not known exactly. In a comparison of
+    two groups, the numbers are those of each group. None stands for more than a million. `given` is False where the
+    difference came out of the study. `reason` says in words why it is listed.
     """
 
     effect: float
@@ -54,7 +54,7 @@ class NeededParticipants:
 
 @dataclass(frozen=True, kw_only=True)
 class DifferencePart:
-    """The difference of a comparison at one level of another factor, over which the comparison is a mean."""
+    """The difference of a comparison at one level of a factor whose levels the comparison averages over."""
 
     factor: str
     level: str
@@ -63,7 +63,7 @@ class DifferencePart:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundDifference:
-    """All that was found on a planned comparison. `model_missing` says why there is no model, where there is none."""
+    """All that was found on a planned comparison. `model_missing` says why there is no model; else it is empty."""
 
     comparison: PlannedComparison
     shown: ShownMeasure
@@ -99,7 +99,7 @@ class FoundDifference:
 
     @property
     def opposed(self) -> list[DifferencePart]:
-        """The parts whose difference stands out (its interval leaves out 0) against the direction of the mean."""
+        """The parts whose difference has the opposite sign of the mean and an interval without 0."""
         return [
             one
             for one in self.parts
@@ -143,8 +143,8 @@ def analyse_study(
 ) -> StudyFindings:
     """Analyse every planned comparison of a study and describe every condition.
 
-    `effects` are differences, as the report shows them, for which it is to say how many participants show them. The
-    same study gives the same figures: resampling begins at the study's seed.
+    `effects` are differences, in the unit of the report, for which the report says how many participants find them.
+    The same study always gives the same figures: the study's seed decides the resamples.
     """
     measures = tuple(
         ShownMeasure.of(name, study.meanings[name], study.trials.values[name]) for name in study.plan.measures
@@ -173,7 +173,7 @@ def analyse_study(
 
 
 def generator(study: RunStudy, what: str) -> np.random.Generator:
-    """The numbers at random for one part of the analysis, which no other part changes."""
+    """The random numbers of one part of the analysis; they do not depend on other parts."""
     return np.random.default_rng([study.plan.seed % 2**32, zlib.crc32(what.encode())])
 
 
@@ -195,7 +195,7 @@ def _difference(
 
 
 def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> Iterator[DifferencePart]:
-    """The difference at each level of the other factors that the comparison leaves open; where it can be made."""
+    """The difference at each level of the other factors that the comparison leaves open, as far as it can be made."""
     for factor in study.plan.factors:
         if factor.name == comparison.factor or factor.name in comparison.where:
             continue
@@ -210,10 +210,10 @@ def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> It
 def _needed(
     found: FoundDifference, asked: tuple[float, ...], alpha: float, spread: tuple[float, float]
 ) -> Iterator[NeededParticipants]:
-    """How many participants (in each of two groups) find the difference that was found here, half of it, and others.
+    """How many participants find the difference that was found here, half of it, and others.
 
-    `asked` are differences as the report shows them, `spread` is the interval of the standard deviation between
-    participants.
+    The others are those `asked` for, in the unit of the report, and `ASKED_POINTS`. `spread` is the interval of the
+    standard deviation between participants.
     """
     estimate, shown = found.estimate, found.shown
     if not estimate.resampled:

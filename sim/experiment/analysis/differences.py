@@ -1,7 +1,7 @@
 """The difference of a comparison: its pairs or its two groups of participants, and the estimate that they give.
 
-A pair is the same participant on the same day under two conditions, one less the other. An estimate has the mean, its
-interval, its probability under chance, and its size in standard deviations.
+A pair is two trials of one participant on one day under two conditions; its difference is one value less the other.
+An estimate has the mean, its interval, its probability under chance, and its size in standard deviations.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from sim.experiment.plan import LEAST_PARTICIPANTS, PlannedComparison
 
 CONFIDENCE: Final = 0.95
 MOST_WITHOUT_SPREAD: Final = 0.005
-"""Largest share of resamples without spread; an interval of 95 % leaves out 2.5 % at either end."""
+"""Largest share of resamples without spread with which resampling is used; an interval of 95 % leaves out 2.5 % at
+either end."""
 
 
 class _Cell(NamedTuple):
@@ -28,7 +29,7 @@ class _Cell(NamedTuple):
 
     participant: str
     day: str
-    others: tuple[str, ...]
+    others: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +38,9 @@ class PairedTrials:
 
     Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `others` names the
     levels of the other factors, `cell` names these and its day, `a` and `b` are the values (means where a trial was
-    made twice), `a_first` says whether the trial at level a came before. `unpaired` counts trials without a partner,
-    which are left out.
-    `same_day` is False where no two trials had one day in common, and pairs were made by participant alone.
+    driven twice), `a_first` says whether the trial at level a came first. `unpaired` counts trials without a partner,
+    which are left out. `same_day` is False where no two trials had a day in common, so that pairs were made by
+    participant alone.
     """
 
     participants: tuple[str, ...]
@@ -83,7 +84,7 @@ class TwoGroups:
 
     @property
     def spread(self) -> Floats:
-        """The values whose standard deviation says how far participants differ: means less that of the group."""
+        """The values whose standard deviation says how far participants differ: means less that of their group."""
         return np.concatenate([self.a - self.a.mean(), self.b - self.b.mean()])
 
 
@@ -109,16 +110,11 @@ def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrial
 
 
 def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -> PairedTrials:
-    trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
+    trials, rows = study.trials, study.rows(comparison)
     level, values = trials.levels[comparison.factor], trials.values[comparison.measure]
-    others = [trials.levels[one.name] for one in study.plan.factors if one.name != comparison.factor]
     cells: dict[_Cell, dict[str, list[int]]] = defaultdict(lambda: {comparison.a: [], comparison.b: []})
-    for row in rows:
-        cell = _Cell(
-            str(trials.participant[row]),
-            str(trials.day[row]) if with_day else "",
-            tuple(str(one[row]) for one in others),
-        )
+    for row, others in zip(rows, study.conditions(rows, without=comparison.factor), strict=True):
+        cell = _Cell(str(trials.participant[row]), str(trials.day[row]) if with_day else "", str(others))
         cells[cell][str(level[row])].append(int(row))
     whole = {cell: (one[comparison.a], one[comparison.b]) for cell, one in sorted(cells.items()) if all(one.values())}
     names = tuple(sorted({cell.participant for cell in whole}))
@@ -126,8 +122,8 @@ def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -
     return PairedTrials(
         participants=names,
         owner=np.array([number[cell.participant] for cell in whole], dtype=np.int64),
-        others=np.array([" ".join(cell.others) for cell in whole], dtype=np.str_),
-        cell=np.array([" ".join((*cell.others, cell.day)) for cell in whole], dtype=np.str_),
+        others=np.array([cell.others for cell in whole], dtype=np.str_),
+        cell=np.array([f"{cell.others} {cell.day}" for cell in whole], dtype=np.str_),
         a=np.array([values[a].mean() for a, _ in whole.values()]),
         b=np.array([values[b].mean() for _, b in whole.values()]),
         a_first=np.array(
@@ -139,7 +135,7 @@ def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -
 
 
 def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
-    """The participants of each of two groups, by the mean of their trials; DasError where a group is empty."""
+    """The mean of each participant's trials, in two groups; DasError where a group is empty."""
     trials, kept = study.trials, study.chosen(comparison)
     found = {}
     for level in (comparison.a, comparison.b):
@@ -178,12 +174,12 @@ class DifferenceEstimate:
 
     @property
     def known(self) -> bool:
-        """Whether there was any spread to judge the difference by."""
+        """Whether the difference has an interval; without any spread there is none."""
         return math.isfinite(self.interval[0])
 
     @property
     def by_t(self) -> bool:
-        """Whether the interval is Student's, because too few participants differ to resample them."""
+        """Whether the interval is Student's, because too few participants differ for resampling."""
         return self.known and not self.resampled
 
 
@@ -291,7 +287,7 @@ def _without_spread(values: Floats) -> bool:
 
 
 def _unknown(mean: float, sd: float, count: int) -> DifferenceEstimate:
-    """An estimate without interval: one participant, or no spread between them."""
+    """An estimate without interval, for one participant or for participants who do not differ."""
     nothing = 1.0 if mean == 0 and sd == 0 else math.nan
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=NO_RANGE, probability=nothing, t_interval=NO_RANGE,

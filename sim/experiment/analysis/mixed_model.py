@@ -22,11 +22,12 @@ from sim.experiment.analysis.reading import Floats, RunStudy, Texts
 from sim.experiment.plan import PlannedComparison
 
 BOUNDARY: Final = 0.01
-"""A variance below this share of the residual variance is taken as 0: the fit is singular. Searches end near 0, not at
-0, and statsmodels warns of the boundary at the same share."""
+"""A variance below this share of the residual variance counts as 0, and the fit as singular: searches end near 0, not
+at 0. statsmodels warns of the boundary at the same share."""
 CERTAIN: Final = 0.999
 """A correlation beyond this is a singular fit as well."""
 LEAST_DRIVERS: Final = 5
+"""Fewest drivers for which a model is fitted."""
 METHODS: Final = ("bfgs", "lbfgs", "powell")
 
 
@@ -62,7 +63,7 @@ class _Data:
 
 
 def fit_mixed_model(study: RunStudy, comparison: PlannedComparison) -> MixedFit:
-    """Fit the mixed model of a comparison; DasError where it cannot be."""
+    """Fit the mixed model of a comparison; DasError where it cannot be fitted."""
     data = _data(study, comparison)
     slopes = data.within and _told_apart(data)
     noisier = _noisier(data)
@@ -70,7 +71,7 @@ def fit_mixed_model(study: RunStudy, comparison: PlannedComparison) -> MixedFit:
 
 
 def _data(study: RunStudy, comparison: PlannedComparison) -> _Data:
-    trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
+    trials, rows = study.trials, study.rows(comparison)
     values, driver = trials.values[comparison.measure][rows], trials.participant[rows]
     if len(np.unique(driver)) < LEAST_DRIVERS:
         raise DasError(f"fewer than {LEAST_DRIVERS} drivers")
@@ -81,8 +82,7 @@ def _data(study: RunStudy, comparison: PlannedComparison) -> _Data:
     if scale <= 1e-12 * max(float(np.abs(values).max()), 1e-300):
         raise DasError("all values are the same")
     condition = np.where(trials.levels[comparison.factor][rows] == comparison.a, 0.5, -0.5)
-    others = [trials.levels[one.name][rows] for one in study.plan.factors if one.name != comparison.factor]
-    other = np.array([" ".join(map(str, one)) for one in zip(*others, strict=True)] if others else [""] * len(rows))
+    other = study.conditions(rows, without=comparison.factor)
     days = np.array([f"{one} {day}" for one, day in zip(other, trials.day[rows], strict=True)])
     met = [len(np.unique(driver[days == day])) for day in np.unique(days)]
     shared = float(np.mean(met)) >= 2.0 and len(met) <= len(rows) // 4
@@ -100,7 +100,7 @@ def _indicators(cells: Texts) -> list[Floats]:
 
 
 def _independent(columns: Floats) -> Floats:
-    """The columns that are no sum of those before them."""
+    """The columns that do not depend linearly on those before them."""
     kept: list[int] = []
     for index in range(columns.shape[1]):
         if np.linalg.matrix_rank(columns[:, [*kept, index]]) > len(kept):

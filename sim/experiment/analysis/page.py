@@ -1,6 +1,6 @@
-"""The page of an analysis with its pictures, and the same for programs.
+"""The page of an analysis with its pictures, and the same findings for programs.
 
-The pictures are dark on white, with units, for people with any colour vision.
+The pictures are dark on white, with units, in colours that people with any colour vision can tell apart.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from sim.review.light import INK, TEXT_POINTS, WIDTH_IN, as_image, light_figure,
 
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
-"""Measures side by side in the table of the measures that no comparison is about."""
+"""Columns of the table of measures that belong to no comparison."""
 BLUE, ORANGE = SEVERAL[0], SEVERAL[1]
 FAINT: Final = "#9aa0a6"
 ROW_IN: Final = 0.5
 SCATTER: Final = 0.16
-"""Points of drivers lie at most this far (rows) beside their row, so that equal ones can be counted."""
+"""Points of drivers lie at most this far (rows) beside their row, so that equal ones do not hide each other."""
 
 
 def page(found: StudyFindings) -> str:
@@ -89,7 +89,7 @@ def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
 
 
 def _measure(found: StudyFindings, shown: ShownMeasure) -> dict[str, Any]:
-    """A measure that a comparison is about, with its values in every condition and their picture."""
+    """A measure of some comparison, with its values in every condition and their picture."""
     values = [one for one in found.conditions if one.measure == shown.column]
     repeated = any(one.spread is not None and one.spread.separate for one in values)
     return {"shown": shown, "image": as_image(_condition_figure(values, shown)), "rows": values, "repeated": repeated}

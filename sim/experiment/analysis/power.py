@@ -23,9 +23,10 @@ from sim.experiment.plan import DEFAULT_ALPHA, LEAST_PARTICIPANTS, PlannedCompar
 
 STUDIES: Final = 2000
 """Made-up studies for each number of participants: a power of 0.8 is known to ±0.02 (95 %)."""
-RESAMPLES: Final = 999
+RESAMPLES_EACH: Final = 999
+"""Resamples for the test of each made-up study."""
 MOST_PARTICIPANTS: Final = 2000
-"""No experiment with more participants is looked for."""
+"""Most participants (of each group) for which experiments are simulated."""
 AT_ONCE: Final = 250
 """Studies computed at once, so that memory stays below about 100 MB."""
 
@@ -140,7 +141,7 @@ def _scaled(values: Floats, sd: float) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class PowerQuestion:
-    """What is asked: the true difference to be found, the level of the test, and what draws the made-up studies."""
+    """What is asked: the true difference to be found, the level of the test, and the source of made-up studies."""
 
     effect: float
     alpha: float
@@ -164,7 +165,7 @@ def power_of(question: PowerQuestion, participants: int) -> PowerPoint:
         raise DasError(f"{participants} participants: expected {LEAST_PARTICIPANTS} to {MOST_PARTICIPANTS}")
     rng = np.random.default_rng([question.seed, participants])
     groups = 2 if question.source.groups else 1
-    drawn = [weights(participants, RESAMPLES, rng) for _ in range(groups)]
+    drawn = [weights(participants, RESAMPLES_EACH, rng) for _ in range(groups)]
     found = 0
     for start in range(0, question.studies, AT_ONCE):
         count = min(AT_ONCE, question.studies - start)
@@ -238,7 +239,7 @@ def normal_participants(size: float, alpha: float, wanted: float, *, groups: boo
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """The question as it was put: the arguments of the command; `effect` and `sd` in the unit that reports show."""
+    """The arguments of `das-sim experiment power`; `effect` and `sd` are in the unit of the report."""
 
     source: Path | None
     effect: float
@@ -283,7 +284,6 @@ class PowerAnswer:
 
     def as_dict(self) -> dict[str, Any]:
         """The answer for programs."""
-
         return {
             "about": self.about,
             "participants_are": "in each of two groups" if self.groups else "all",
@@ -330,7 +330,7 @@ def _check(asked: Asked) -> None:
 
 
 def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
-    """The plan and, where the source is the folder of a study, the study; nothing for no source."""
+    """The plan of a design or of a study's folder, and the study of a folder; None for each that there is not."""
     if path is None:
         return None, None
     if path.is_dir():
@@ -344,7 +344,7 @@ def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
 
 
 def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
-    """What draws the differences, the true difference in the same unit, and a sentence about both."""
+    """The source of made-up differences, the true difference in the same unit, and a sentence about both."""
     if asked.sd is not None:
         groups = asked.groups or _in_groups(asked, plan)
         curves = BellCurves(between_sd=asked.sd, within_sd=asked.sd_of_pairs, pairs=asked.pairs or 1, groups=groups)
@@ -360,7 +360,7 @@ def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tu
 
 
 def _in_groups(asked: Asked, plan: StudyPlan | None) -> bool:
-    """Whether the comparison of a design is one of two groups of participants."""
+    """Whether the asked comparison of a design is one of two groups of participants; False without a design."""
     if plan is None or not plan.comparisons:
         return False
     return not plan.factor(plan.chosen(asked.comparison).factor).within

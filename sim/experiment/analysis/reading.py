@@ -1,4 +1,4 @@
-"""A study that was run, read from its folder: its plan, its trials, what their columns mean, and how they are shown."""
+"""A study that was run, read from its folder: its plan, its trials, and what their columns mean in the report."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
 NAMED: Final = ("trial", "participant", "position", "practice", "seed")
-"""Columns that the table must have besides those of the factors and of the measures."""
+"""Columns that the table of trials must have besides those of the factors and of the measures."""
 RATIOS: Final = frozenset({"ratio", "1", "share"})
 SPEEDS: Final = frozenset({"m/s", "mps"})
 SHOWN_UNITS: Final = {
@@ -51,7 +51,7 @@ SHOWN_UNITS: Final = {
     "1/min": "per minute",
     "min": "per minute",
 }
-"""Units of columns that people read under another name; a ratio is shown in percent."""
+"""How the report names the units of columns, where it uses another name; a ratio is shown in percent."""
 SAME: Final = "the same"
 PERCENT: Final = 100.0
 
@@ -67,7 +67,10 @@ class MeaningOfColumn:
 
 @dataclass(frozen=True, kw_only=True)
 class ShownMeasure:
-    """A measure as the report shows it: values times `factor`, in `unit`; a difference of percentages is in points."""
+    """A measure as the report shows it: values times `factor`, in `unit`; differences are in `difference_unit`.
+
+    A ratio is shown in percent, its difference in points. `digits` are those after the decimal point.
+    """
 
     column: str
     name: str
@@ -79,7 +82,7 @@ class ShownMeasure:
 
     @classmethod
     def of(cls, column: str, meaning: MeaningOfColumn, values: Floats) -> ShownMeasure:
-        """A column with its meaning and its values; a ratio is shown in percent."""
+        """How to show a column with this meaning; the spread of its values decides the digits."""
         ratio = meaning.unit in RATIOS and column.endswith("_ratio")
         unit = SHOWN_UNITS.get(meaning.unit, meaning.unit)
         factor = PERCENT if ratio else float(kmh(1.0)) if meaning.unit in SPEEDS else 1.0
@@ -92,11 +95,11 @@ class ShownMeasure:
         )  # fmt: skip
 
     def value(self, value: float) -> str:
-        """A value without its unit; nothing where it is NaN."""
+        """A value without its unit; empty for NaN."""
         return self._printed(value).lstrip("+")
 
     def difference(self, value: float) -> str:
-        """A difference with its sign, without its unit; nothing where it is NaN."""
+        """A difference with its sign, without its unit; empty for NaN."""
         return self._printed(value)
 
     def _printed(self, value: float) -> str:
@@ -106,7 +109,7 @@ class ShownMeasure:
         return f"{rounded:+.{self.digits}f}".replace("-", "−") if rounded else f"{0:.{self.digits}f}"
 
     def range(self, interval: tuple[float, float]) -> str:
-        """An interval of differences, without its unit; nothing where it is not known."""
+        """An interval of differences, without its unit; empty where it is not known."""
         return f"{self.difference(interval[0])} to {self.difference(interval[1])}" if math.isfinite(interval[0]) else ""
 
     def changed(self, difference: float) -> str:
@@ -121,7 +124,7 @@ class ShownMeasure:
 
 
 def probability(value: float) -> str:
-    """A probability as it is printed; nothing where it is NaN."""
+    """A probability as it is printed; empty for NaN."""
     if not math.isfinite(value):
         return ""
     return "below 0.001" if value < 0.001 else f"{value:.3f}"
@@ -150,9 +153,9 @@ class FinishedTrials:
 class RunStudy:
     """A study that was run: where its files are, its plan of analysis, its trials, and what their columns mean.
 
-    `failed` has, for each trial that failed, who drove it, its condition and why. `people` has what is known of each
-    participant in numbers, by the names of the columns of participants.tsv; empty where there is no such file.
-    `level_words` says what levels of a factor mean, and `made` how the data were made, as far as the folder says it.
+    `failed` has a sentence for each trial that failed: who drove it, its condition and why. `people` has the numbers of
+    participants.tsv, by participant and column; empty without that file. `level_words` says what the levels of each
+    factor mean, and `made` when and how the data were made; both are empty where the folder does not say it.
     """
 
     folder: Path
@@ -173,11 +176,20 @@ class RunStudy:
             kept &= trials.levels[name] == level
         return kept
 
+    def rows(self, comparison: PlannedComparison) -> Ints:
+        """The indices of the trials that belong to a comparison."""
+        return np.flatnonzero(self.chosen(comparison))
+
+    def conditions(self, rows: Ints, without: str = "") -> Texts:
+        """The condition of each trial of `rows` as one text: its levels of all factors except the one `without`."""
+        levels = [self.trials.levels[one.name] for one in self.plan.factors if one.name != without]
+        return np.array([" ".join(str(one[row]) for one in levels) for row in rows], dtype=np.str_)
+
 
 def read_study(folder: Path) -> RunStudy:
     """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json` and `failed.csv`.
 
-    DasError where one of them cannot be used, or where a table is not the one that `checksums.json` has the hash of.
+    DasError where one of them cannot be used, or where a table does not have its hash in `checksums.json`.
     """
     if not folder.is_dir():
         raise DasError(f"{folder}: expected the folder of a study that was run")
@@ -196,7 +208,7 @@ def read_study(folder: Path) -> RunStudy:
 
 
 def _check_sums(folder: Path) -> None:
-    """InputError where a table is not the one that the run wrote; studies of before have no checksums."""
+    """InputError where a table is not the one that the run wrote; a study of an older version has no checksums."""
     kept = folder / CHECKSUMS
     if not kept.is_file():
         return
@@ -231,7 +243,7 @@ def _made(path: Path) -> dict[str, str]:
 
 
 def _people(path: Path, plan: StudyPlan) -> dict[str, dict[str, float]]:
-    """The columns of participants.tsv that are numbers for everybody, by participant; none without that file."""
+    """By participant, the columns of participants.tsv that are numbers for everybody; empty without that file."""
     if not path.is_file():
         return {}
     reader = csv.DictReader(io.StringIO(read_text(path)), delimiter="\t")
@@ -312,7 +324,7 @@ def _levels(path: Path, name: str, texts: list[str], levels: tuple[str, ...]) ->
 
 
 def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
-    """A column of numbers; what is empty, or says in pandas' or R's way that there is none, is NaN."""
+    """A column of numbers; a cell that is empty, or missing as pandas or R writes it, is NaN."""
     values = np.full(len(texts), np.nan)
     for row, text in enumerate(texts):
         if text.strip().lower() in ("", "nan", "na", "n/a"):
@@ -327,7 +339,7 @@ def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
 
 
 def _meanings(path: Path, plan: StudyPlan) -> dict[str, MeaningOfColumn]:
-    """What each measure means, from the table's sidecar; from the column's name where that says nothing."""
+    """What each measure means: from the table's sidecar, or from the column's name where the sidecar lacks it."""
     fields = read_json(path) if path.is_file() else None
     found = {}
     for name in plan.measures:

@@ -1,10 +1,10 @@
 """Drawing the participants of a study again, with replacement: means and standard deviations without a bell curve.
 
 The method is the studentized bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5).
-Each resample gives the distance of its mean from that of the study in standard errors of its own, and the quantiles
+Each resample gives the distance of its mean from that of the study, in standard errors of the resample. The quantiles
 of that distance take the place of those of Student's t. Participants are drawn, not trials, because trials of one
-person are no independent witnesses. The functions for means work on many studies at once: one row for each study, one
-column for each participant.
+person are not independent. The functions for means work on many studies at once: one row for each study, one column
+for each participant.
 
 How far drivers differ from each other, apart from how far one driver differs from day to day, is estimated by moments
 (analysis of variance): Searle, Casella and McCulloch, Variance Components, 1992, chapters 3 and 4.
@@ -25,10 +25,11 @@ from sim.experiment.plan import LEAST_PARTICIPANTS
 RESAMPLES: Final = 19_999
 """Resamples of an analysis: a probability of 0.05 is known to 0.003, and the smallest is 0.0001."""
 LEAST_RESAMPLES: Final = 999
+"""Fewest resamples, however many participants there are."""
 SD_RESAMPLES: Final = 1999
 """Resamples for the interval of a standard deviation."""
 MOST_CELLS: Final = 20_000_000
-"""Most numbers of a table of resamples by participants (160 MB); with very many participants fewer resamples do."""
+"""Most cells of a table of resamples by participants (160 MB); very many participants get fewer resamples."""
 NO_RANGE: Final = (math.nan, math.nan)
 
 
@@ -40,7 +41,7 @@ def weights(participants: int, resamples: int, rng: np.random.Generator) -> Floa
 
 
 class ResampledStudies(NamedTuple):
-    """Means (studies,) and their standard errors, and distances of resamples in errors of their own, (studies, n)."""
+    """Mean and standard error of each study, (studies,), and distances of its resamples in errors of their own."""
 
     means: Floats
     errors: Floats
@@ -94,7 +95,7 @@ def _moments(values: Floats, drawn: Floats) -> tuple[Floats, Floats]:
 
 
 def _studentized(means: Floats, errors: Floats) -> Floats:
-    """Distances in own standard errors; a resample without spread is infinitely far off, or 0 at the very mean."""
+    """Distances of resamples in their own standard errors; without spread infinite, or 0 at the mean of the study."""
     tiny = 1e-12 * np.maximum(np.abs(means).max(axis=-1, keepdims=True), 1e-300)
     without_spread = np.where(np.abs(means) > tiny, np.copysign(np.inf, means), 0.0)
     return np.where(errors > tiny, means / np.maximum(errors, tiny), without_spread)
@@ -131,7 +132,7 @@ def spread_of(values: Floats, driver: Texts, cell: Texts, rng: np.random.Generat
 
 
 def _less(sd: float, variance: float) -> float:
-    """A standard deviation from which a variance is taken."""
+    """A standard deviation, less a variance that is part of its square."""
     return math.sqrt(max(sd**2 - variance, 0.0))
 
 
@@ -161,8 +162,8 @@ def _log_variance(values: Floats) -> tuple[Floats, Floats]:
 def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
     """Values by driver and cell, (drivers, cells), NaN where there are none; and whether drivers share cells.
 
-    Where they do, what they have in common in a cell (a hard day) is taken out. Where each driver has days of his own,
-    the columns are just his first, second, … value.
+    Where they share cells, what all drivers have in common in a cell (a hard day) is subtracted. Where each driver has
+    days of his own, the columns are his first, second, … value.
     """
     _, row = np.unique(driver, return_inverse=True)
     names, column = np.unique(cell, return_inverse=True)
@@ -184,7 +185,7 @@ def components(tables: Floats, removed: int = 0) -> tuple[Floats, Floats]:
     """Standard deviations between the rows and within them, of tables (studies, drivers, cells), NaN where missing.
 
     `removed` is how many differences between cells were taken out of the table. A negative variance between drivers is
-    0. Where no driver has two values, what is between holds all, and what is within is NaN.
+    0. Where no driver has two values, the first holds the spread of both kinds, and the second is NaN.
     """
     there = np.isfinite(tables)
     counts = there.sum(axis=2)

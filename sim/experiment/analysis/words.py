@@ -1,4 +1,4 @@
-"""The findings of a study in plain words, and what was driven and designed, for readers who were not there."""
+"""The findings of a study in sentences, and the tables of its trials and its design, for readers who were not there."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.experiment.analysis.reading import SAME, ShownMeasure, probability
 from sim.experiment.plan import FIXED, StudyPlan
 
 MOST_COUNTED: Final = 10_000
-"""Numbers of participants above this are not told apart."""
+"""Larger numbers of participants are all given as "over" this one."""
 SIGNALS: Final = "signals_passed"
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni", "none": ""}
 MOST_FAILED: Final = 3
@@ -20,7 +20,7 @@ MOST_FAILED: Final = 3
 
 
 def hangs_on(found: StudyFindings) -> list[str]:
-    """The assumptions on which the whole answer depends, stated before any figure."""
+    """Sentences on what all findings depend on: who drove, and what the intervals cover."""
     plan, trials = found.study.plan, found.study.trials
     population = dict(plan.setting).get("drivers drawn from the population")
     drawn = f" from the population “{population}”" if population else ""
@@ -88,7 +88,7 @@ def verdict(one: FoundDifference, plan: StudyPlan) -> str:
 
 
 def _but(one: FoundDifference) -> str:
-    """What limits a verdict: conditions that go the other way, assumptions that do not hold."""
+    """What limits a verdict: conditions with the opposite difference, and assumptions that do not hold."""
     said = ""
     if one.opposed:
         parts = "; ".join(
@@ -194,7 +194,7 @@ def _fixed_rows(value: str) -> list[tuple[str, str]]:
 
 
 def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """What the levels of each factor mean, as far as the data say it."""
+    """What the levels of each factor mean, as far as the data describe them."""
     rows = []
     for one in found.study.plan.factors:
         words = found.study.level_words.get(one.name, {})

@@ -14,8 +14,8 @@ from das.solver.solution import Fit
 from sim.drive.above_optimum import NOT_COMPARABLE
 from sim.runs.replay.job import TripEnergies
 from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome
+from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import EnergyRange
-from sim.trips.findings import FindingKind
 from sim.trips.report import direction_by_posts, line_not_used, unknowns
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip

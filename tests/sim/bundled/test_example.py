@@ -18,9 +18,9 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
 from sim.bundled.example import KEPT, example_files
 from sim.options import TripOptions
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.line import Line, read_kilometre_posts
-from sim.trips.reading import read_trip
+from sim.trips.record import read_trip
 from sim.trips.trip import load_trip
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out

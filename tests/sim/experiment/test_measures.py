@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,8 @@ from das.domain.levels import Level
 from das.domain.units import KMH
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment.driving import Driven, StudyTrial, drive, service_of
-from sim.experiment.factors import Setting, factor_markdown
-from sim.experiment.measures import MEASURES, measure_markdown, measured
+from sim.experiment.factors import FACTORS, Setting
+from sim.experiment.measures import MEASURES, measured
 from sim.experiment.study_files import EVENTS, SERIES, trial_file, trial_files
 from tests.support.making import REPOSITORY
 
@@ -111,6 +112,9 @@ def test_decisions_against_the_file_of_events(vector: Driven) -> None:
 
 
 def test_clocks_agree(vector: Driven, series: dict[str, list[float]]) -> None:
+    onsets = [float(row["onset"]) for row in events(vector)]
+    assert onsets == sorted(onsets)
+    assert onsets[0] >= 0
     for row in events(vector):
         assert float(row["onset"]) == pytest.approx(int(row["monotonic_ns"]) * 1e-9, abs=1e-6)
         since_s = float(row["time_s"]) - float(series["time_s"][0])
@@ -155,10 +159,29 @@ def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
     assert gaps[Level.L1] > gaps[None] + 0.001
 
 
-@pytest.mark.parametrize(("page", "table"), [("measures", measure_markdown()), ("experiments", factor_markdown())])
-def test_the_pages_say_what_the_program_does(page: str, table: str) -> None:
-    """After a change: the table is what `sim.experiment.measures.measure_markdown` (`factor_markdown`) gives."""
-    assert table in (REPOSITORY / "docs" / "reference" / f"{page}.md").read_text(encoding="utf-8")
+def in_markdown(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """A table of a page; a bar in a cell would end the cell."""
+    cells = [head, *([one.replace("|", "\\|") for one in row] for row in rows)]
+    first, *others = [f"| {' | '.join(row)} |" for row in cells]
+    return "\n".join([first, "|" + "---|" * len(head), *others])
+
+
+TABLES = {
+    "measures": in_markdown(
+        ("measure", "unit", "formula", "source"),
+        ((f"`{one.name}`", one.unit, one.formula, one.source) for one in MEASURES.values()),
+    ),
+    "experiments": in_markdown(
+        ("factor", "what it varies", "levels"),
+        ((f"`{one.name}`", one.meaning, one.expected) for one in FACTORS.values()),
+    ),
+}
+
+
+@pytest.mark.parametrize("page", TABLES)
+def test_the_pages_say_what_the_program_does(page: str) -> None:
+    """After a change of a measure or a factor, print(TABLES[page]) gives the table for the page."""
+    assert TABLES[page] in (REPOSITORY / "docs" / "reference" / f"{page}.md").read_text(encoding="utf-8")
 
 
 def test_the_folder_of_a_trial_is_that_of_bids() -> None:

@@ -12,8 +12,7 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.checking import group_notes
 from sim.experiment.design import ConditionOrder, Design
-from sim.experiment.running import Keep, in_order_of_work, jobs_of
-from sim.experiment.trials import imbalances, order_of, trials_of, williams
+from sim.experiment.trials import Keep, imbalances, in_order_of_work, jobs_of, order_of, trials_of, williams
 
 Designed = Callable[[str], Design]
 FLAT = "[fixed]\nscenario = 'flat-6km'\n"

@@ -272,7 +272,7 @@ def test_seeds() -> None:
         (["late.toml", "-o", "x", "--drivers", "human,nobody"], "--drivers nobody: expected one of perfect"),
         (["late.toml", "-o", "x", "--advice", "all"], "--advice all: expected one of none"),
         (["late.toml", "-o", "x", "--seeds", "9-1"], "--seeds 9-1"),
-        (["late.toml", "-o", "late.toml"], "late.toml: cannot be made"),
+        (["late.toml", "-o", "late.toml"], "late.toml: is a file, expected a folder"),
         (["broken.toml", "-o", "x"], "train.toml: not valid TOML"),
         (["late.toml", "-o", "x", "--level", "own"], "no data for level own"),
         (["late.toml"], "--out"),

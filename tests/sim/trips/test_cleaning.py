@@ -18,33 +18,16 @@ from das.bus.topics import POSITION
 from das.domain.errors import DasError
 from sim.options import TripOptions
 from sim.trips import cleaning
-from sim.trips.findings import FindingKind
-from sim.trips.reading import read_trip
+from sim.trips.cleaning import FindingKind
+from sim.trips.record import read_trip
 from sim.trips.settings import POSITIONS
 from sim.trips.trip import load_trip
-from tests.support.dirt import (
-    DEFECTS,
-    EPOCH_S,
-    LENGTH_M,
-    STOOD_S,
-    TOGETHER_COUNTS,
-    Points,
-    all_together,
-    changed,
-    check_truth,
-    clean,
-    counts,
-    gap,
-    jumps_along,
-    late_end,
-    load,
-    spikes,
-    truth_of_run,
-)
+from tests.support import dirt
+from tests.support.dirt import EPOCH_S, STOOD_S, Points, changed, check_truth, clean, counts, load, truth_of_run
 from tests.support.made_line import route
 
 
-@pytest.mark.parametrize(("plant", "expected"), DEFECTS.values(), ids=DEFECTS)
+@pytest.mark.parametrize(("plant", "expected"), dirt.DEFECTS.values(), ids=dirt.DEFECTS)
 def test_a_planted_defect_is_found_and_mended(
     tmp_path: Path, plant: Callable[[Points], Points], expected: dict[FindingKind, int]
 ) -> None:
@@ -53,14 +36,15 @@ def test_a_planted_defect_is_found_and_mended(
     assert trip.whole
     assert trip.matched.report.anchor == "start and end"
     check_truth(trip, clean(), speed_mps=0.9)
+    assert np.abs(trip.run.acceleration_mps2).max() < 0.6
 
 
 def test_all_defects_together_are_counted_apart(tmp_path: Path) -> None:
-    trip = load(tmp_path, all_together(clean()))
-    assert counts(trip) == TOGETHER_COUNTS
+    trip = load(tmp_path, dirt.all_together(clean()))
+    assert counts(trip) == dirt.TOGETHER_COUNTS
     check_truth(trip, clean(), speed_mps=0.9)
     report = trip.matched.report.cleaning
-    assert report.read == len(all_together(clean()))
+    assert report.read == len(dirt.all_together(clean()))
     dropped = sum(f.count for f in report.findings if f.kind.done in ("dropped", "cut"))
     assert report.kept == report.read - dropped == len(trip.matched.s_m)
     assert "6 × position jump" not in report.summary
@@ -76,18 +60,18 @@ def test_defects_are_counted_in_noise_too(tmp_path: Path, seed: int) -> None:
         error = 0.95 * error + 4 * np.sqrt(1 - 0.95**2) * rng.standard_normal()
         v = p.v if not p.v else max(p.v + 0.3 * rng.standard_normal(), 0.3)
         noisy.append(replace(p, s_m=p.s_m + error, v=v, east_m=5 * rng.standard_normal()))
-    trip = load(tmp_path, all_together(noisy))
+    trip = load(tmp_path, dirt.all_together(noisy))
     found = counts(trip)
     for mended in (FindingKind.STANDING_DRIFT, FindingKind.STEP_BACK):
         found.pop(mended, None)
-    assert found == TOGETHER_COUNTS
+    assert found == dirt.TOGETHER_COUNTS
     true_m, true_mps = truth_of_run(trip, clean())
     assert np.abs(trip.run.s_m - true_m).max() < 15
     assert np.abs(trip.run.speed_mps - true_mps).max() < 1.5
 
 
 def test_the_report_says_where_first_and_what(tmp_path: Path) -> None:
-    trip = load(tmp_path, spikes(jumps_along(gap(clean()))))
+    trip = load(tmp_path, dirt.spikes(dirt.jumps_along(dirt.gap(clean()))))
     found = {f.kind: f for f in trip.matched.report.cleaning.findings}
     jump, spike, hole = (found[kind] for kind in (FindingKind.POSITION_JUMP, FindingKind.SPEED_SPIKE, FindingKind.GAP))
     assert (jump.first, jump.detail) == ("line 52", "by up to 300 m")
@@ -104,9 +88,12 @@ def test_a_record_that_ends_moving_is_left_open(tmp_path: Path) -> None:
     trip = load(tmp_path, cut)
     assert counts(trip) == {FindingKind.ENDS_MOVING: 1}
     (finding,) = trip.matched.report.cleaning.findings
-    assert finding.detail == f"at {cut[-1].v * 3.6:.0f} km/h, {LENGTH_M - cut[-1].s_m:.0f} m before B"  # type: ignore[operator]
+    left_m, last_mps = dirt.LENGTH_M - cut[-1].s_m, cut[-1].v
+    assert last_mps is not None
+    assert finding.detail == f"at {last_mps * 3.6:.0f} km/h, {left_m:.0f} m before B"
     assert not trip.whole
-    assert trip.run.s_m[-1] == pytest.approx(cut[-1].s_m, abs=2)
+    assert (trip.run.time_s[-1], trip.run.s_m[-1]) == pytest.approx((280, cut[-1].s_m), abs=1.5)
+    assert trip.run.speed_mps[-1] == pytest.approx(last_mps, abs=0.3)
 
 
 def test_a_record_without_speeds_is_led_by_its_positions(tmp_path: Path) -> None:
@@ -220,16 +207,13 @@ def test_a_long_noisy_stand_is_one_stand(tmp_path: Path, spiked: bool) -> None:
     """The arrival is when the train came, whatever the fixes of the next 20 minutes wander, without speeds and with a
     wrong one."""
     rng = np.random.default_rng(3)
-    points = [replace(p, s_m=p.s_m + 3 * rng.standard_normal()) for p in late_end(late_end(late_end(clean())))]
-    points = [replace(p, t=EARLIEST_S + i) for i, p in enumerate(points)]
+    long_stand = dirt.late_end(dirt.late_end(dirt.late_end(clean())))
+    points = [replace(p, t=100.0 + i, s_m=p.s_m + 3 * rng.standard_normal()) for i, p in enumerate(long_stand)]
     trip = load(tmp_path, changed(points, (500, 800), v=98.6), speeds=spiked)
     arrived = next(i for i, p in enumerate(clean()) if i > STOOD_S and p.v == 0)
-    at = (int(trip.matched.time_ns[trip.matched.ends.arrival]) * 1e-9) - EPOCH_S - EARLIEST_S
+    at = (int(trip.matched.time_ns[trip.matched.ends.arrival]) * 1e-9) - EPOCH_S - 100.0
     assert at == pytest.approx(arrived, abs=8)
     assert counts(trip)[FindingKind.LONG_STAND_AT_END] > 800
-
-
-EARLIEST_S = 100.0
 
 
 def test_positions_frozen_to_the_end_are_no_stop(tmp_path: Path) -> None:

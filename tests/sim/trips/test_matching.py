@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.line import Line
 from sim.trips.matching import match_trip
 from sim.trips.profile import to_profile
@@ -38,7 +38,10 @@ def test_one_standstill_gives_the_offset_alone(tmp_path: Path) -> None:
     assert at_end.s_m == pytest.approx(s[~cut], abs=0.01)
     middle = (t > 50) & (t < 200)
     moving = record(t[middle], s[middle], v[middle])
-    with pytest.raises(DasError, match="stands neither at the first nor at the last line that fits"):
+    said = (
+        "neither at the first nor at the last line that fits.* a record from its stand at A or to that at B, or a route"
+    )
+    with pytest.raises(DasError, match=said):
         matched(moving, posts(tmp_path), route())
 
 
@@ -81,34 +84,13 @@ def test_fixes_that_wander_in_a_station_are_put_together(tmp_path: Path) -> None
     assert run.time_s[-1] == pytest.approx(motion()[0][-1], abs=1.0)
 
 
-BAD_TRIPS = {
-    "off the line": (
-        lambda t, s, v: record(t, s, v, east_m=np.where(t < 20, 0.0, 450.0)),
-        r"trip\.csv: trip not on the line .*posts\.csv: line 21 is 4[45]\d m away and \d+ of \d+ points",
-    ),
-    "turning back": (
-        lambda t, s, v: record(t, np.where(t > 250, s[250] - (t - 250) * 9, s), v),
-        r"position decreases by 36 m at line 255 \(wrong direction\? see --reverse\)",
-    ),
-    "standing": (lambda t, s, v: record(t, 0 * s, 0 * v), r"the train never moves"),
-}
-
-
-@pytest.mark.parametrize(("make", "expected"), BAD_TRIPS.values(), ids=BAD_TRIPS)
-def test_a_trip_that_does_not_fit_is_refused(tmp_path: Path, make, expected: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(DasError, match=expected) as caught:
-        matched(make(*motion()), posts(tmp_path), route())
-    assert "\n" not in str(caught.value)
-
-
 def test_stops_in_the_wrong_order_are_refused(tmp_path: Path) -> None:
     on = route()
     with pytest.raises(DasError, match="B does not lie before A on the route as driven"):
         match_trip(record(*motion()), posts(tmp_path), on, (on.stops[1], on.stops[0]))
 
 
-@pytest.mark.parametrize("first", [30, 120, 150])
-@pytest.mark.parametrize("count", [1, 3, 12])
+@pytest.mark.parametrize(("first", "count"), [(30, 12), (120, 1), (150, 3)])
 def test_dropouts_are_found_and_bridged(tmp_path: Path, first: int, count: int) -> None:
     t, s, v = motion()
     reported = v.copy()
@@ -170,23 +152,6 @@ def test_noise_does_not_become_acceleration(tmp_path: Path, seed: int) -> None:
     assert run.acceleration_mps2[cruise].std() < 0.1
     assert np.abs(run.s_m - s).max() < 12
     assert np.sum(run.speed_mps) == pytest.approx(run.s_m[-1] - run.s_m[0], abs=1.0)
-
-
-def test_a_run_that_does_not_end_standing_is_left_open(tmp_path: Path) -> None:
-    t, s, v = motion()
-    cut = t < 200.5
-    run = to_profile(matched(record(t[cut], s[cut], v[cut]), posts(tmp_path), route()))
-    assert run.time_s[-1] == 200
-    assert run.speed_mps[-1] == pytest.approx(30, abs=0.3)
-    assert run.s_m[-1] == pytest.approx(s[200], abs=1.5)
-
-
-def test_a_gap_in_the_record_is_bridged(tmp_path: Path) -> None:
-    t, s, v = motion()
-    keep = (t < 40) | (t > 54)
-    run = to_profile(matched(record(t[keep], s[keep], v[keep]), posts(tmp_path), route()))
-    assert run.speed_mps == pytest.approx(v, abs=0.7)
-    assert np.abs(run.acceleration_mps2).max() < 0.6
 
 
 def test_a_run_of_two_seconds_is_too_short() -> None:

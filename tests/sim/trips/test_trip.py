@@ -13,35 +13,13 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.route import Floats, Stop
 from sim.options import TripOptions
-from sim.trips.findings import FindingKind
+from sim.trips.cleaning import FindingKind
 from sim.trips.points import slowed_to
-from sim.trips.reading import read_trip
+from sim.trips.record import read_trip
 from sim.trips.report import write_cleaned
 from sim.trips.trip import Trip, load_trip
-from tests.support.dirt import (
-    LENGTH_M,
-    STOOD_S,
-    Point,
-    Points,
-    all_together,
-    changed,
-    check_truth,
-    clean,
-    counts,
-    dropouts,
-    duplicates,
-    gap,
-    jumps_along,
-    late_end,
-    load,
-    long_posts,
-    newest_first,
-    no_position,
-    on_route,
-    spikes,
-    times_back,
-    write,
-)
+from tests.support import dirt
+from tests.support.dirt import LENGTH_M, STOOD_S, Point, Points, changed, check_truth, clean, counts, load, on_route
 from tests.support.made_line import motion, route
 
 
@@ -78,6 +56,7 @@ def test_with_geometry_points_beyond_the_line_are_cut(tmp_path: Path) -> None:
     assert counts(trip)[FindingKind.OFF_LINE] == 30
     assert counts(trip)[FindingKind.BEFORE_SECTION] == one - 1 - 30
     assert trip.matched.report.anchor == "route"
+    assert trip.direction_known
     check_truth(trip, points)
 
 
@@ -147,8 +126,8 @@ def test_parts_far_apart_in_time_are_not_joined(tmp_path: Path) -> None:
 def test_a_trip_the_other_way_is_driven_the_other_way(tmp_path: Path, kind: str) -> None:
     """Clean, written from B to A, and not said to be reversed."""
     back = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()]
-    path = write(tmp_path, back, on_route=kind == "positions")
-    line = long_posts(tmp_path) if kind == "posts" else None
+    path = dirt.write(tmp_path, back, on_route=kind == "positions")
+    line = dirt.long_posts(tmp_path) if kind == "posts" else None
 
     def driven(**said: Any) -> Trip:
         options = TripOptions(line=line, **said)
@@ -203,13 +182,6 @@ def test_how_far_the_stand_is_beyond_is_told(tmp_path: Path, cut: int) -> None:
     assert told.detail.startswith(f"the stand is up to {said_m:.1f} m and ")
 
 
-def test_a_record_between_stops_is_refused_with_what_would_do(tmp_path: Path) -> None:
-    with pytest.raises(
-        DasError, match="expected a record from its stand at A or to that at B, or a route with geometry"
-    ):
-        load(tmp_path, clean(stood_s=0)[20:-20], speeds=False)
-
-
 def test_only_who_slows_down_is_led_to_a_stand() -> None:
     """Parabolas, whose speed at the end is known; slow but even, fast, few points, and a measured speed are none."""
     t = np.arange(0.0, 31.0)
@@ -243,11 +215,6 @@ def test_posts_do_not_tell_the_direction(tmp_path: Path, said: dict[str, Any], b
     assert load(tmp_path, points, **said).direction_known == known
 
 
-def test_geometry_and_positions_tell_the_direction(tmp_path: Path) -> None:
-    for positions in (True, False):
-        assert on_route(tmp_path, clean(), positions=positions).direction_known
-
-
 def reread(folder: Path, trip: Trip, name: str) -> tuple[bytes, Trip]:
     """Write the cleaned trip and read it back."""
     path = folder / name
@@ -259,10 +226,10 @@ def reread(folder: Path, trip: Trip, name: str) -> tuple[bytes, Trip]:
 @pytest.mark.parametrize("speeds", [True, False])
 @pytest.mark.parametrize("reverse", [True, False])
 def test_a_cleaned_trip_reads_back_as_the_same(tmp_path: Path, reverse: bool, speeds: bool) -> None:
-    points = all_together(clean())
+    points = dirt.all_together(clean())
     if reverse:
         points = [replace(p, s_m=LENGTH_M - p.s_m) for p in points]
-    path = write(tmp_path, points, speeds=speeds)
+    path = dirt.write(tmp_path, points, speeds=speeds)
     first = load_trip(path, read_trip(path), route(geometry=True), TripOptions(reverse=reverse))
     written, again = reread(tmp_path, first, "cleaned.csv")
     rewritten, _ = reread(tmp_path, again, "again.csv")
@@ -324,11 +291,11 @@ RANDOM: dict[str, Callable[[Points, int, int], Points]] = {
 }
 
 STRICT = {
-    "duplicates": (duplicates, "line 43: time given twice, same time as a point before (4 in all; --strict)"),
-    "times back": (times_back, "line 62: time running back, up to 4.5 s back (3 in all; --strict)"),
-    "jumps": (jumps_along, "line 52: position jump, by up to 300 m (6 in all; --strict)"),
-    "no position": (no_position, "line 35: no position, neither on the map nor on the route (3 in all; --strict)"),
-    "newest first": (newest_first, "line 2: newest point first"),
+    "duplicates": (dirt.duplicates, "line 43: time given twice, same time as a point before (4 in all; --strict)"),
+    "times back": (dirt.times_back, "line 62: time running back, up to 4.5 s back (3 in all; --strict)"),
+    "jumps": (dirt.jumps_along, "line 52: position jump, by up to 300 m (6 in all; --strict)"),
+    "no position": (dirt.no_position, "line 35: no position, neither on the map nor on the route (3 in all; --strict)"),
+    "newest first": (dirt.newest_first, "line 2: newest point first"),
 }
 
 
@@ -339,7 +306,7 @@ def test_strict_refuses_what_would_be_dropped(tmp_path: Path, plant: Callable[[P
     assert str(caught.value).startswith(f"{tmp_path / 'trip.csv'}: {expected}")
 
 
-@pytest.mark.parametrize("plant", [spikes, dropouts, gap, late_end])
+@pytest.mark.parametrize("plant", [dirt.spikes, dirt.dropouts, dirt.gap, dirt.late_end])
 def test_strict_lets_pass_what_is_mended(tmp_path: Path, plant: Callable[[Points], Points]) -> None:
     assert counts(load(tmp_path, plant(clean()), strict=True)) == counts(load(tmp_path, plant(clean())))
 
@@ -363,6 +330,10 @@ REFUSED = {
         lambda p: [replace(q, east_m=3000.0) for q in p],
         r"trip not on the line .*: line 2 is (29|30)\d\d m away",
     ),
+    "turning back": (
+        lambda p: [replace(q, s_m=min(q.s_m, 12000 - q.s_m)) for q in p],
+        r"position decreases by \d\d m at line \d+ \(wrong direction\? see --reverse\)",
+    ),
     "a few metres": (lambda p: [q for q in p if q.s_m < 20], "does not run from A towards B: it covers 1. m"),
 }
 
@@ -382,7 +353,7 @@ def test_what_no_train_runs_is_refused(tmp_path: Path) -> None:
 
 
 def test_posts_are_not_used_where_positions_are_on_the_route(tmp_path: Path) -> None:
-    posts = long_posts(tmp_path)
+    posts = dirt.long_posts(tmp_path)
     trip = on_route(tmp_path, clean(), route(), positions=True, line=posts)
     without = on_route(tmp_path, clean(), route(), positions=True)
     assert (trip.line_not_used, without.line_not_used) == (posts, None)

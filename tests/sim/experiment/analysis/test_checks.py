@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from sim.experiment.analysis.checks import AssumptionCheck
 from sim.experiment.analysis.reading import RunStudy
@@ -63,15 +64,11 @@ def test_drift_from_trial_to_trial_is_noticed() -> None:
     assert re.match(r"with each further trial, the measure is 0\.2\d points higher, p below 0\.001", check.found)
 
 
-def test_what_a_trial_leaves_behind_is_noticed() -> None:
-    assert found("trial before").holds
-    assert found("trial before", carried=0.02).holds is False
-
-
-def test_an_effect_of_what_came_first_is_noticed() -> None:
+@pytest.mark.parametrize(("name", "settings"), [("trial before", {"carried": 0.02}), ("came first", {"drift": 0.004})])
+def test_what_a_trial_leaves_behind_and_what_came_first_are_noticed(name: str, settings: dict[str, float]) -> None:
     """A drift makes whatever comes later larger, and so the difference depends on what came first."""
-    assert found("came first").holds
-    assert found("came first", drift=0.004).holds is False
+    assert found(name).holds
+    assert found(name, **settings).holds is False
 
 
 def test_noise_that_differs_is_said() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scipy import stats
 
 from sim.experiment.analysis.differences import (
+    DifferenceEstimate,
     corrected,
     group_estimate,
     group_size_interval,
@@ -63,11 +65,15 @@ def test_probability_and_interval_say_the_same() -> None:
         assert away == (found.probability < 0.05) or abs(found.probability - 0.05) < 0.003
 
 
-def test_studies_tested_at_once_are_those_tested_alone() -> None:
-    values = np.random.default_rng(6).normal(0.4, 1.0, size=(5, 14))
-    drawn = weights(14, RESAMPLES, np.random.default_rng(8))
-    alone = [paired_estimate(row, RESAMPLES, np.random.default_rng(8)).probability for row in values]
-    assert resampled((values,), (drawn,)).probabilities == pytest.approx(alone)
+@pytest.mark.parametrize("sizes", [(14,), (10, 14)])
+def test_studies_tested_at_once_are_those_tested_alone(sizes: tuple[int, ...]) -> None:
+    """Paired differences of 14 drivers, and groups of 10 and 14 drivers."""
+    rng, drawn = np.random.default_rng(6), np.random.default_rng(8)
+    groups = [rng.normal(0.4 * len(sizes), 1.0, (4, size)) for size in sizes]
+    found = resampled(groups, [weights(size, RESAMPLES, drawn) for size in sizes]).probabilities
+    estimate: Callable[..., DifferenceEstimate] = paired_estimate if len(sizes) == 1 else group_estimate
+    alone = [estimate(*rows, RESAMPLES, np.random.default_rng(8)).probability for rows in zip(*groups, strict=True)]
+    assert found == pytest.approx(alone)
 
 
 def test_the_interval_of_an_effect_size_holds_what_it_should() -> None:
@@ -116,22 +122,19 @@ def test_drivers_who_do_not_differ_have_no_interval() -> None:
     assert not paired_estimate(np.array([0.3]), RESAMPLES, rng).known
 
 
-def test_few_drivers_are_judged_by_students_t_alone() -> None:
-    found = paired_estimate(np.array([1.0, 2.0, 3.0, 2.5]), RESAMPLES, np.random.default_rng(1))
-    assert not found.resampled
-    assert found.interval == found.t_interval
-
-
-def test_where_hardly_any_driver_differs_resampling_is_not_used() -> None:
+@pytest.mark.parametrize("values", [[1.0, 2.0, 3.0, 2.5], [0.0] * 19 + [5.0]])
+def test_few_drivers_and_few_who_differ_are_judged_by_students_t_alone(values: list[float]) -> None:
     """A measure such as the time above limits is 0 for nearly all; a third of the resamples would be of zeros only."""
-    found = paired_estimate(np.array([0.0] * 19 + [5.0]), RESAMPLES, np.random.default_rng(1))
+    found = paired_estimate(np.array(values), RESAMPLES, np.random.default_rng(1))
     assert not found.resampled
     assert found.interval == found.t_interval
-    enough = paired_estimate(
-        np.array([0.0] * 12 + [5.0, 3.0, 1.0, 2.0, 4.0, 1.0, 2.0, 6.0]), RESAMPLES, np.random.default_rng(1)
-    )
-    assert enough.resampled
-    assert np.isfinite(enough.interval).all()
+
+
+def test_where_enough_drivers_differ_they_are_resampled() -> None:
+    values = np.array([0.0] * 12 + [5.0, 3.0, 1.0, 2.0, 4.0, 1.0, 2.0, 6.0])
+    found = paired_estimate(values, RESAMPLES, np.random.default_rng(1))
+    assert found.resampled
+    assert np.isfinite(found.interval).all()
 
 
 @pytest.mark.parametrize("skewed", [False, True])
@@ -145,15 +148,6 @@ def test_without_a_difference_of_groups_3_to_8_percent_of_studies_find_one(skewe
     assert 0.03 <= np.mean(found < 0.05) <= 0.08
 
 
-def test_groups_tested_at_once_are_those_tested_alone() -> None:
-    rng = np.random.default_rng(2)
-    a, b = rng.normal(1.0, 1.0, (4, 10)), rng.normal(0.0, 2.0, (4, 14))
-    drawn = np.random.default_rng(3)
-    both = (weights(10, 499, drawn), weights(14, 499, drawn))
-    alone = [group_estimate(a[i], b[i], 499, np.random.default_rng(3)).probability for i in range(4)]
-    assert resampled((a, b), both).probabilities == pytest.approx(alone)
-
-
 def test_the_interval_of_the_size_holds_the_truth_as_often_as_it_says() -> None:
     """Bonett's interval allows for groups that differ in variance: the true size is 1 over the root of 2.5."""
     rng = np.random.default_rng(4)
@@ -165,6 +159,9 @@ def test_the_interval_of_the_size_holds_the_truth_as_often_as_it_says() -> None:
     assert np.mean(held) == pytest.approx(0.95, abs=0.03)
 
 
+STUDY = made_up_study(Truth(drivers=7, days=3), 1)
+
+
 def without(study: RunStudy, rows: list[int]) -> RunStudy:
     """A study without the values of some trials."""
     values = study.trials.values[MEASURE].copy()
@@ -173,9 +170,8 @@ def without(study: RunStudy, rows: list[int]) -> RunStudy:
 
 
 def test_pairs_have_one_driver_and_one_day() -> None:
-    study = made_up_study(Truth(drivers=7, days=3), 1)
-    trials = study.trials
-    pairs = paired_trials(study, VECTOR)
+    trials = STUDY.trials
+    pairs = paired_trials(STUDY, VECTOR)
     assert (len(pairs.participants), len(pairs.owner), pairs.unpaired, pairs.same_day) == (7, 21, 0, True)
     values = {
         (who, day, level): value
@@ -191,25 +187,22 @@ def test_pairs_have_one_driver_and_one_day() -> None:
 
 
 def test_a_trial_that_is_missing_takes_its_partner_with_it() -> None:
-    study = without(made_up_study(Truth(drivers=7, days=3), 1), [0])
-    pairs = paired_trials(study, VECTOR)
+    pairs = paired_trials(without(STUDY, [0]), VECTOR)
     assert (len(pairs.owner), pairs.unpaired) == (20, 1)
 
 
 def test_practice_is_left_out() -> None:
-    study = made_up_study(Truth(drivers=7, days=3), 1)
-    practice = study.trials.day == "0"
-    pairs = paired_trials(replace(study, trials=replace(study.trials, practice=practice)), VECTOR)
+    practice = STUDY.trials.day == "0"
+    pairs = paired_trials(replace(STUDY, trials=replace(STUDY.trials, practice=practice)), VECTOR)
     assert len(pairs.owner) == 14
 
 
 def test_without_a_day_in_common_pairs_are_by_driver() -> None:
     """People may be given another day in each condition, so that they do not learn it."""
-    study = made_up_study(Truth(drivers=7, days=3), 1)
-    day = np.array([str(i) for i in range(len(study.trials))])
-    pairs = paired_trials(replace(study, trials=replace(study.trials, day=day)), VECTOR)
+    day = np.array([str(i) for i in range(len(STUDY.trials))])
+    pairs = paired_trials(replace(STUDY, trials=replace(STUDY.trials, day=day)), VECTOR)
     assert (len(pairs.owner), pairs.same_day) == (7, False)
-    alike = paired_trials(study, VECTOR)
+    alike = paired_trials(STUDY, VECTOR)
     assert pairs.differences == pytest.approx(alike.by_participant(alike.differences))
 
 

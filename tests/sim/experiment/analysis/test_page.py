@@ -79,6 +79,10 @@ def html() -> str:
     return page(found())
 
 
+def without_comparisons(study: RunStudy) -> RunStudy:
+    return replace(study, plan=replace(study.plan, comparisons=()))
+
+
 def analysed(study: RunStudy) -> StudyFindings:
     return analyse_study(study, resamples=999)
 
@@ -165,23 +169,25 @@ def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
     assert json.dumps(as_dict(same), allow_nan=False)
 
 
-def test_one_driver_has_a_page() -> None:
-    one = analysed(made_up_study(Truth(drivers=1), 1))
-    assert "because only one driver took part" in page(one)
+SMALL = {
+    "one driver": (made_up_study(Truth(drivers=1), 1), "because only one driver took part"),
+    "no comparison": (without_comparisons(made_up_study(Truth(drivers=6), 1)), "No comparison was planned"),
+    "no comparison, but conditions": (
+        without_comparisons(made_up_study(Truth(drivers=6), 1)),
+        "Gap to the optimum (%)",
+    ),
+    "markup": (
+        made_up_study(Truth(drivers=6), 1, (compared("vector", "none", name="<script>x</script>"),)),
+        "&lt;script&gt;",
+    ),
+}
 
 
-def test_a_study_without_comparisons_describes_its_conditions() -> None:
-    study = made_up_study(Truth(drivers=6), 1)
-    said = page(analysed(replace(study, plan=replace(study.plan, comparisons=()))))
-    assert "No comparison was planned" in said
-    assert "Gap to the optimum (%)" in said
-
-
-def test_names_of_a_design_cannot_become_markup() -> None:
-    study = made_up_study(Truth(drivers=6), 1, (compared("vector", "none", name="<script>x</script>"),))
+@pytest.mark.parametrize(("study", "expected"), SMALL.values(), ids=SMALL)
+def test_a_small_study_has_a_page_and_names_cannot_become_markup(study: RunStudy, expected: str) -> None:
     said = page(analysed(study))
+    assert expected in said
     assert "<script>" not in said
-    assert "&lt;script&gt;" in said
 
 
 @pytest.mark.more

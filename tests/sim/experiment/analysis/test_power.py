@@ -47,18 +47,23 @@ def test_a_planted_point_is_found_as_often_as_power_predicts() -> None:
     assert positive(truth, "vector", "none") == pytest.approx(predicted, abs=0.07)
 
 
-def test_power_of_bell_curves_is_that_of_the_noncentral_t_distribution() -> None:
-    source = BellCurves(between_sd=2.0, within_sd=1.5, pairs=3)
+@pytest.mark.parametrize(("groups", "effect", "numbers"), [(False, 0.8, (16, 40, 90)), (True, 1.2, (16, 60))])
+def test_power_of_bell_curves_is_that_of_the_noncentral_t_distribution(
+    groups: bool, effect: float, numbers: tuple[int, ...]
+) -> None:
+    source = BellCurves(between_sd=2.0, within_sd=1.5, pairs=3, groups=groups)
     sd = float(np.hypot(2.0, 1.5 / np.sqrt(3.0)))
-    for participants in (16, 40, 90):
-        found = power_of(PowerQuestion(effect=0.8, alpha=0.05, source=source), participants)
-        assert found.power == pytest.approx(normal_power(0.8 / sd, participants, 0.05), abs=0.035)
+    for participants in numbers:
+        found = power_of(PowerQuestion(effect=effect, alpha=0.05, source=source), participants)
+        assert found.power == pytest.approx(normal_power(effect / sd, participants, 0.05, groups=groups), abs=0.035)
         assert found.interval[0] < found.power < found.interval[1]
 
 
-def test_the_first_estimate_of_76_pairs_is_found_again() -> None:
+def test_published_and_first_estimates_are_found_again() -> None:
     """L2 less L3 through a person: 0.78 points, where persons differ by 2.4 points (issue 17)."""
     assert normal_participants(0.78 / 2.4, 0.05, 0.8) == 77
+    # Cohen (1988), table 2.4.1: d = 0.5 at a level of 0.05 and a power of 0.8 takes 64 in each group.
+    assert normal_participants(0.5, 0.05, 0.8, groups=True) == 64
     question = PowerQuestion(effect=0.78, alpha=0.05, source=BellCurves(between_sd=2.4), studies=800)
     assert participants_needed(question, 0.8) == pytest.approx(77, abs=8)
 
@@ -78,16 +83,6 @@ def test_a_pilot_has_the_spread_between_drivers_and_between_their_pairs() -> Non
         values = of_pilot(pairs, each).draw(200, 100, rng)
         assert values.std() == pytest.approx(np.hypot(0.02, 0.03 / np.sqrt(each)), rel=0.06)
         assert values.mean() == pytest.approx(0.0, abs=0.001)
-
-
-def test_power_of_two_groups_is_that_of_the_noncentral_t_distribution() -> None:
-    source = BellCurves(between_sd=2.0, within_sd=1.0, pairs=2, groups=True)
-    sd = float(np.hypot(2.0, 1.0 / np.sqrt(2.0)))
-    for each in (16, 60):
-        found = power_of(PowerQuestion(effect=1.2, alpha=0.05, source=source, studies=1000), each).power
-        assert found == pytest.approx(normal_power(1.2 / sd, each, 0.05, groups=True), abs=0.045)
-    # Cohen (1988), table 2.4.1: d = 0.5 at a level of 0.05 and a power of 0.8 takes 64 in each group.
-    assert normal_participants(0.5, 0.05, 0.8, groups=True) == 64
 
 
 def test_a_planted_difference_of_groups_is_found_as_often_as_power_predicts() -> None:

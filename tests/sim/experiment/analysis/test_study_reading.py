@@ -117,29 +117,7 @@ def cell(column: int, text: str) -> Callable[[list[str]], list[str]]:
 BAD = {
     "no design": (lambda folder: (folder / "design.json").unlink(), "design.json: cannot be read"),
     "no table": (lambda folder: (folder / "trials.csv").unlink(), "trials.csv: cannot be read"),
-    "unknown factor": (
-        of_design(lambda one: one["comparisons"][0].update(factor="colour")),
-        r"comparisons\[0\].factor = 'colour': expected one of the factors presentation",
-    ),
-    "unknown measure": (
-        of_design(lambda one: one["comparisons"][0].update(measure="joy")),
-        r"comparisons\[0\].measure = 'joy': expected one of the measures gap_to_optimum_ratio",
-    ),
-    "unknown level": (
-        of_design(lambda one: one["comparisons"][0].update(a="loud")),
-        r"comparisons\[0\].a = 'loud': expected one of the levels none, top-speed, vector",
-    ),
-    "one level": (of_design(lambda one: one["comparisons"][0].update(b="vector")), "expected another level than a"),
-    "where of nothing": (
-        of_design(lambda one: one["comparisons"][0].update(where={"colour": "red"})),
-        r"where.colour = 'red': expected one of the keys",
-    ),
-    "two of a name": (
-        of_design(lambda one: one["comparisons"][1].update(name="vector against none")),
-        "expected a name of its own for each comparison",
-    ),
     "alpha": (of_design(lambda one: one.update(alpha=5)), "alpha = 5.0: expected a probability between 0 and 1"),
-    "correction": (of_design(lambda one: one.update(correction="fdr")), "expected one of holm, bonferroni, none"),
     "seed": (of_design(lambda one: one.update(seed=-1)), "seed = -1: expected a whole number of at least 0"),
     "measures": (of_design(lambda one: one.update(measures=[3])), "measures = 3: expected a text"),
     "column": (of_table(lambda lines: [lines[0].replace("participant", "who"), *lines[1:]]), "column participant"),
@@ -164,11 +142,6 @@ def test_what_is_wrong_is_named(case: str, folder: Path) -> None:
     spoil(folder)
     with pytest.raises(DasError, match=message):
         read_study(folder)
-
-
-def test_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DasError, match="expected the folder of a study that was run"):
-        read_study(tmp_path / "nothing")
 
 
 def test_a_plan_may_have_no_comparisons(folder: Path) -> None:

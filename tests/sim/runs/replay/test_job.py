@@ -23,7 +23,7 @@ from sim.recording.inputs import DriveInputs
 from sim.runs.replay.job import TripEnergies, driven_legs, prepare, trip_energies
 from sim.runs.replay.replay import ReplayJob, _Feed, _journey, plan_timing
 from sim.trips.estimate import estimate_run
-from sim.trips.reading import read_trip
+from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip
 from sim.world.lockstep import Processes
 from tests.support.dirt import Point, write
