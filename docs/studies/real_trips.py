@@ -26,7 +26,7 @@ from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.compared import LikelyRange, likely_range
+from sim.drive.attribution.driven_legs import LikelyRange, likely_range
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs

@@ -11,12 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.units import NS
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
@@ -32,8 +33,7 @@ from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # they import the solver, which events, notes and stops do not need
     from sim.drive.attribution.attribution import Attribution
-    from sim.drive.attribution.compared import LikelyRange
-    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion
+    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
 
 _Found = TypeVar("_Found")
 
@@ -46,6 +46,30 @@ class RunFigures:
     above: AboveOptimum
     violations: Violations
     stability: AdviceStability
+
+
+class Travelled(NamedTuple):
+    """From when to when (ns since 1970) and from where to where (m) a drive went.
+
+    `between_stops`: it begins with the departure from the first stop that was served and ends with the arrival at the
+    last one. A drive that served fewer than two stops has its whole course instead.
+    """
+
+    start_ns: int
+    end_ns: int
+    start_m: float
+    end_m: float
+    between_stops: bool
+
+    @property
+    def time_s(self) -> float:
+        """How long the drive took (s)."""
+        return (self.end_ns - self.start_ns) * NS
+
+    @property
+    def way_m(self) -> float:
+        """How far the drive went (m)."""
+        return self.end_m - self.start_m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,6 +115,16 @@ class DrivenWay:
     def served(self) -> tuple[KeptCall, ...]:
         """The stops at which the train stood."""
         return tuple(one for one in self.calls if one.served)
+
+    @property
+    def travelled(self) -> Travelled:
+        """From when to when and from where to where the drive went."""
+        served, course = self.served, self.course
+        if len(served) > 1 and served[0].departed_ns and served[-1].arrived_ns:
+            first, last = served[0], served[-1]
+            return Travelled(first.departed_ns, last.arrived_ns, first.s_m, last.s_m, between_stops=True)
+        (start_ns, end_ns), (start_m, end_m) = course.time_ns[[0, -1]].tolist(), course.s_m[[0, -1]].tolist()
+        return Travelled(start_ns, end_ns, start_m, end_m, between_stops=False)
 
     @cached_property
     def at_stops(self) -> tuple[AtStop, ...]:
@@ -198,6 +232,34 @@ class Drive(DrivenWay):
         return legs_of(self.recording.path, self.motion, calls)
 
     @cached_property
+    def energies(self) -> tuple[LegEnergies, ...]:
+        """The energies of each leg; DasError where the train served no two stops, or line or train are not known."""
+        from sim.drive.attribution.driven_legs import leg_energies, section_of_leg
+
+        return tuple(leg_energies(section_of_leg(self.inputs, leg), leg) for leg in self.legs)
+
+    @cached_property
+    def driven_j(self) -> float | None:
+        """Energy at the current collector (J), from each departure to the next arrival; None where it is not known.
+
+        It is an estimate unless `measured`. A drive that served fewer than two stops has what was measured in all.
+        """
+        if self.run is not None:
+            return self.run.above.driven_j
+        found = _or_error(lambda: self.legs)
+        if self.measured:
+            motions = [self.motion] if isinstance(found, DasError) else [leg.motion for leg in found]
+            return math.fsum(one.drawn_j for one in motions)
+        energies = found if isinstance(found, DasError) else _or_error(lambda: self.energies)
+        return None if isinstance(energies, DasError) else math.fsum(one.driven_j for one in energies)
+
+    @property
+    def measured(self) -> bool:
+        """Whether a simulator measured the energy; otherwise it is estimated from positions."""
+        motion = _or_error(lambda: self.motion)
+        return not isinstance(motion, DasError) and motion.input_j is not None
+
+    @cached_property
     def said(self) -> AboveOptimum | None:
         """What the drive took above the optimum as its simulator or its replay recorded it; None where neither did."""
         return AboveOptimum.recorded(self.recording)
@@ -214,7 +276,9 @@ class Drive(DrivenWay):
     def _any_attribution(self) -> Attribution | DasError:
         from sim.drive.attribution.attribution import attribution_of
 
-        return _or_error(lambda: attribution_of(self.recording, self.inputs, self.legs, self.shown, self.said))
+        return _or_error(
+            lambda: attribution_of(self.recording, self.inputs, self.legs, self.energies, self.shown, self.said)
+        )
 
     @property
     def any_attribution(self) -> Attribution:
@@ -257,7 +321,7 @@ class Drive(DrivenWay):
 
         A replay recorded its range, to which the smoothing of its record belongs as well.
         """
-        from sim.drive.attribution.compared import likely_range
+        from sim.drive.attribution.driven_legs import likely_range
 
         if self.attribution is None or self.attribution.measured:
             return None

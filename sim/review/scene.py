@@ -339,18 +339,14 @@ def _attribution_series(attribution: Attribution) -> Found:
     best: tuple[list[int], list[float]] = [], []
     before_j = 0.0
     for leg in attribution.legs:
-        run = leg.optimum.trajectory
-        drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(leg.optimum.section.loss)))))
         start_ns = int(leg.leg.motion.time_ns[0])
-        best[0].extend((start_ns + np.rint(run.t_s / NS).astype(np.int64)).tolist())
-        best[1].extend((before_j + drawn_j).tolist())
-        before_j += float(drawn_j[-1])
-    # Of the true train's optimum only the energy is known: the planned train's curve is scaled to end at that energy.
-    to_known = attribution.optimum_j / before_j if before_j > 0.0 else 1.0
+        best[0].extend((start_ns + np.rint(leg.optimum.trajectory.t_s / NS).astype(np.int64)).tolist())
+        best[1].extend((before_j + leg.best_drawn_j).tolist())
+        before_j += float(leg.best_drawn_j[-1])
     found = {
         "lost/driving": (at_ns, kwh(lost_j)),
         "lost/advice": (at_ns, kwh(other_j)),
-        "energy/optimum": (np.array(best[0], dtype=np.int64), to_known * kwh(np.array(best[1]))),
+        "energy/optimum": (np.array(best[0], dtype=np.int64), kwh(np.array(best[1]))),
     }
     return found if attribution.advice_shown else {name: one for name, one in found.items() if name != "lost/advice"}
 

@@ -72,14 +72,15 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
             ("vehicle", journey.vehicle_id),
             ("stops", " – ".join(stop.name for stop in journey.stops)),
         ]
-    where = recording.columns(topics.TRUTH, "time_ns", "s_m", "energy_input_j")
-    if len(where["s_m"]):
-        rows += [
-            ("start (UTC)", f"{datetime.fromtimestamp(where['time_ns'][0] * NS, UTC):%Y-%m-%d %H:%M:%S}"),
-            ("driven", f"{(where['s_m'][-1] - where['s_m'][0]) / KM:.2f} km"),
-            ("time", f"{(where['time_ns'][-1] - where['time_ns'][0]) * NS:.0f} s"),
-            ("energy at the collector", f"{kwh(where['energy_input_j'][-1]):.1f} kWh"),
-        ]
+    went, driven_j = drive.travelled, drive.driven_j
+    rows += [
+        ("start (UTC)", f"{datetime.fromtimestamp(went.start_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"),
+        ("driven", f"{went.way_m / KM:.2f} km"),
+        ("time", f"{went.time_s:.0f} s"),
+    ]
+    if driven_j is not None:
+        estimated = "" if drive.measured else " (estimated)"
+        rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
     rows += [] if drive.said is None else drive.said.rows()
     rows += [(name.strip(), value) for name, value in drive.stability.rows()]
     rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []

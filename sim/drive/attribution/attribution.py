@@ -21,8 +21,7 @@ from das.solver.solution import Solution
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.causes import EnergyCause, ShownAdvice
 from sim.drive.attribution.committed import Committed, Knowledge, committed, epochs_of, spacing
-from sim.drive.attribution.compared import ComparedLeg
-from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
+from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LegEnergies
 from sim.drive.happenings import Signal, signals
 from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
@@ -48,11 +47,24 @@ class Places:
     lost_more_j: Floats
 
 
-def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution) -> Places:
-    """The energies between rising positions, of which the first and the last are the ends of the leg."""
-    run, section, motion = optimum.trajectory, optimum.section, leg.motion
-    inertial_kg = section.vehicle.inertial_mass_kg
-    best_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(section.loss)))))
+def drawn_by_optimum(optimum: Solution, true_optimum_j: float | None) -> Floats:
+    """Energy drawn by the optimum up to each of its nodes (J), shape (nodes,).
+
+    Of the true train's optimum only the energy is known (None: not even that). The planned train's energies are scaled
+    to end at it, so that the energies of places sum to that of the drive.
+    """
+    run = optimum.trajectory
+    drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(optimum.section.loss)))))
+    return drawn_j if true_optimum_j is None or not drawn_j[-1] > 0.0 else drawn_j * (true_optimum_j / drawn_j[-1])
+
+
+def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution, best_j: Floats) -> Places:
+    """The energies between rising positions, of which the first and the last are the ends of the leg.
+
+    `best_j` is the energy drawn by the optimum up to each of its nodes (J).
+    """
+    run, motion = optimum.trajectory, leg.motion
+    inertial_kg = optimum.section.vehicle.inertial_mass_kg
     moving = _rising(motion.s_m)
     # A train may have stood a little beyond the end of the route; its energy counts as far as it went.
     driven_edges_m = np.concatenate((motion.s_m[:1], edges_m[1:-1], motion.s_m[-1:]))
@@ -108,12 +120,14 @@ class LegAttribution(ComparedLeg):
     `true_optimum_j` is the optimum of the true train (J) if a simulator recorded it, else None.
     `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
     departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
+    `best_drawn_j` is the energy drawn by the optimum up to each of its nodes (J), see `drawn_by_optimum`.
     """
 
     true_optimum_j: float | None
     committed: Committed
     timetable_j: float | None
     left_j: float | None
+    best_drawn_j: Floats
     even: Places
     by_limit: Places
 
@@ -246,10 +260,12 @@ def attribution_of(
     recording: Recording,
     inputs: DriveInputs,
     driven: Sequence[DrivenLeg],
+    energies: Sequence[LegEnergies],
     shown: ShownAdvice,
     said: AboveOptimum | None,
 ) -> Attribution:
-    """The energy attribution of a recorded drive from its line and train, its legs and the shown advice.
+    """The energy attribution of a recorded drive from its line and train, its legs with their energies, and what the
+    driver was shown.
 
     It is made even if drive and optimum are not comparable. `said` is what the recording says of the energy above the
     optimum; None where it says nothing.
@@ -258,19 +274,26 @@ def attribution_of(
     measured = () if said is None or not said.measured else said.sections
     true_j = {(one.start, one.end): one.optimum_j for one in measured}
     legs = tuple(
-        _leg_attribution(Knowledge(inputs, leg, epochs), true_j.get((leg.start.name, leg.end.name)), shown, seen, every)
-        for leg in driven
+        _leg_attribution(
+            Knowledge(inputs, leg, epochs), one, true_j.get((leg.start.name, leg.end.name)), shown, seen, every
+        )
+        for leg, one in zip(driven, energies, strict=True)
     )
-    measures = driven[0].motion.input_j is not None
-    return Attribution(inputs=inputs, legs=legs, measured=measures, advice_shown=shown.any_shown)
+    return Attribution(inputs=inputs, legs=legs, measured=energies[0].measured, advice_shown=shown.any_shown)
 
 
 def _leg_attribution(
-    knowledge: Knowledge, true_optimum_j: float | None, shown: ShownAdvice, seen: tuple[Signal, ...], every: int
+    knowledge: Knowledge,
+    energies: LegEnergies,
+    true_optimum_j: float | None,
+    shown: ShownAdvice,
+    seen: tuple[Signal, ...],
+    every: int,
 ) -> LegAttribution:
-    found = ComparedLeg.of(knowledge.leg, knowledge.front())
-    leg, front, optimum, energies = found.leg, found.front, found.optimum, found.energies
+    found = ComparedLeg.of(knowledge.leg, knowledge.front(), energies)
+    leg, front, optimum = found.leg, found.front, found.optimum
     section, least_s = front.section, optimum.least_time_s
+    best_j = drawn_by_optimum(optimum, true_optimum_j)
 
     def least_j(time_s: float | None) -> float | None:
         return None if time_s is None else front.trajectory(max(time_s, least_s)).balance.input
@@ -281,6 +304,7 @@ def _leg_attribution(
         committed=committed(knowledge, energies, shown, seen, every),
         timetable_j=least_j(leg.timetable_s),
         left_j=least_j(leg.left_s),
-        even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),
-        by_limit=places_between(limit_edges(section), leg, energies, optimum),
+        best_drawn_j=best_j,
+        even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum, best_j),
+        by_limit=places_between(limit_edges(section), leg, energies, optimum, best_j),
     )

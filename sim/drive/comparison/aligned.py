@@ -17,8 +17,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import KM, NS, kmh
-from sim.drive.attribution.committed import section_of_leg
-from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, leg_energies
+from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.drive.drive import Drive
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
@@ -94,7 +93,7 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
         time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
-        energy_j=_energy_j(inputs, motion, legs, time_ns),
+        energy_j=_energy_j(drive, time_ns),
         measured=motion.input_j is not None,
         advised_mode=mode,
         advised_mps=advised_mps,
@@ -111,14 +110,14 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
 
 
-def _energy_j(inputs: DriveInputs, motion: DrivenMotion, legs: tuple[DrivenLeg, ...], time_ns: Times) -> Floats:
+def _energy_j(drive: Drive, time_ns: Times) -> Floats:
     """Energy since the first departure (J): measured, or estimated on the legs, with nothing drawn at stops."""
+    motion = drive.motion
     if motion.input_j is not None:
         energy_j = np.interp(time_ns, motion.time_ns, motion.input_j)
         return np.asarray(energy_j - energy_j[0])
     total_j = np.zeros(len(time_ns))
-    for leg in legs:
-        energies = leg_energies(section_of_leg(inputs, leg), leg)
+    for leg, energies in zip(drive.legs, drive.energies, strict=True):
         total_j += np.interp(time_ns, leg.motion.time_ns, energies.balance_j)
     return total_j
 

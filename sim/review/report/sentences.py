@@ -67,17 +67,13 @@ def paragraph(drive: Drive) -> str:
 
 def _ran(drive: Drive) -> list[str]:
     """When the train ran from where to where, and how late it was."""
-    trip, clock, served, day = drive.course, drive.clock, drive.served, _day(drive)
-    km = (float(trip.s_m[-1]) - float(trip.s_m[0])) / KM
-    if len(served) < 2 or not served[0].departed_ns or not served[-1].arrived_ns:
-        lasted = spell(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
-        return [f"The recording of {drive.recording.train} on {day} covers {km:.1f} km in {lasted}."]
+    clock, served, day, went = drive.clock, drive.served, _day(drive), drive.travelled
+    km, lasted = f"{went.way_m / KM:.1f} km", spell(went.time_s)
+    if not went.between_stops:
+        return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
     first, last = served[0], served[-1]
-    km = (last.s_m - first.s_m) / KM
-    # Of the times as they are shown, to the second, so that they add up.
-    ran = spell(round(last.arrived_ns * NS) - round(first.departed_ns * NS))
     told = [
-        f"On {day}, {drive.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
+        f"On {day}, {drive.recording.train} ran the {km} from {first.name} to {last.name} in {lasted}.",
         f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
         f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
     ]

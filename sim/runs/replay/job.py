@@ -15,13 +15,19 @@ from das.cab.heard import OrderedStop
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.units import NS
-from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, EnergyBand, why_not_comparable
-from sim.drive.attribution.committed import section_of_leg
-from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
-from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, legs_of
+from sim.drive.attribution.driven_legs import (
+    ComparedLeg,
+    DrivenLeg,
+    DrivenMotion,
+    leg_energies,
+    legs_of,
+    likely_band,
+    range_above,
+    section_of_leg,
+)
 from sim.drive.calls import calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
 from sim.recording.course import DrivenCourse
@@ -108,10 +114,11 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
     vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
     inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
 
-    def front(leg: DrivenLeg) -> Front:
-        return solve_front(section_of_leg(inputs, leg)) if trip.whole else job.front
+    def compared(leg: DrivenLeg) -> ComparedLeg:
+        front = solve_front(section_of_leg(inputs, leg)) if trip.whole else job.front
+        return ComparedLeg.of(leg, front, leg_energies(front.section, leg))
 
-    legs = tuple(ComparedLeg.of(leg, front(leg)) for leg in job.legs)
+    legs = tuple(compared(leg) for leg in job.legs)
     each = tuple(one.section_energy for one in legs)
     why_not = why_not_comparable(each, whole=trip.whole, direction_known=trip.direction_known)
     found = None if why_not else range_above(legs, lambda jerk: driven_legs(trip, to_profile(trip.matched, 1.0, jerk)))

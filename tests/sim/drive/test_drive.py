@@ -67,6 +67,10 @@ def test_a_run_and_its_recording_are_equally_far_above_the_optimum_of_the_true_t
     attribution = driven()[1].known_attribution
     assert attribution.other_train_j > 0.03 * run.optimum_j  # a heavier train needs more than the plan's
     assert sum(attribution.by_cause.values()) == pytest.approx(attribution.difference_j, abs=1.0)
+    assert driven()[1].driven_j == pytest.approx(attribution.driven_j)
+    for places in ([leg.even for leg in attribution.legs], [leg.by_limit for leg in attribution.legs]):
+        sums_j = [sum(getattr(one, name).sum() for one in places) for name in ("driven_j", "optimum_j", "lost_more_j")]
+        assert sums_j == pytest.approx([attribution.driven_j, attribution.optimum_j, attribution.difference_j])
 
 
 def test_a_run_and_its_recording_have_the_same_limits_and_advice() -> None:

@@ -20,11 +20,17 @@ from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.cab import Driver
 from sim.drivers.rules import PerfectDriver
+from sim.options import ReplayOptions
 from sim.recording.check import check_contents, check_file
 from sim.review.report import tables
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of, write_pdf
 from sim.review.report.sentences import paragraph, title, where_time_went
+from sim.review.words import headline
+from sim.runs.replay.job import prepare, trip_energies
+from sim.runs.replay.replay import ReplayOutcome
+from sim.runs.replay.report import figure_rows, result
 from sim.world.day import Day, make_day
+from sim.world.lockstep import Traffic
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import das_sim, refusal
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
@@ -133,7 +139,7 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
     left, arrived = (
         sum(int(x) * n for x, n in zip(one.split(":"), (3600, 60, 1), strict=True)) for one in ran.groups()[2:]
     )
-    assert arrived - left == 60 * int(ran[1]) + int(ran[2])
+    assert abs(arrived - left - (60 * int(ran[1]) + int(ran[2]))) <= 1  # each time of day is rounded to a second
     assert title(fast().drive) == "train, A – B, 21 November 2026 (fast)"
 
 
@@ -225,8 +231,17 @@ def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_
     assert sum(energy["by_cause_kwh"].values()) == pytest.approx(energy["above_optimum_kwh"], abs=1e-6)
     low, high = drive["likely_above_optimum_kwh"]
     assert low < energy["above_optimum_kwh"] < high
-    assert "By its positions it drew about" in drive["in_words"]
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    # One drive has one time and one energy: in the title of a picture, in the table of a replay, and in the report.
+    job = prepare(BUNDLED, ReplayOptions(), tmp_path / "out.mcap", "test")
+    table = dict(figure_rows(result(job, ReplayOutcome(traffic=Traffic(), replay_s=1.0), trip_energies(job))))
+    trip_s, (leg,) = float(table["trip time"].removesuffix(" s")), energy["legs"]
+    assert leg["trip_s"] == pytest.approx(trip_s, abs=0.5)
+    assert f" in {trip_s // 60:.0f} min {trip_s % 60:.0f} s." in drive["in_words"]
+    driven = table["energy as driven (estimated)"]
+    assert driven == f"{energy['driven_kwh']:.1f} kWh" == f"{sum(one['driven_kwh'] for one in leg['per_100_m']):.1f} kWh"
+    assert f"By its positions it drew about {driven} at" in drive["in_words"]
+    assert headline(Drive.read(BUNDLED)).endswith(f" · {table['trip time']} · {driven} (estimated)")
 
 
 @pytest.mark.parametrize(
