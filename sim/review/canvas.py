@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from sim.drive.happenings import Span
 from sim.recording.course import Floats, Times
 from sim.review.colors import Meaning, Theme
+from sim.review.lanes import Lane
 from sim.review.scene import Mark
 from sim.review.series import STYLES
 
@@ -97,6 +98,29 @@ def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None
             drawstyle="steps-post" if style.held else "default", label=style.label,
             zorder=2.5 if name == "speed/limit" else 2.0,
         )  # fmt: skip
+
+
+def rows(axis: Any, names: Sequence[str], theme: Theme) -> None:
+    """Make an axis one of rows under each other, each with a name."""
+    axis.set_ylim(len(names), 0.0)
+    axis.set_yticks(np.arange(len(names)) + 0.5, names)
+    axis.tick_params(axis="y", length=0.0, labelcolor=theme.ink)
+    axis.grid(visible=False, axis="y")
+
+
+def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme: Theme) -> dict[str, str]:
+    """Draw lanes of states up to a moment (ns), each in a row; return the colours of the states that need a legend."""
+    named: dict[str, str] = {}
+    rows(axis, [lane.name for lane in lanes], theme)
+    for row, lane in enumerate(lanes):
+        for change, following in pairwise([*lane.changes, lane.changes[-1]._replace(time_ns=end_ns)]):
+            start, end = along(_times(change.time_ns, following.time_ns))
+            if change.state:
+                color = lane.color(change.state, theme)
+                axis.broken_barh([(start, end - start)], (row + 0.08, 0.84), facecolor=color, edgecolor=color, lw=0.8)
+                if len(lane.colors) > 2 and lane.name != "no advice":
+                    named.setdefault(change.state, color)
+    return named
 
 
 def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> None:

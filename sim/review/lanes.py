@@ -26,6 +26,8 @@ WAY: Final = "way"
 """The lane of where the train was: at which stop, or on the way to which."""
 COST: Final = "driving cost"
 """The lane of what the driving cost above the optimum."""
+MODE_LANES: Final = ("advised", "shown")
+"""The lanes of the modes that the node advised, and of those that the display showed."""
 STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
 """The modes of a train that stands, which a display may show though it shows no other."""
 

@@ -22,7 +22,7 @@ from sim.recording.clock import DriveClock
 from sim.recording.course import DrivenCourse, Floats, Times
 from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.lanes import Lane, lane_entity
-from sim.review.scene import ReviewScene
+from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
 from sim.review.series import QUANTITIES, STYLES, MapTrack
 from sim.review.words import cards, summary
 
@@ -275,7 +275,7 @@ def _over_distance(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene
     _stops(out, plane, scene)
     _places(out, plane, scene)
     named: dict[Meaning, None] = {}
-    for number, (name, at_m, values) in enumerate(scene.over_distance()):
+    for number, (name, at_m, values) in enumerate(scene.over_distance(DRAWN_OVER_DISTANCE)):
         strip, style = name.split("/")[0], STYLES[name]
         pieces = unbroken(plane.x(at_m), plane.y(strip, values), values)
         if style.held:

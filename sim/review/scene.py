@@ -1,12 +1,12 @@
 """The scene of a review: everything that is shown of a drive, found once, as plain data.
 
-Two renderers draw it: `rerun_drawing` for the viewer and `picture` for a file. Names, units and the meaning of colours
-are defined here and in `series` and `lanes`; the renderer decides where things go in a window or on a page.
+Three renderers draw it: `rerun_drawing` for the viewer, `picture` for a file, and `report.figures` for a page. Names,
+units and the meaning of colours are defined here and in `series` and `lanes`; a renderer decides where things go.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from das.bus import topics
 from das.bus.recording import Recording
-from das.domain.units import KMH, NS, kwh
+from das.domain.units import KM, KMH, NS, kwh
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
@@ -22,7 +22,7 @@ from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
 from sim.recording.clock import DriveClock
-from sim.recording.course import DrivenCourse, Floats
+from sim.recording.course import DrivenCourse, Floats, Times
 from sim.review.colors import Meaning, Theme
 from sim.review.lanes import COST, Change, Lane, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, series
@@ -31,7 +31,15 @@ FROM_ADVICE: Final = (
     "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
 )  # fmt: skip
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
-"""The quantities that are drawn over distance as well as over time."""
+"""The quantities that viewer and picture draw over distance as well as over time."""
+DRAWN_OVER_DISTANCE: Final = tuple(
+    name for name in STYLES if name.split("/")[0] in OVER_DISTANCE and name != "speed/same_times"
+)
+"""The series of these quantities that they draw, in drawing order; the optimum is that from the start."""
+NOTHING: Final = np.empty(0, np.int64), np.empty(0)
+"""Times and values of a series without any."""
+GAP: Final = np.array([np.nan])
+"""A value that is not known: no curve is drawn to it or from it."""
 USUAL_PERCENT: Final = (2.5, 97.5)
 """Percentiles of the advised force that its axis shows; the force exceeds them in the last metres before a stop."""
 
@@ -95,6 +103,22 @@ class Mark(NamedTuple):
         return theme.ink if self.meaning is None else theme.of[self.meaning]
 
 
+class Trace(NamedTuple):
+    """A series over distance: the name of its style, positions (m), and values in the unit of its quantity."""
+
+    name: str
+    s_m: Floats
+    values: Floats
+
+
+class MotorPoints(NamedTuple):
+    """The forces of the motors over a drive: the name of their style, speeds (m/s), and forces at the wheels (N)."""
+
+    name: str
+    speed_mps: Floats
+    force_n: Floats
+
+
 class RestrictedTime(NamedTuple):
     """From when to when (ns since 1970) the train's head was on a temporary restriction, and its limit (m/s)."""
 
@@ -109,6 +133,8 @@ class ReviewScene:
 
     drive: Drive
     series: Found
+    placed: tuple[Trace, ...]
+    """Series with places of their own, and not those where the train was at their times."""
     lanes: tuple[Lane, ...]
     stops: tuple[tuple[str, float], ...]
     """The stops of the journey by name, with their positions (m)."""
@@ -137,6 +163,7 @@ class ReviewScene:
                 **_without_silence(series(recording, trip), drive.silences),
                 **filled.series,
             },
+            placed=tuple(_placed(drive)),
             lanes=lanes(drive),
             stops=tuple(
                 (stop.name, stop.s_m) for one in recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
@@ -154,7 +181,8 @@ class ReviewScene:
             return self
         shown = AttributionView.of(self.drive.attribution)
         within = {name: on_trip(self.trip, *one, held=False) for name, one in shown.series.items()}
-        return replace(self, series={**self.series, **within}, attribution=shown)
+        placed = (*self.placed, *shown.placed)
+        return replace(self, series={**self.series, **within}, placed=placed, attribution=shown)
 
     @property
     def recording(self) -> Recording:
@@ -186,19 +214,18 @@ class ReviewScene:
         """The restrictions (LIMIT), the signals at danger (DANGER) or the targets (OPERATOR)."""
         return [one for one in self.places if one.meaning is meaning]
 
-    def over_distance(self) -> Iterator[tuple[str, Floats, Floats]]:
-        """Name, positions (m) and values of the series that are drawn over distance, in drawing order."""
-        trip, plan = self.trip, FirstPlans.of(self.recording)
-        for name in STYLES:
-            if name.split("/")[0] not in OVER_DISTANCE or name not in self.series:
-                continue
-            time_ns, values = self.series[name]
-            at_m = trip.at(time_ns, trip.s_m)
-            if name == "speed/optimum" and plan is not None:  # at the times of the plan, the train was elsewhere
-                within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
-                at_m, values = plan.s_m[within], plan.speed_mps[within] / KMH
-            if np.isfinite(values).any():
-                yield name, at_m, values
+    def km_at(self, time_ns: Times) -> Floats:
+        """Where the train was (km) at moments (ns since 1970)."""
+        return self.trip.at(time_ns, self.trip.s_m) / KM
+
+    def over_distance(self, names: Iterable[str]) -> Iterator[Trace]:
+        """Those of the named series that have a value, over distance, in the order of the names."""
+        placed, trip = {one.name: one for one in self.placed}, self.trip
+        for name in names:
+            time_ns, values = self.series.get(name, NOTHING)
+            trace = placed[name] if name in placed else Trace(name, trip.at(time_ns, trip.s_m), values)
+            if np.isfinite(trace.values).any():
+                yield trace
 
     def extent(self, quantity: str) -> tuple[float, float] | None:
         """The least and the highest value of a quantity to show, or None if it has none."""
@@ -219,6 +246,16 @@ class ReviewScene:
             if over.any():
                 start_ns, end_ns = trip.time_ns[over][[0, -1]].tolist()
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
+
+
+def _placed(drive: Drive) -> Iterator[Trace]:
+    """The first plan, and by how much the train was faster than the speed shown to keep."""
+    trip, plan, shown = drive.course, FirstPlans.of(drive.recording), drive.shown
+    if plan is not None:
+        within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
+        yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)
+    apart_mps = np.where(shown.comparable, trip.at(shown.time_ns, trip.speed_mps) - shown.speed_mps, np.nan)
+    yield Trace("apart/shown", trip.at(shown.time_ns, trip.s_m), apart_mps / KMH)
 
 
 def speed_text(limit_mps: float) -> str:
@@ -259,6 +296,11 @@ def _bookmark(one: DriveEvent, clock: DriveClock) -> Mark:
     return Mark(one.time_ns, text, BOOKMARK_MEANINGS.get(one.kind))
 
 
+def meaning_of(cause: EnergyCause) -> Meaning:
+    """What the colour of a cause says."""
+    return COST_MEANINGS.get(cause, Meaning.LOST)
+
+
 class CostSpan(NamedTuple):
     """A span of time (ns since 1970), with the energy above the optimum (J) that a single cause took in it."""
 
@@ -270,7 +312,7 @@ class CostSpan(NamedTuple):
     @property
     def meaning(self) -> Meaning:
         """What the colour of the span says."""
-        return COST_MEANINGS.get(self.cause, Meaning.LOST)
+        return meaning_of(self.cause)
 
     @property
     def worth(self) -> bool:
@@ -280,11 +322,16 @@ class CostSpan(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class AttributionView:
-    """Where the energy went, as it is shown: a text (Markdown), series by the names of `STYLES`, and spans of cost."""
+    """Where the energy went, as it is shown: a text (Markdown), series over time and over distance, and spans of cost.
+
+    `motors` are the forces of the optimum and of the drive, leg by leg.
+    """
 
     text: str
     series: Found
+    placed: tuple[Trace, ...]
     spans: tuple[CostSpan, ...]
+    motors: tuple[MotorPoints, ...]
 
     @classmethod
     def of(cls, attribution: Attribution) -> AttributionView:
@@ -292,7 +339,9 @@ class AttributionView:
         return cls(
             text=_attribution_text(attribution),
             series=_attribution_series(attribution),
+            placed=tuple(_attribution_by_place(attribution)),
             spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
+            motors=tuple(points for leg in attribution.legs for points in _motors(leg)),
         )
 
     @property
@@ -349,6 +398,28 @@ def _attribution_series(attribution: Attribution) -> Found:
         "energy/optimum": (np.array(best[0], dtype=np.int64), kwh(np.array(best[1]))),
     }
     return found if attribution.advice_shown else {name: one for name, one in found.items() if name != "lost/advice"}
+
+
+def _attribution_by_place(attribution: Attribution) -> Iterator[Trace]:
+    """The speed of the optimum, and the energy lost above it: by place, and summed over the places."""
+    best, lost, total = list[tuple[Floats, Floats]](), list[tuple[Floats, Floats]](), list[tuple[Floats, Floats]]()
+    before_j = 0.0
+    for leg in attribution.legs:
+        run, places = leg.optimum.trajectory, leg.even
+        edges_m = np.append(places.start_m, places.end_m[-1:])
+        upto_j = before_j + np.concatenate(([0.0], np.cumsum(places.lost_more_j)))
+        before_j = float(upto_j[-1])
+        best += [(run.s_m, run.v_mps / KMH), (run.s_m[-1:], GAP)]
+        lost.append((edges_m, np.append(kwh(places.lost_more_j) / (np.diff(edges_m) / KM), GAP)))
+        total.append((edges_m, kwh(upto_j)))
+    for name, pieces in (("speed/same_times", best), ("place/lost", lost), ("sum/lost", total)):
+        yield Trace(name, *(np.concatenate(values) for values in zip(*pieces, strict=True)))
+
+
+def _motors(leg: LegAttribution) -> Iterator[MotorPoints]:
+    """The forces of the motors in the optimum of a leg, and as driven."""
+    for name, run in (("motors/optimum", leg.optimum.trajectory), ("motors/driven", leg.energies.trajectory)):
+        yield MotorPoints(name, run.mean_speed_mps(), run.force_el_n)
 
 
 def _attribution_text(attribution: Attribution) -> str:

@@ -30,6 +30,7 @@ from sim.review.colors import LIGHT
 from sim.review.light import as_image, comparison_figure
 from sim.review.report import figures, tables
 from sim.review.report.sentences import compliance, paragraph, title, where_time_went
+from sim.review.scene import ReviewScene
 
 TEMPLATE: Final = "page.html.j2"
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -110,13 +111,14 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 
 def _images(drive: Drive) -> dict[str, str]:
     """The pictures that there is something for, by name; the others are empty."""
-    made = {"speed": figures.drive_figure(drive)}
+    scene = ReviewScene.of(drive).with_attribution()
+    made = {"speed": figures.drive_figure(scene)}
     if drive.calls:
-        made["punctuality"] = figures.punctuality_figure(drive)
-    if drive.attribution is not None:
-        made["causes"] = figures.cause_figure(drive)
-        made["places"] = figures.place_figure(drive)
-        made["efficiency"] = figures.efficiency_figure(drive)
+        made["punctuality"] = figures.punctuality_figure(scene)
+    if scene.attribution is not None:
+        made["causes"] = figures.cause_figure(scene)
+        made["places"] = figures.place_figure(scene)
+        made["efficiency"] = figures.efficiency_figure(scene)
     names = ("speed", "punctuality", "causes", "places", "efficiency")
     found = {name: made.get(name) for name in names}
     return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}

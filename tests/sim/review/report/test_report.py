@@ -10,21 +10,27 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
+import numpy as np
 import pytest
 from markupsafe import escape
 
 from das.bus.contents import Contents
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.units import KM
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.cab import Driver
 from sim.drivers.rules import PerfectDriver
 from sim.options import ReplayOptions
 from sim.recording.check import check_contents, check_file
+from sim.review.picture import picture_of
 from sim.review.report import tables
+from sim.review.report.figures import SPEEDS, drive_figure
 from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of, write_pdf
 from sim.review.report.sentences import paragraph, title, where_time_went
+from sim.review.scene import ReviewScene
+from sim.review.series import STYLES
 from sim.review.words import headline
 from sim.runs.replay.job import prepare, trip_energies
 from sim.runs.replay.replay import ReplayOutcome
@@ -186,6 +192,20 @@ def test_the_page_needs_nothing_besides_itself() -> None:
         assert part in html
 
 
+def test_the_report_draws_the_curves_of_the_scene_as_the_picture_does() -> None:
+    scene = ReviewScene.of(fast().drive).with_attribution()
+    traces = {STYLES[one.name].label: one for one in scene.over_distance(SPEEDS)}
+    drawn = {line.get_label(): line for line in drive_figure(scene).axes[0].get_lines()}
+    in_picture = {line.get_label(): line for line in picture_of(fast().drive.recording).axes[0].get_lines()}
+    assert {"limit", "driven", "optimum for the same times", "shown to the driver"} <= traces.keys() <= drawn.keys()
+    for label, trace in traces.items():
+        x, y = drawn[label].get_data()
+        np.testing.assert_array_equal((x, y), (trace.s_m / KM, trace.values))
+        if label in in_picture:
+            assert drawn[label].get_color() == in_picture[label].get_color()
+            np.testing.assert_array_equal((x, y), in_picture[label].get_data())
+
+
 def test_what_people_wrote_cannot_become_markup(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "drive.mcap", seconds=120)
     das_sim("note", path.name, "--at", "0:20", "<script>alert(1)</script>", cwd=tmp_path)
@@ -239,7 +259,8 @@ def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_
     assert leg["trip_s"] == pytest.approx(trip_s, abs=0.5)
     assert f" in {trip_s // 60:.0f} min {trip_s % 60:.0f} s." in drive["in_words"]
     driven = table["energy as driven (estimated)"]
-    assert driven == f"{energy['driven_kwh']:.1f} kWh" == f"{sum(one['driven_kwh'] for one in leg['per_100_m']):.1f} kWh"
+    by_place_kwh = sum(one["driven_kwh"] for one in leg["per_100_m"])
+    assert driven == f"{energy['driven_kwh']:.1f} kWh" == f"{by_place_kwh:.1f} kWh"
     assert f"By its positions it drew about {driven} at" in drive["in_words"]
     assert headline(Drive.read(BUNDLED)).endswith(f" · {table['trip time']} · {driven} (estimated)")
 
