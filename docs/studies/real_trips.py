@@ -32,8 +32,7 @@ from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 from sim.review.light import INK, LINES, legend, light_figure, named
-from sim.runs.replay.job import prepare
-from sim.runs.replay.replay import replay
+from sim.runs.replay.replay import prepare, replay
 
 PAGE: Final = DOCS / "explanation" / "real-trips.md"
 PICTURES: Final = DOCS / "images"

@@ -19,7 +19,7 @@ from sim.review.colors import LIGHT, SEVERAL
 from sim.review.series import QUANTITIES
 
 if TYPE_CHECKING:
-    from sim.drive.comparison.aligned import AlignedDrives
+    from sim.drive.comparison import AlignedDrives
 
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Styles of lines that are beside each other, in their order."""

@@ -17,13 +17,12 @@ from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
-from sim.drive.attribution.rows import as_dict as energy_dict
-from sim.drive.attribution.rows import worst_places
-from sim.drive.comparison.aligned import AlignedDrives, on_track, place
-from sim.drive.comparison.rows import as_dict as comparison_dict
-from sim.drive.comparison.rows import sentences
+from sim.drive.attribution.attribution import as_dict as energy_dict
+from sim.drive.attribution.attribution import worst_places
+from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
+from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import as_rows
+from sim.drive.events.chronicle import as_rows, place_text
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
 from sim.review.colors import LIGHT
@@ -56,11 +55,8 @@ def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, s
     """Several drives aligned on track position, or None and why they cannot be; None for a single one."""
     if len(subjects) < 2:
         return None, ""
-    stems = [subject.drive.name for subject in subjects]
-    labels = [f"{stem} ({i})" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
     try:
-        drives = [on_track(subject.drive, label) for subject, label in zip(subjects, labels, strict=True)]
-        return AlignedDrives.of(drives), ""
+        return AlignedDrives.of(drives_on_track([subject.drive for subject in subjects])), ""
     except DasError as error:
         return None, str(error)
 
@@ -134,8 +130,8 @@ def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
                 "label": aligned.drives[index].label,
                 "rows": [
                     {
-                        "start": place(one.start_m),
-                        "end": place(one.end_m),
+                        "start": place_text(one.start_m),
+                        "end": place_text(one.end_m),
                         "time": f"{one.time_s:+.1f}",
                         "drawn": f"{kwh(one.energy_j):+.2f}",
                         "lost": f"{kwh(one.lost_j):+.2f}",

@@ -13,9 +13,8 @@ from das.bus import topics
 from das.bus.restrictions import meant
 from das.domain.levels import Level
 from das.domain.units import NS, kmh, kwh
-from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution
+from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
-from sim.drive.attribution.rows import seconds_by_cause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks

@@ -14,9 +14,9 @@ from das.bus import topics
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
 from das.domain.units import kmh, kwh
-from sim.drive.comparison.aligned import SAME_ADVICE_MPS, Advised, AlignedDrives, on_track, place, told_apart
-from sim.drive.comparison.rows import as_dict
+from sim.drive.comparison import SAME_ADVICE_MPS, Advised, AlignedDrives, as_dict, on_track, told_apart
 from sim.drive.drive import Drive
+from sim.drive.events.chronicle import place_text
 from sim.recording.clock import minutes
 from sim.recording.metadata import WhatIfKind
 from sim.recording.opening import open_contents
@@ -116,7 +116,7 @@ class Changed:
             by = f", its speed by {kmh(advice.apart_mps):.1f} km/h on average" if known else ""
             told.append(f"The advice differs at {advice.differing} of {advice.moments} moments{by}.")
         if first is not None:
-            told.append(f"It differs first at {place(first.s_m)}: {first.first}, and now {first.other}.")
+            told.append(f"It differs first at {place_text(first.s_m)}: {first.first}, and now {first.other}.")
         if self.kind is WhatIfKind.DRIVEN_ANEW and self.aligned is not None and not self.aligned.drives[0].measured:
             told.append("The recorded energy is an estimate, with motors that brake first; the new one is measured.")
         if self.aligned is None:

@@ -24,8 +24,8 @@ from sim.cli import trips as trip_command
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, leg_energies, likely_band, range_above
 from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
-from sim.runs.replay.job import driven_legs, prepare, trip_energies
-from sim.runs.replay.replay import ReplayOutcome
+from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare
+from sim.runs.replay.report import trip_energies
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces

@@ -14,9 +14,8 @@ from das.bus import das_pb2
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import Attribution, as_dict, worst_places
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.rows import as_dict, worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.rules import PerfectDriver

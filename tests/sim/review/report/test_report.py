@@ -32,9 +32,8 @@ from sim.review.report.sentences import paragraph, title, where_time_went
 from sim.review.scene import ReviewScene
 from sim.review.series import STYLES
 from sim.review.words import headline
-from sim.runs.replay.job import prepare, trip_energies
-from sim.runs.replay.replay import ReplayOutcome
-from sim.runs.replay.report import figure_rows, result
+from sim.runs.replay.replay import ReplayOutcome, prepare
+from sim.runs.replay.report import figure_rows, result, trip_energies
 from sim.world.day import Day, make_day
 from sim.world.lockstep import Traffic
 from tests.support.flat_days import FLAT, service_of, signal_at

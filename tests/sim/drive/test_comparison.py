@@ -12,8 +12,7 @@ import pytest
 
 from das.bus import topics
 from das.domain.errors import DasError
-from sim.drive.comparison.aligned import AlignedDrives, DriveOnTrack, on_track
-from sim.drive.comparison.rows import as_csv, as_dict, sentences
+from sim.drive.comparison import AlignedDrives, DriveOnTrack, as_csv, as_dict, on_track, sentences
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.rules import PerfectDriver
