@@ -148,7 +148,7 @@ STEP_M = 10.0
 SAME_ADVICE_MPS = 0.5 / 3.6
 """Advised speeds that differ by less than this (m/s) are shown as the same."""
 SAME_S, SAME_J = 1e-6, 1.0
-"""Drives that never differ by more than this (s, J) are the same: it is only rounding."""
+"""Drives that never differ by more than this (s, J) are the same: such differences are rounding."""
 EDGE_M = 0.5
 """A stretch begins and ends this far (m) at most from a row."""
 
@@ -303,7 +303,7 @@ def _said(mode: int, speed_mps: float, digits: int) -> str:
 
 
 TOLD_S, TOLD_KWH = 0.5, 0.05
-"""Differences from these on are told in words."""
+"""Smaller differences count as none in the sentences."""
 
 
 def as_dict(aligned: AlignedDrives) -> dict[str, Any]:

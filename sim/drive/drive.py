@@ -1,7 +1,7 @@
-"""One drive with every figure of it, whatever it came from: a recording of any kind, or a run just driven.
+"""One drive with all its figures, whether it comes from a recording or from a run that was just driven.
 
-Each figure is found once, when it is first asked for. Tables, reports, pictures, comparisons and JSON read it here, so
-that they cannot disagree.
+Each figure is computed once, when it is first asked for. Tables, reports, pictures, comparisons and JSON read it here,
+so that they cannot disagree.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sim.recording.course import DrivenCourse, Floats
 from sim.recording.inputs import DriveInputs, inputs_of
 from sim.recording.opening import open_recording
 
-if TYPE_CHECKING:  # they import the solver, which events, notes and stops do not need
+if TYPE_CHECKING:  # these import the solver, which events, notes and stops do not need
     from sim.drive.attribution.attribution import Attribution
     from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
 
@@ -40,7 +40,7 @@ _Found = TypeVar("_Found")
 
 @dataclass(frozen=True, kw_only=True)
 class RunFigures:
-    """The figures of a run that was just driven; they are exact, where a recording has a state a second."""
+    """The figures of a run that was just driven. They are exact; those of a recording come from one state a second."""
 
     calls: tuple[KeptCall, ...]
     above: AboveOptimum
@@ -76,8 +76,8 @@ class Travelled(NamedTuple):
 class DrivenWay:
     """The way of a drive: when the train was where, how it kept its stops, and what was allowed there.
 
-    `source` is the recording of the drive, None for a run that nobody recorded. `run` are the figures of a run just
-    driven, which then count. `given` are line and train, where the recording does not hold them.
+    `source` is the recording of the drive, None for a run that nobody recorded. `run` holds the figures of a run that
+    was just driven; they replace those of a recording. `given` are line and train if the recording lacks them.
     """
 
     source: Recording | None = None
@@ -142,7 +142,7 @@ class DrivenWay:
 
     @property
     def inputs(self) -> DriveInputs:
-        """Line, train and level; DasError where the recording neither brings them along nor names bundled ones."""
+        """Line, train and level; DasError if they are neither attached to the recording nor bundled."""
         return _raised(self._inputs)
 
     @cached_property
@@ -158,12 +158,12 @@ class DrivenWay:
 
     @cached_property
     def temporary_limits(self) -> tuple[TemporaryLimit, ...]:
-        """The restrictions that the node was told about."""
+        """The restrictions that the node received."""
         return temporary_limits(self.recording, self.course)
 
     @cached_property
     def violations(self) -> Violations:
-        """What must not happen and did: signals passed at danger, speeds above the limit."""
+        """Signals that were passed at danger, and speeds above the limit."""
         if self.run is not None:
             return self.run.violations
         return violations_of(self.course, self.limit_mps, self.signals)
@@ -176,9 +176,9 @@ class DrivenWay:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drive(DrivenWay):
-    """A drive with every figure of it, each found once: its way, the advice, what happened, and where its energy went.
+    """A drive with all its figures: its way, the advice, what happened, and where its energy went.
 
-    It is made from any recording, or from the figures of a run just driven.
+    It is made from any recording, or from the figures of a run that was just driven.
     """
 
     @classmethod
@@ -198,7 +198,7 @@ class Drive(DrivenWay):
 
     @cached_property
     def stability(self) -> AdviceStability:
-        """How stable the advice was that the driver was shown."""
+        """How stable the displayed advice was."""
         return recorded_stability(self.recording) if self.run is None else self.run.stability
 
     @cached_property
@@ -218,7 +218,7 @@ class Drive(DrivenWay):
     def legs(self) -> tuple[DrivenLeg, ...]:
         """The motion between the stops that were served; DasError where the train served no two stops.
 
-        A replay stood at stops on the way as well, which its journey does not name.
+        They include the stops of a replayed trip that its journey does not name.
         """
         from sim.drive.attribution.driven_legs import legs_of
 
@@ -266,8 +266,8 @@ class Drive(DrivenWay):
 
     @property
     def above(self) -> AboveOptimum | None:
-        """What the drive took above the optimum: of a run just driven, of its energy attribution, else as
-        recorded; or None."""
+        """What the drive took above the optimum: of a run just driven, else by the energy attribution, else as
+        recorded; None if none of them is known."""
         if self.run is not None:
             return self.run.above
         return self.said if self.attribution is None else self.attribution.above
@@ -282,7 +282,7 @@ class Drive(DrivenWay):
 
     @property
     def any_attribution(self) -> Attribution:
-        """Where the energy went, by cause and place, also where drive and optimum cannot be compared.
+        """Where the energy went, by cause and place, even if drive and optimum cannot be compared.
 
         Raises DasError for a recording that has no journey, no positions, or whose line and train are not known.
         """
@@ -292,8 +292,8 @@ class Drive(DrivenWay):
     def known_attribution(self) -> Attribution:
         """Where the energy went, by cause and by place.
 
-        Raises DasError as `any_attribution`, and for a drive that cannot be compared with its optimum, here or in the
-        replay that recorded it.
+        Raises DasError as `any_attribution`, and for a drive that cannot be compared with its optimum, according to
+        this analysis or to the replay that recorded the drive.
         """
         found = self.any_attribution
         why = found.above.why_not or ("" if self.said is None else self.said.why_not)
@@ -319,7 +319,7 @@ class Drive(DrivenWay):
     def likely(self) -> LikelyRange | None:
         """The likely range of an estimated energy above the optimum; None where that is measured, or not known.
 
-        A replay recorded its range, to which the smoothing of its record belongs as well.
+        The range that a replay recorded is kept, because it covers the smoothing of the trip as well.
         """
         from sim.drive.attribution.driven_legs import likely_range
 
@@ -332,7 +332,7 @@ class Drive(DrivenWay):
 
 
 def _or_error(find: Callable[[], _Found]) -> _Found | DasError:
-    """What is found, or the error that says why it cannot be: either is kept."""
+    """What `find` returns, or the DasError that it raises, so that a cached property keeps either."""
     try:
         return find()
     except DasError as error:

@@ -28,10 +28,10 @@ DIGIT_SHARE: Final = 0.0085
 """Width of a digit of a mark's number, as a share of the axis."""
 
 FIRST: Final = (Meaning.NOTE, Meaning.WARNING, Meaning.NO_ADVICE, None)
-"""Joined marks have the colour of the first of these that is among them."""
+"""Joined marks have the colour of the one whose meaning comes first here."""
 
 LISTED: Final = 40
-"""Most marks that are listed; a recording with worse days has its list of events in the viewer."""
+"""Most marks that are listed; the viewer lists all of them."""
 
 ROW_IN: Final = 0.185
 LETTERS: Final = 78
@@ -40,8 +40,8 @@ LETTERS: Final = 78
 LETTER_SHARE: Final = 0.0085
 """Width of a letter of a stop's name, as a share of the axis."""
 NAMES_AT_POINTS: Final = (17.0, 29.0)
-"""Rows (points above an axis) for the names of stops, over the legend: one that has no room in the first is in the
-second, and one that has none there is left out."""
+"""Two rows (points above an axis) for the names of stops, over the legend. A name without room in the first row goes
+into the second; a name without room there is left out."""
 
 Along = Callable[[Times], Floats]
 """Tells where times lie on an axis."""

@@ -1,4 +1,4 @@
-"""The scene of a review: everything that is shown of a drive, found once, as plain data.
+"""The scene of a review: everything that a review draws of a drive, found once, as plain data.
 
 Three renderers draw it: `rerun_drawing` for the viewer, `picture` for a file, and `report.figures` for a page. Names,
 units and the meaning of colours are defined here and in `series` and `lanes`; a renderer decides where things go.
@@ -44,7 +44,7 @@ USUAL_PERCENT: Final = (2.5, 97.5)
 """Percentiles of the advised force that its axis shows; the force exceeds them in the last metres before a stop."""
 
 HAPPENING_MEANINGS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
-"""What the colours of marks mean, by kind of happening; others are in the colour of the ink."""
+"""What the colours of marks mean, by kind of happening; other kinds have the colour of the ink."""
 ROUTINE: Final = (
     EventKind.ADVICE, EventKind.REPLAN, EventKind.DRIVER, EventKind.DELAY, EventKind.JOURNEY, EventKind.LOG,
 )  # fmt: skip
@@ -61,7 +61,7 @@ BOOKMARK_MEANINGS: Final = {
     EventKind.WITHDRAWAL: Meaning.NO_ADVICE,
     EventKind.LAPSE: Meaning.NO_ADVICE,
 }
-"""What the colours of bookmarks mean; others are in the colour of the ink."""
+"""What the colours of bookmarks mean; other kinds have the colour of the ink."""
 
 LEAST_KWH: Final = 0.05
 """A span that cost less than this (kWh) is not in the lane of costs."""
@@ -92,7 +92,7 @@ class LinePlace(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Something that happened: when (ns since 1970), in words with time and place, and what its colour means."""
+    """Something that happened: when (ns since 1970), its words with time and place, and the meaning of its colour."""
 
     time_ns: int
     text: str
@@ -134,19 +134,19 @@ class ReviewScene:
     drive: Drive
     series: Found
     placed: tuple[Trace, ...]
-    """Series with places of their own, and not those where the train was at their times."""
+    """Series with positions of their own; the positions of the other series are those of the train at their times."""
     lanes: tuple[Lane, ...]
     stops: tuple[tuple[str, float], ...]
     """The stops of the journey by name, with their positions (m)."""
     places: tuple[LinePlace, ...]
     marks: tuple[Mark, ...]
-    """What happened on the day other than the driving, in order of time."""
+    """What happened on the day besides the driving, in order of time."""
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     way: MapTrack | None = None
     """The way on the map; None where neither places nor the line's geometry are known."""
     filled_from: str = ""
-    """What is estimated because it was not recorded, in a sentence; empty where nothing is."""
+    """A sentence about what is estimated because it was not recorded; empty where nothing is."""
     attribution: AttributionView | None = None
     """Where the energy went; None until `with_attribution` has found it, and where it is not known."""
 
@@ -276,7 +276,7 @@ def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
 
 
 def _places(drive: Drive) -> Iterator[LinePlace]:
-    """The restrictions and targets that the node was told, and the signals at danger that the driver saw."""
+    """The restrictions and targets that the node received, and the signals at danger that the driver saw."""
     for limit in drive.temporary_limits:
         one = limit.restriction
         yield LinePlace(Meaning.LIMIT, one.start_m, one.end_m, speed_text(one.limit_mps), one.limit_mps)

@@ -1,8 +1,7 @@
 """What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's way.
 
 A recording of the node alone lacks some of them. They are derived from its attached files and its positions: the
-gradient is that of the line; forces and energy are the estimate of inverse dynamics (docs/explanation/
-trip-energy.md), as `das-sim energy` makes it.
+gradient from the line, forces and energy by inverse dynamics as in `das-sim energy` (docs/explanation/trip-energy.md).
 """
 
 from __future__ import annotations
@@ -118,12 +117,12 @@ BUFFER_PERCENT: Final = (-5.0, 25.0)
 """Range of an axis of the buffer (%): at the end of a trip the buffer goes to infinity."""
 
 SAME_STOP_M = 1.0
-"""Plans whose ends are this near (m) to each other lead to the same stop."""
+"""Plans whose ends are within this distance (m) of each other lead to the same stop."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstPlans:
-    """The first plan for every stop of a recording, joined: the optimum from where the advice began."""
+    """The first plans for all stops of a recording, joined: the optimum from where the advice began."""
 
     time_ns: Times
     s_m: Floats

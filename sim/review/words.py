@@ -44,7 +44,7 @@ def summary(drive: Drive, filled_from: str = "") -> str:
 
 
 def headline(drive: Drive) -> str:
-    """One line: train, what was run, where, how long and with how much energy, as far as it is known."""
+    """One line: train, scenario and driver, stops, way, time and energy, as far as they are known."""
     recording = drive.recording
     run = recording.metadata.get("run", {})
     told = [f"{key} {run[key]}" for key in ("driver", "advice", "seed") if key in run]
@@ -55,7 +55,7 @@ def headline(drive: Drive) -> str:
 
 
 def on_this_day(recording: Recording) -> list[str]:
-    """What is wrong with the recording, and what happened by the scenario, in lines for a picture; none if nothing."""
+    """What is wrong with the recording, and what the scenario let happen, in lines for a picture; empty if nothing."""
     happens = recording.metadata.get("run", {}).get("happens", NOTHING)
     lines = [f"of the recording: {text}" for text in recording.health.warnings()]
     if happens != NOTHING:
@@ -174,7 +174,7 @@ def _next(number: int, in_s: float) -> str:
 
 
 def _departure(number: int, speed_mps: float, ratio: float) -> str:
-    """How to depart: with which mode, to what speed, with what effort, as far as the display shows it."""
+    """How to depart: mode, speed and effort, as far as the display shows them."""
     return ", ".join(filter(None, (mode_words(number), speed_words(speed_mps), _share(ratio)))) if number else ""
 
 

@@ -268,8 +268,8 @@ def attribution_of(
     """The energy attribution of a recorded drive from its line and train, its legs with their energies, and what the
     driver was shown.
 
-    It is made even if drive and optimum are not comparable. `said` is what the recording says of the energy above the
-    optimum; None where it says nothing.
+    It is made even if drive and optimum are not comparable. `said` is the energy above the optimum that the recording
+    states; None where it states none.
     """
     epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
     measured = () if said is None or not said.measured else said.sections
@@ -386,7 +386,7 @@ LARGE_SHARE = 0.2
 def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
     """The stretches that lost most above the optimum, the worst first.
 
-    A stretch is as long as the train lost more there, per 100 m, than `DENSE` times the average over the drive.
+    A stretch continues for as long as each 100 m lost more than `DENSE` times the average over the drive.
     """
     found = []
     losses = [leg.even.lost_more_j for leg in attribution.legs]
@@ -417,12 +417,12 @@ def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]
             break
         first = int(np.argmin(upto[:last]))
         found.append((first, last - 1))
-        left[first:last] = -float(np.abs(scores).sum())  # so that no other run pays to hold it
+        left[first:last] = -float(np.abs(scores).sum())  # so that no other run includes it
     return found
 
 
 def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:
-    """For how long (s) what belongs to each cause went on."""
+    """How long (s) each cause lasted."""
     total: dict[EnergyCause, float] = {}
     for leg in attribution.legs:
         lasted_s = np.diff(leg.leg.motion.time_ns[leg.committed.sample]) * NS

@@ -39,7 +39,7 @@ Told = frozenset[Restriction]
 
 
 class Epoch(NamedTuple):
-    """The restrictions, less their time windows, that were known and counted from a moment (ns) on."""
+    """The restrictions, without their time windows, that were known and in force from a moment (ns) on."""
 
     since_ns: int
     told: Told
@@ -57,9 +57,9 @@ NOTHING = Remaining(energy_j=math.nan, run=None)
 
 
 def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
-    """An epoch for each moment at which the known and counted restrictions change; the first epoch has none.
+    """An epoch for each moment at which the known restrictions in force change; the first epoch has none.
 
-    They change when a list is told, and when a restriction of the list begins or ceases to count.
+    They change when the node receives a list, and when a restriction of the list begins or ceases to be in force.
     """
     found = [Epoch(-(2**63), frozenset())]
     lists = [*told_lists(recording)]

@@ -34,7 +34,7 @@ from sim.trips.profile import DrivenRun
 from sim.trips.trip import recorded_trip
 
 LEAST_WAY_M = 100.0
-"""A way between two stands that is shorter than this (m) is no section: the train moved up."""
+"""Two stands that are closer together than this (m) do not bound a leg: the train only moved up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,7 +101,7 @@ class DrivenLeg:
 def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
     """The motion of a recorded drive: the truth of a simulation, else smoothed positions and measured brake forces.
 
-    `line` gives the line as driven, on which positions are smoothed; it is asked for only without a simulator's truth.
+    `line` returns the line as driven, on which positions are smoothed; it is called only without a simulator's truth.
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
     DasError where the recording has no positions that can be used.
     """
@@ -160,7 +160,7 @@ def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
 
 
 def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:
-    """The section from stand to stand with restrictions; DasError where the train cannot run there."""
+    """The section from stand to stand with these restrictions; DasError where the train cannot run there."""
     first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
     restrictions = sorted(told)
     route = inputs.route.with_restrictions(restrictions) if restrictions else inputs.route
@@ -174,7 +174,8 @@ class LegEnergies:
 
     `balance_j`: as measured; where nobody measured, `blended_j`. `blended_j`: the same motion with the planned train,
     motors and friction brake sharing the braking as recorded. `motors_j`: likewise, the motors braking first.
-    `trajectory` is that last run; `index[i]` is the sample at its node i. `measured` tells whether `balance_j` was.
+    `trajectory` is the motion of `motors_j`; `index[i]` is the sample at its node i. `measured` tells whether
+    `balance_j` was measured.
     """
 
     balance_j: Floats
@@ -232,7 +233,7 @@ def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> F
 
 
 MOST_LEGS: Final = 3
-"""The likely range of a drive of more legs is not asked for: every unknown solves each leg twice anew."""
+"""The likely range is not computed for a drive of more legs, because every unknown solves each leg twice."""
 
 Smoothed = Callable[[float], Sequence[DrivenLeg]]
 """The legs of a drive whose record is smoothed with another density of the jerk (m²/s⁵)."""
@@ -276,7 +277,7 @@ class ComparedLeg:
 def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
     """The likely band of an energy: its unknowns are independent of each other, so that deviations add as squares.
 
-    How the train braked is no deviation but another train; it is in the outermost range alone.
+    How the train braked is no such deviation; only the range with every unknown at its worst includes it.
     """
     spread = [one for one in unknowns if one.name != BRAKING]
     low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
@@ -309,7 +310,7 @@ class LikelyRange:
 
 
 def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
-    """The likely range of what a drive took above the optimum, by energies that are estimated; None where it is long.
+    """The likely range of an estimated energy above the optimum; None for a drive of more than `MOST_LEGS` legs.
 
     Train, wind and brakes are the same for the drive and its optimum in every case.
     """

@@ -1,4 +1,4 @@
-"""The page of a report: everything found out about one drive or several, as HTML, for programs, and as PDF."""
+"""The page of a report about one drive or several: as HTML, as JSON for programs, and as PDF."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, s
 
 
 def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_compared: str) -> str:
-    """The page as HTML, which needs nothing besides itself."""
+    """The page as HTML, which needs no other file."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -106,7 +106,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 
 
 def _images(drive: Drive) -> dict[str, str]:
-    """The pictures that there is something for, by name; the others are empty."""
+    """The pictures by name; empty where there is nothing to draw."""
     scene = ReviewScene.of(drive).with_attribution()
     made = {"speed": figures.drive_figure(scene)}
     if drive.calls:

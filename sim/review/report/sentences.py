@@ -17,7 +17,7 @@ from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.clock import spell
@@ -41,9 +41,9 @@ DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.HUMAN: "a simulated human",
 }
 TOLD_S: Final = 3.0
-"""A change of the lateness by less than this (s) is not told."""
+"""The sentences leave out changes of the lateness by less than this (s)."""
 HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
-"""Events that take time."""
+"""Events that hold the train up."""
 
 
 def title(drive: Drive) -> str:
@@ -81,13 +81,11 @@ def _ran(drive: Drive) -> list[str]:
 
 
 def _late(late_s: float) -> str:
-    if math.isnan(late_s):
-        return ""
-    return " (on time)" if abs(late_s) < 0.5 else f" ({abs(late_s):.0f} s {'late' if late_s > 0 else 'early'})"
+    return "" if math.isnan(late_s) else f" ({lateness_text(late_s)})"
 
 
 def came_about(drive: Drive) -> list[str]:
-    """Sentences about how the drive came about; none where the recording does not say."""
+    """Sentences about how the drive came about; none if the recording does not tell."""
     run = drive.recording.metadata.get("run", {})
     told = []
     if run.get("kind") == "run":
@@ -245,7 +243,7 @@ def _at_stop(call: KeptCall) -> list[str]:
 
 
 def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
-    """What took time on the way between two stops, in words."""
+    """What held the train up between two stops, in words."""
     on_way = [
         one for one in drive.events if one.kind in HELD_UP and before.departed_ns <= one.time_ns <= after.arrived_ns
     ]

@@ -99,8 +99,7 @@ class ReplayOutcome:
 
 
 def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], arrival_s: float | None, delay_s: float | None) -> ReplayTiming:
-    """The timetable of a trip that departed `delay_s` late, with the arrival `arrival_s` after the timetable's
-    departure.
+    """The timetable of a trip that departed `delay_s` late and was to arrive `arrival_s` after its due departure.
 
     What is not given comes from the recording's journey; without one there is no delay, and the arrival is the trip's.
     """

@@ -1,4 +1,4 @@
-"""The figures of a replay, as an object and as a table."""
+"""The figures of a replay: its energies beside the optimum, all figures for JSON, and the table."""
 
 from __future__ import annotations
 

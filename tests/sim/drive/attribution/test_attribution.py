@@ -105,7 +105,7 @@ def test_a_drive_that_cannot_be_compared_with_its_optimum_has_no_energy_attribut
     if by_record:
         found = Stamped(0, das_pb2.Saving(comparable=False))
         recording = replace(recording, messages={**recording.messages, "saving": (found,)})
-        expected = "day.mcap: not comparable: the recording says so of its trip and the optimum"
+        expected = "day.mcap: not comparable: the recording says that its trip and the optimum cannot be compared"
     else:
         inputs = replace(inputs, vehicle=replace(inputs.vehicle, max_speed_mps=20.0))
     with pytest.raises(DasError, match=expected):
