@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import mkdtemp
 
 from sim.drivers.cab import Presentation
 from sim.drivers.registry import DriverKind, make_driver
 from sim.plant.plant import PlantState
-from sim.world.day import make_day
+from sim.world.day import Day, make_day
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
 from sim.world.scenario import Scenario, read_scenario
@@ -43,6 +45,14 @@ def service_for(scenario: Scenario) -> Service:
 def service_of(path: Path) -> Service:
     """The service of a scenario file, solved as `service_for` does."""
     return service_for(read_scenario(path))
+
+
+@cache
+def flat_day(more: str = "") -> Day:
+    """The day of seed 1 on the flat line, with more text in its scenario file."""
+    path = Path(mkdtemp()) / "flat.toml"
+    path.write_text(f"{FLAT}\n{more}", encoding="utf-8")
+    return make_day(service_of(path), 1)
 
 
 def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:
