@@ -26,14 +26,13 @@ from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.compared import LikelyRange, likely_range
+from sim.drive.attribution.driven_legs import LikelyRange, likely_range
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 from sim.review.light import INK, LINES, legend, light_figure, named
-from sim.runs.replay.job import prepare
-from sim.runs.replay.replay import replay
+from sim.runs.replay.replay import prepare, replay
 
 PAGE: Final = DOCS / "explanation" / "real-trips.md"
 PICTURES: Final = DOCS / "images"

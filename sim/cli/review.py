@@ -29,7 +29,7 @@ from sim.options import OfTrainOption
 
 if TYPE_CHECKING:
     from sim.drive.attribution.attribution import Attribution
-    from sim.drive.comparison.aligned import AlignedDrives
+    from sim.drive.comparison import AlignedDrives
     from sim.drive.drive import Drive
 
 
@@ -191,7 +191,7 @@ def energy(
 ) -> None:
     """Say where the energy of a recorded drive went, by cause and by place, against the optimum for the same times."""
     with loading_solver():
-        from sim.drive.attribution.rows import as_dict
+        from sim.drive.attribution.attribution import as_dict
         from sim.drive.drive import Drive
 
     with busy(f"reading {file} and solving its sections …"):
@@ -241,7 +241,7 @@ def _print_causes(attribution: Attribution) -> None:
 
 def _print_places(attribution: Attribution) -> None:
     from das.domain.units import kwh
-    from sim.drive.attribution.rows import worst_places
+    from sim.drive.attribution.attribution import worst_places
 
     worst = worst_places(attribution)
     if worst:
@@ -272,11 +272,11 @@ def compare(
     check_picture(plot)
     check_outputs(out, plot, inputs=files, overwrite=overwrite)
     from das.domain.files.writing import write_whole
-    from sim.drive.comparison.aligned import AlignedDrives, drives_on_track
-    from sim.drive.comparison.rows import as_csv, as_dict
+    from sim.drive.comparison import AlignedDrives, as_csv, as_dict, drives_on_track
+    from sim.drive.drive import Drive
 
     with busy("reading the recordings …"):
-        aligned = AlignedDrives.of(drives_on_track(files), step)
+        aligned = AlignedDrives.of(drives_on_track([Drive.read(path) for path in files]), step)
     if out is not None:
         write_whole(out, as_csv(aligned))
     if plot is not None:
@@ -291,7 +291,7 @@ def compare(
 
 
 def _print_comparison(aligned: AlignedDrives) -> None:
-    from sim.drive.comparison.rows import sentences
+    from sim.drive.comparison import sentences
 
     for index in range(1, len(aligned.drives)):
         for line in sentences(aligned, index):
@@ -304,7 +304,7 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     from rich.table import Table
 
     from das.domain.units import kwh
-    from sim.drive.comparison.aligned import place
+    from sim.drive.events.chronicle import place_text
 
     parted = [one for one in aligned.stretches(index) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005]
     if not parted:
@@ -315,7 +315,7 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     most = sorted(parted, key=lambda one: -abs(one.lost_j))[:SHOWN]
     for one in sorted(most, key=lambda one: one.start_m):
         numbers = (f"{one.time_s:+.1f}", f"{kwh(one.energy_j):+.2f}", f"{kwh(one.lost_j):+.2f}")
-        table.add_row(place(one.start_m), place(one.end_m), *numbers)
+        table.add_row(place_text(one.start_m), place_text(one.end_m), *numbers)
     print_table(table, {"drawn": "at the current collector", "lost": "without what went into the train's speed"})
 
 

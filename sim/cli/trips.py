@@ -113,9 +113,9 @@ def _replayed(trip: Path, options: ReplayOptions, out: Path, as_json: bool) -> N
     """Replay a trip into a recording, and print the result."""
     with loading_solver():
         from das.cab.warm_up import warm_up
-        from sim.runs.replay.job import prepare, trip_energies
+        from sim.runs.replay.replay import prepare
         from sim.runs.replay.replay import replay as run_replay
-        from sim.runs.replay.report import print_result, result
+        from sim.runs.replay.report import print_result, result, trip_energies
 
         warm_up()
     with busy("reading the trip and solving its section …"):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 NOT_COMPARABLE: Final = "not comparable"
 """What every command says instead of an energy above the optimum that cannot be stated."""
-SAID_BY_THE_RECORDING: Final = "the recording says so of its trip and the optimum"
+SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum cannot be compared"
 
 
 class EnergyBand(NamedTuple):

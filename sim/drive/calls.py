@@ -1,4 +1,4 @@
-"""How a drive kept its stops; of a recorded one found from where the train stood, to a fraction of a second."""
+"""How a drive kept its stops. In a recording this is found from where the train stood, to a fraction of a second."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from sim.recording.course import DrivenCourse
 STANDING_MPS: Final = 0.3
 """A train that is slower than this (m/s) stands: receivers report a few cm/s at rest."""
 NEAR_M: Final = 100.0
-"""A stand this near (m) to a stop may be the one at that stop; the nearest stand is."""
+"""A train that stands within this distance (m) of a stop may be at it; its nearest stand is taken."""
 NEAR_ON_THE_WAY_M: Final = 300.0
-"""The same of a stop on the way, at which no journey calls: a long train may stand far from it."""
+"""The same distance (m) for a stop that the journey does not name: a long train may stand far from it."""
 POSITION_ERROR_M: Final = 3.0
-"""Positions of a receiver are wrong by some metres (m); a way shorter than this tells no time."""
+"""Positions of a receiver are wrong by some metres: over a shorter way (m) they do not tell when the train stopped."""
 
 
 class StandingTime(NamedTuple):
@@ -89,7 +89,7 @@ class AtStop(NamedTuple):
 
 
 def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
-    """Every stand of the train, in order of time; one during which it crept less than the noise is one stand."""
+    """Every stand of the train, in order of time; creeping that is slower than the noise does not end a stand."""
     still = np.concatenate(([False], trip.speed_mps < STANDING_MPS, [False]))
     edges = np.flatnonzero(np.diff(still.astype(np.int8)))
     return tuple(
@@ -107,7 +107,7 @@ def calls_of(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
 
 
 def reported_course(recording: Recording) -> DrivenCourse | None:
-    """The positions that the node was told; None where there are none, or where a simulator knew better.
+    """The positions that the node received; None where there are none, or where a simulator recorded the true ones.
 
     The truth of a replay is a smooth estimate in steps of a second. Its positions tell better when the train stood.
     """
@@ -118,7 +118,7 @@ def reported_course(recording: Recording) -> DrivenCourse | None:
 
 
 def knows_truth(recording: Recording) -> bool:
-    """Whether a recording holds the truth of a simulated train; that of a replay, an estimate, knows no resistance."""
+    """Whether a recording holds the truth of a simulated train; the estimate of a replay has no resistance."""
     return bool(recording.columns(topics.TRUTH, "resistance_j")["resistance_j"].any())
 
 
@@ -127,8 +127,8 @@ def kept_calls(
 ) -> tuple[KeptCall, ...]:
     """How stops were kept, each with `name`, `s_m`, `arrival_ns` and `departure_ns`.
 
-    `trip` tells where the train stood, and when. Where `measured`, the course of a receiver, shows the stand as well,
-    that tells when.
+    `trip` tells where the train stood, and when. If `measured`, the course of a receiver, has the same stand, the times
+    are taken from it.
     """
     found: list[KeptCall] = []
     known, seen = stands(trip), () if measured is None else stands(measured)
@@ -167,8 +167,8 @@ def calls_on_the_way(
 def _rest_ns(measured: DrivenCourse, stand: StandingTime) -> tuple[int, int]:
     """When the train came to rest and left, by the course of a receiver (ns since 1970; 0: not in the record).
 
-    Where the way to the stand is within the error of its positions, that is halfway between the samples at rest and in
-    motion: to take the sample at rest would make trips too long.
+    If the way to the stand is within the error of the positions, the time is halfway between the samples at rest and
+    in motion: with the sample at rest, trips would be too long.
     """
     rest, at = at_rest(measured, stand), measured.time_ns
     came_ns, left_ns = arrival_ns(measured, rest), departure_ns(measured, rest)
@@ -232,7 +232,7 @@ def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
 def at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
     """A stand from its first to its last sample with a speed of exactly 0; the same where there is none.
 
-    A train that begins to move at less than the noise has left.
+    A train that has begun to move has left, even if it is slower than the noise.
     """
     zeros = stand.first + np.flatnonzero(trip.speed_mps[stand.first : stand.last + 1] == 0)
     return stand._replace(first=int(zeros[0]), last=int(zeros[-1])) if len(zeros) else stand

@@ -1,7 +1,7 @@
-"""One drive with every figure of it, whatever it came from: a recording of any kind, or a run just driven.
+"""One drive with all its figures, whether it comes from a recording or from a run that was just driven.
 
-Each figure is found once, when it is first asked for. Tables, reports, pictures, comparisons and JSON read it here, so
-that they cannot disagree.
+Each figure is computed once, when it is first asked for. Tables, reports, pictures, comparisons and JSON read it here,
+so that they cannot disagree.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.units import NS
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
@@ -29,17 +30,16 @@ from sim.recording.course import DriveClock, DrivenCourse, Floats
 from sim.recording.inputs import DriveInputs, inputs_of
 from sim.recording.opening import open_recording
 
-if TYPE_CHECKING:  # they import the solver, which events, notes and stops do not need
+if TYPE_CHECKING:  # these import the solver, which events, notes and stops do not need
     from sim.drive.attribution.attribution import Attribution
-    from sim.drive.attribution.compared import LikelyRange
-    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion
+    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
 
 _Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunFigures:
-    """The figures of a run that was just driven; they are exact, where a recording has a state a second."""
+    """The figures of a run that was just driven. They are exact; those of a recording come from one state a second."""
 
     calls: tuple[KeptCall, ...]
     above: AboveOptimum
@@ -47,12 +47,36 @@ class RunFigures:
     stability: AdviceStability
 
 
+class Travelled(NamedTuple):
+    """From when to when (ns since 1970) and from where to where (m) a drive went.
+
+    `between_stops`: it begins with the departure from the first stop that was served and ends with the arrival at the
+    last one. A drive that served fewer than two stops has its whole course instead.
+    """
+
+    start_ns: int
+    end_ns: int
+    start_m: float
+    end_m: float
+    between_stops: bool
+
+    @property
+    def time_s(self) -> float:
+        """How long the drive took (s)."""
+        return (self.end_ns - self.start_ns) * NS
+
+    @property
+    def way_m(self) -> float:
+        """How far the drive went (m)."""
+        return self.end_m - self.start_m
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenWay:
     """The way of a drive: when the train was where, how it kept its stops, and what was allowed there.
 
-    `source` is the recording of the drive, None for a run that nobody recorded. `run` are the figures of a run just
-    driven, which then count. `given` are line and train, where the recording does not hold them.
+    `source` is the recording of the drive, None for a run that nobody recorded. `run` holds the figures of a run that
+    was just driven; they replace those of a recording. `given` are line and train if the recording lacks them.
     """
 
     source: Recording | None = None
@@ -91,6 +115,16 @@ class DrivenWay:
         """The stops at which the train stood."""
         return tuple(one for one in self.calls if one.served)
 
+    @property
+    def travelled(self) -> Travelled:
+        """From when to when and from where to where the drive went."""
+        served, course = self.served, self.course
+        if len(served) > 1 and served[0].departed_ns and served[-1].arrived_ns:
+            first, last = served[0], served[-1]
+            return Travelled(first.departed_ns, last.arrived_ns, first.s_m, last.s_m, between_stops=True)
+        (start_ns, end_ns), (start_m, end_m) = course.time_ns[[0, -1]].tolist(), course.s_m[[0, -1]].tolist()
+        return Travelled(start_ns, end_ns, start_m, end_m, between_stops=False)
+
     @cached_property
     def at_stops(self) -> tuple[AtStop, ...]:
         """When the train was at the stops at which it stood or which it passed, in order of time."""
@@ -107,7 +141,7 @@ class DrivenWay:
 
     @property
     def inputs(self) -> DriveInputs:
-        """Line, train and level; DasError where the recording neither brings them along nor names bundled ones."""
+        """Line, train and level; DasError if they are neither attached to the recording nor bundled."""
         return _raised(self._inputs)
 
     @cached_property
@@ -123,12 +157,12 @@ class DrivenWay:
 
     @cached_property
     def temporary_limits(self) -> tuple[TemporaryLimit, ...]:
-        """The restrictions that the node was told about."""
+        """The restrictions that the node received."""
         return temporary_limits(self.recording, self.course)
 
     @cached_property
     def violations(self) -> Violations:
-        """What must not happen and did: signals passed at danger, speeds above the limit."""
+        """Signals that were passed at danger, and speeds above the limit."""
         if self.run is not None:
             return self.run.violations
         return violations_of(self.course, self.limit_mps, self.signals)
@@ -141,9 +175,9 @@ class DrivenWay:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drive(DrivenWay):
-    """A drive with every figure of it, each found once: its way, the advice, what happened, and where its energy went.
+    """A drive with all its figures: its way, the advice, what happened, and where its energy went.
 
-    It is made from any recording, or from the figures of a run just driven.
+    It is made from any recording, or from the figures of a run that was just driven.
     """
 
     @classmethod
@@ -163,7 +197,7 @@ class Drive(DrivenWay):
 
     @cached_property
     def stability(self) -> AdviceStability:
-        """How stable the advice was that the driver was shown."""
+        """How stable the displayed advice was."""
         return recorded_stability(self.recording) if self.run is None else self.run.stability
 
     @cached_property
@@ -183,7 +217,7 @@ class Drive(DrivenWay):
     def legs(self) -> tuple[DrivenLeg, ...]:
         """The motion between the stops that were served; DasError where the train served no two stops.
 
-        A replay stood at stops on the way as well, which its journey does not name.
+        They include the stops of a replayed trip that its journey does not name.
         """
         from sim.drive.attribution.driven_legs import legs_of
 
@@ -197,14 +231,42 @@ class Drive(DrivenWay):
         return legs_of(self.recording.path, self.motion, calls)
 
     @cached_property
+    def energies(self) -> tuple[LegEnergies, ...]:
+        """The energies of each leg; DasError where the train served no two stops, or line or train are not known."""
+        from sim.drive.attribution.driven_legs import leg_energies, section_of_leg
+
+        return tuple(leg_energies(section_of_leg(self.inputs, leg), leg) for leg in self.legs)
+
+    @cached_property
+    def driven_j(self) -> float | None:
+        """Energy at the current collector (J), from each departure to the next arrival; None where it is not known.
+
+        It is an estimate unless `measured`. A drive that served fewer than two stops has what was measured in all.
+        """
+        if self.run is not None:
+            return self.run.above.driven_j
+        found = _or_error(lambda: self.legs)
+        if self.measured:
+            motions = [self.motion] if isinstance(found, DasError) else [leg.motion for leg in found]
+            return math.fsum(one.drawn_j for one in motions)
+        energies = found if isinstance(found, DasError) else _or_error(lambda: self.energies)
+        return None if isinstance(energies, DasError) else math.fsum(one.driven_j for one in energies)
+
+    @property
+    def measured(self) -> bool:
+        """Whether a simulator measured the energy; otherwise it is estimated from positions."""
+        motion = _or_error(lambda: self.motion)
+        return not isinstance(motion, DasError) and motion.input_j is not None
+
+    @cached_property
     def said(self) -> AboveOptimum | None:
         """What the drive took above the optimum as its simulator or its replay recorded it; None where neither did."""
         return AboveOptimum.recorded(self.recording)
 
     @property
     def above(self) -> AboveOptimum | None:
-        """What the drive took above the optimum: of a run just driven, of its energy attribution, else as
-        recorded; or None."""
+        """What the drive took above the optimum: of a run just driven, else by the energy attribution, else as
+        recorded; None if none of them is known."""
         if self.run is not None:
             return self.run.above
         return self.said if self.attribution is None else self.attribution.above
@@ -213,11 +275,13 @@ class Drive(DrivenWay):
     def _any_attribution(self) -> Attribution | DasError:
         from sim.drive.attribution.attribution import attribution_of
 
-        return _or_error(lambda: attribution_of(self.recording, self.inputs, self.legs, self.shown, self.said))
+        return _or_error(
+            lambda: attribution_of(self.recording, self.inputs, self.legs, self.energies, self.shown, self.said)
+        )
 
     @property
     def any_attribution(self) -> Attribution:
-        """Where the energy went, by cause and place, also where drive and optimum cannot be compared.
+        """Where the energy went, by cause and place, even if drive and optimum cannot be compared.
 
         Raises DasError for a recording that has no journey, no positions, or whose line and train are not known.
         """
@@ -227,8 +291,8 @@ class Drive(DrivenWay):
     def known_attribution(self) -> Attribution:
         """Where the energy went, by cause and by place.
 
-        Raises DasError as `any_attribution`, and for a drive that cannot be compared with its optimum, here or in the
-        replay that recorded it.
+        Raises DasError as `any_attribution`, and for a drive that cannot be compared with its optimum, according to
+        this analysis or to the replay that recorded the drive.
         """
         found = self.any_attribution
         why = found.above.why_not or ("" if self.said is None else self.said.why_not)
@@ -254,9 +318,9 @@ class Drive(DrivenWay):
     def likely(self) -> LikelyRange | None:
         """The likely range of an estimated energy above the optimum; None where that is measured, or not known.
 
-        A replay recorded its range, to which the smoothing of its record belongs as well.
+        The range that a replay recorded is kept, because it covers the smoothing of the trip as well.
         """
-        from sim.drive.attribution.compared import likely_range
+        from sim.drive.attribution.driven_legs import likely_range
 
         if self.attribution is None or self.attribution.measured:
             return None
@@ -267,7 +331,7 @@ class Drive(DrivenWay):
 
 
 def _or_error(find: Callable[[], _Found]) -> _Found | DasError:
-    """What is found, or the error that says why it cannot be: either is kept."""
+    """What `find` returns, or the DasError that it raises, so that a cached property keeps either."""
     try:
         return find()
     except DasError as error:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS
+from sim.drive.events.event import place_m
 from sim.drive.events.notes import read_notes
 from sim.recording.course import DriveClock, DrivenCourse
 
@@ -24,7 +24,7 @@ NOT_HEARD: Final = "the node is not heard"
 
 
 class Span(NamedTuple):
-    """A time during which something was so, and what it was."""
+    """From when to when something lasted (ns since 1970), and what it was."""
 
     start_ns: int
     end_ns: int
@@ -57,9 +57,9 @@ class Happening:
 
 
 def silences(recording: Recording, trip: DrivenCourse) -> tuple[Span, ...]:
-    """The times without advice, each with its first reason: withdrawn, or not heard.
+    """The times without advice, each with its first reason: advice withdrawn, or node not heard.
 
-    There are none in a recording without a node.
+    A recording without a node has none.
     """
     first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found: list[Span] = []
@@ -131,7 +131,7 @@ def _asked(target: Any, clock: DriveClock) -> str:
 
 
 def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> tuple[Happening, ...]:
-    """What is to be marked, in order of time: the simulator's log, silences, other warnings of the node, and notes."""
+    """All marks in order of time: the simulator's log, silences, other warnings of the node, and notes."""
     start_ns, end_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found = [_happening(entry.message, "log") for entry in recording.of(topics.LOG)]
     for span in silent:
@@ -165,5 +165,4 @@ def _from_the_start(one: Happening, start_ns: int) -> Happening:
 
 def where_and_when(one: Happening, trip: DrivenCourse, clock: DriveClock) -> str:
     """A happening in one line, with its time on the drive's clock and its place."""
-    at = np.array([one.time_ns])
-    return f"{clock.shown(one.time_ns)}, km {trip.at(at, trip.s_m)[0] / KM:.1f}: {one.text}"
+    return f"{clock.shown(one.time_ns)}, km {place_m(trip, one.time_ns) / KM:.1f}: {one.text}"

@@ -1,4 +1,5 @@
-"""What "above the limit" means: the limit of the line over the train, and the temporary restrictions told by then.
+"""What "above the limit" means: above the line's limit over the whole train, or above a temporary restriction of which
+the node has been told.
 
 The train's own top speed is no limit: a train that is faster than its file says may be another train.
 """
@@ -133,7 +134,7 @@ def spans_above(trip: DrivenCourse, allowed_mps: Floats) -> Iterator[SpanAbove]:
 
 
 def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal]) -> Violations:
-    """What a recorded drive violated, as far as positions once a second tell."""
+    """What a recorded drive violated, as far as positions once a second show."""
     fast = tuple(spans_above(trip, limit_mps))
     beyond_m = [_beyond_m(trip, signal) for signal in seen]
     passed_m = [one for one in beyond_m if one > BEYOND_M]

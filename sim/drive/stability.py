@@ -1,4 +1,4 @@
-"""How restless the advice was that a driver was shown: measures of a run or of a recording, second by second."""
+"""Advice stability: how often the advice on the display changed, in a run or in a recording, second by second."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from sim.drivers.presentations.presenter import Shown
 MOST_CHANGES_PER_MIN: Final = 2.0
 """Advice that changes more often than this, on average, is restless."""
 SHORTEST_MODE_S: Final = 8.0
-"""Advice is restless when a mode stands for less than this."""
+"""Advice is restless if a mode stands for less than this (s)."""
 REVERSAL_S: Final = 10.0
-"""Traction and brakes with less than this in between are a reversal."""
+"""Traction and brakes with less than this (s) between them are a reversal."""
 A_SECOND_NS: Final = 1_000_000_000
 GAP_S: Final = 3.0
-"""Two looks at the display further apart than this have nothing to do with each other."""
+"""Two looks at the display that are further apart than this (s) are not compared."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceStability:
-    """How often what was shown changed while the train moved.
+    """How often the displayed advice changed while the train moved.
 
     `shown_s` is the time in which the train moved and advice was shown, and `changes` the number of seconds of it that
     began with another mode, speed or effort than the second before. `reversals` counts the times that the mode went
     from traction to brake, or from brake to traction, with less than 10 s of other modes in between.
     `shortest_mode_s` is the shortest time for which a mode stood before another one took its place; NaN where none did.
-    Brakes cannot wait: neither they nor the modes that they end count.
+    Braking cannot wait, so neither braking modes nor the modes that they end count towards it.
     """
 
     shown_s: float = 0.0
@@ -46,7 +46,7 @@ class AdviceStability:
 
     @property
     def warning(self) -> str | None:
-        """What is to be said of restless advice; None where it was calm."""
+        """The warning about restless advice; None where the advice was stable."""
         found = []
         if self.changes_per_min > MOST_CHANGES_PER_MIN:
             found.append(f"{self.changes_per_min:.1f} changes a minute (more than {MOST_CHANGES_PER_MIN:g})")
@@ -66,7 +66,7 @@ class AdviceStability:
         ]
 
     def as_dict(self) -> dict[str, Any]:
-        """The measures for JSON and tables; None for what there is none of."""
+        """The measures for JSON and tables; None for a measure without a value."""
         return {
             "advice_changes_per_min": _number(self.changes_per_min),
             "reversals": self.reversals,
@@ -76,11 +76,11 @@ class AdviceStability:
 
 
 class ShownWatch:
-    """Looks at the display every second of a run; `look` is to be called in the order of time.
+    """Looks at the display every second of a run; call `look` in the order of time.
 
-    A spell is a time in which the train moves and advice is shown. What was shown before a spell, and how long its last
-    mode would have stood, is not known: a spell that begins is no change, and the mode in which it ends does not count.
-    A spell begins after the advice to depart: that the train is told to accelerate as soon as it moves is no change.
+    A spell is a time in which the train moves and advice is shown. Its beginning is no change, because what was shown
+    before is not known. Its last mode does not count as short, because how long it would have stood is not known.
+    The advice to depart is not part of a spell, so the advice to accelerate that follows it is no change.
     """
 
     def __init__(self) -> None:
@@ -100,7 +100,7 @@ class ShownWatch:
         )
 
     def look(self, time_s: float, speed_mps: float, shown: Shown | None) -> None:
-        """Take note of what is shown (None: nothing) at a time to the driver of a train with a speed."""
+        """Note what the driver is shown at a time (None: nothing), and the speed of the train then."""
         under_way = speed_mps > 0 and shown is not None and shown.mode is not Regime.DEPART
         shown = shown if under_way else None
         before, span_s = self._before, time_s - self._before_s
@@ -118,13 +118,13 @@ class ShownWatch:
         self._note_effort(time_s, shown.mode)
 
     def _mode_ended(self, time_s: float, ended: Regime | None, now: Regime | None) -> None:
-        """A mode was followed by another one; that the train stops or goes on, or brakes, says nothing of either."""
+        """Note how long the mode stood that was now replaced, unless either mode is a stop or a brake."""
         if Regime.STOP not in (ended, now) and not {ended, now} & BRAKES:
             self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
         self._mode_since_s = time_s
 
     def _note_effort(self, time_s: float, mode: Regime | None) -> None:
-        """Count a reversal, and remember which of traction and brake was shown last, and until when."""
+        """Count a reversal; remember which of traction and brake was shown last, and until when."""
         side = (mode in TRACTION) - (mode in BRAKES)
         if side == 0:
             self._neither_since_s = min(self._neither_since_s, time_s)
@@ -137,8 +137,8 @@ class ShownWatch:
 def recorded_stability(recording: Recording) -> AdviceStability:
     """The measures of a recorded run, by its messages `cab` and, for whether the train moved, `truth`.
 
-    Without those messages nothing was shown. In a recording without the shown speed, the advised one is rounded. Of the
-    looks of an external driver, one a second counts, as of every other driver.
+    Without those messages nothing was shown. In a recording without the shown speed, the advised one is rounded. An
+    external driver may look more often than once a second; one look a second counts, as for every driver.
     """
     truth = recording.columns(topics.TRUTH, "time_ns", "speed_mps")
     speeds_mps = dict(zip(truth["time_ns"].tolist(), truth["speed_mps"].tolist(), strict=True))

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from sim.drive.happenings import Span
 from sim.recording.course import Floats, Times
 from sim.review.colors import Meaning, Theme
+from sim.review.lanes import Lane
 from sim.review.scene import Mark
 from sim.review.series import STYLES
 
@@ -27,10 +28,10 @@ DIGIT_SHARE: Final = 0.0085
 """Width of a digit of a mark's number, as a share of the axis."""
 
 FIRST: Final = (Meaning.NOTE, Meaning.WARNING, Meaning.NO_ADVICE, None)
-"""Joined marks have the colour of the first of these that is among them."""
+"""Joined marks have the colour of the one whose meaning comes first here."""
 
 LISTED: Final = 40
-"""Most marks that are listed; a recording with worse days has its list of events in the viewer."""
+"""Most marks that are listed; the viewer lists all of them."""
 
 ROW_IN: Final = 0.185
 LETTERS: Final = 78
@@ -39,8 +40,8 @@ LETTERS: Final = 78
 LETTER_SHARE: Final = 0.0085
 """Width of a letter of a stop's name, as a share of the axis."""
 NAMES_AT_POINTS: Final = (17.0, 29.0)
-"""Rows (points above an axis) for the names of stops, over the legend: one that has no room in the first is in the
-second, and one that has none there is left out."""
+"""Two rows (points above an axis) for the names of stops, over the legend. A name without room in the first row goes
+into the second; a name without room there is left out."""
 
 Along = Callable[[Times], Floats]
 """Tells where times lie on an axis."""
@@ -97,6 +98,29 @@ def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None
             drawstyle="steps-post" if style.held else "default", label=style.label,
             zorder=2.5 if name == "speed/limit" else 2.0,
         )  # fmt: skip
+
+
+def rows(axis: Any, names: Sequence[str], theme: Theme) -> None:
+    """Make an axis one of rows under each other, each with a name."""
+    axis.set_ylim(len(names), 0.0)
+    axis.set_yticks(np.arange(len(names)) + 0.5, names)
+    axis.tick_params(axis="y", length=0.0, labelcolor=theme.ink)
+    axis.grid(visible=False, axis="y")
+
+
+def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme: Theme) -> dict[str, str]:
+    """Draw lanes of states up to a moment (ns), each in a row; return the colours of the states that need a legend."""
+    named: dict[str, str] = {}
+    rows(axis, [lane.name for lane in lanes], theme)
+    for row, lane in enumerate(lanes):
+        for change, following in pairwise([*lane.changes, lane.changes[-1]._replace(time_ns=end_ns)]):
+            start, end = along(_times(change.time_ns, following.time_ns))
+            if change.state:
+                color = lane.color(change.state, theme)
+                axis.broken_barh([(start, end - start)], (row + 0.08, 0.84), facecolor=color, edgecolor=color, lw=0.8)
+                if len(lane.colors) > 2 and lane.name != "no advice":
+                    named.setdefault(change.state, color)
+    return named
 
 
 def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> None:

@@ -23,11 +23,13 @@ STATES: Final = {
     "waiting": Meaning.NO_ADVICE,
 }
 WAY: Final = "way"
-"""The lane of where the train was: at which stop, or on the way to which."""
+"""The lane of where the train was: at a stop, or on the way to one."""
 COST: Final = "driving cost"
 """The lane of what the driving cost above the optimum."""
+MODE_LANES: Final = ("advised", "shown")
+"""The lanes of the modes that the node advised, and of those that the display showed."""
 STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
-"""The modes of a train that stands, which a display may show though it shows no other."""
+"""The modes of a train that stands, which even a display without modes may show."""
 
 
 class Change(NamedTuple):
@@ -38,7 +40,7 @@ class Change(NamedTuple):
 
 
 class Lane(NamedTuple):
-    """A lane: its name, its changes in order of time, and the colour "#rrggbb" of each state, or what it means."""
+    """A lane: its name, its changes in order of time, and the colour of each state ("#rrggbb", or a meaning)."""
 
     name: str
     changes: tuple[Change, ...]
@@ -138,6 +140,6 @@ def _shown(cab: Any) -> str:
 
 
 def _without_mode() -> dict[str, str]:
-    """The colours of displays that show no mode, by what the lane says of them."""
+    """The colours of displays that show no mode, by their text in the lane."""
     found = (presenter_of(presentation).lane for presentation in Presentation)
     return {lane.text: lane.color for lane in found if lane is not None}

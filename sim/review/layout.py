@@ -61,7 +61,7 @@ TABS: Final = {
     ),
 }
 ALWAYS: Final = {"lost", "energy"}
-"""Views that are never left out, because what they show is found only after the layout is made."""
+"""Views that are never left out, because their series are found only after the layout is made."""
 LANE_SHARE: Final = 0.6
 """Each lane adds this much to the share of its view in the height."""
 

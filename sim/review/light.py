@@ -14,11 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
-from sim.review.canvas import name_stops
-from sim.review.colors import LIGHT, SEVERAL, Meaning
+from sim.review.canvas import curve, name_stops
+from sim.review.colors import LIGHT, SEVERAL
+from sim.review.series import QUANTITIES
 
 if TYPE_CHECKING:
-    from sim.drive.comparison.aligned import AlignedDrives
+    from sim.drive.comparison import AlignedDrives
 
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Styles of lines that are beside each other, in their order."""
@@ -89,7 +90,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     """Drives beside each other over the track: speeds, and time and energy more than the first drive."""
     figure, (speed, time, energy) = light_figure((2.6, 1.5, 1.5))
     at_km = aligned.s_m / KM
-    speed.plot(at_km, kmh(aligned.limit_mps), color=LIGHT.of[Meaning.LIMIT], linewidth=1.0, label="limit")
+    curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)
     for i, drive in enumerate(aligned.drives):
         style = {
             "color": SEVERAL[i % len(SEVERAL)],
@@ -108,7 +109,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     for axis in (speed, time, energy):
         stops(axis, common, written=axis is speed)
     speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
-    named(speed, y="Speed (km/h)")
+    named(speed, y=QUANTITIES["speed"].title)
     named(time, y="Later than\nthe first (s)")
     named(energy, y="Lost more than\nthe first (kWh)", x="Position (km)")
     legend(speed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -20,16 +19,18 @@ from sim.review.canvas import (
     bands,
     curve,
     figure_of,
+    lane_rows,
     legend,
     list_height_in,
     listed,
     name_stops,
     numbered_marks,
+    rows,
     share_x,
 )
 from sim.review.colors import LIGHT, Meaning, Theme
 from sim.review.lanes import WAY, Lane
-from sim.review.scene import OVER_DISTANCE, CostSpan, ReviewScene, speed_text
+from sim.review.scene import DRAWN_OVER_DISTANCE, OVER_DISTANCE, CostSpan, ReviewScene, speed_text
 from sim.review.series import BUFFER_PERCENT, QUANTITIES, STYLES
 from sim.review.words import headline, on_this_day
 
@@ -131,17 +132,13 @@ def _costs_of(scene: ReviewScene) -> list[CostSpan]:
 def _over_distance(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:
     """Draw the panels over distance, with what has a place of its own."""
     trip, speed = scene.trip, axes["speed"]
-    for name, at_m, values in scene.over_distance():
+    for name, at_m, values in scene.over_distance(DRAWN_OVER_DISTANCE):
         curve(axes[name.split("/")[0]], name, at_m / KM, values, theme)
     margin_m = MARGIN_RATIO * max(float(np.ptp(trip.s_m)), 100.0)
     ends_km = (trip.s_m.min() - margin_m) / KM, (trip.s_m.max() + margin_m) / KM
     share_x(list(axes.values()), ends_km, "Position (km)", theme)
-
-    def along(time_ns: Times) -> Floats:
-        return trip.at(time_ns, trip.s_m) / KM
-
     for axis in axes.values():
-        bands(axis, along, scene.drive.silences, theme)
+        bands(axis, scene.km_at, scene.drive.silences, theme)
     force = scene.extent("force")
     if force is not None:
         margin = max(0.06 * (force[1] - force[0]), 1.0)
@@ -149,7 +146,7 @@ def _over_distance(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> No
     _speed_axis(speed, scene)
     _places(speed, scene, theme)
     legend(speed, theme)
-    numbered_marks(speed, along, scene.marks, theme)
+    numbered_marks(speed, scene.km_at, scene.marks, theme)
 
 
 def _speed_axis(axis: Any, scene: ReviewScene) -> None:
@@ -219,7 +216,8 @@ def _over_time(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:
     _ticks(list(axes.values()), scene)
     for name, axis in axes.items():
         if name == "lanes":
-            _lanes(axis, scene, along, theme)
+            named = lane_rows(axis, _lanes_of(scene), int(trip.time_ns[-1]), along, theme)
+            legend(axis, theme, named)
         elif name == "cost":
             _costs(axis, _costs_of(scene), along, theme)
         else:
@@ -269,33 +267,9 @@ def _spread(axis: Any, x: Floats, middle: Floats, sd: Floats, color: str) -> Non
         axis.fill_between(x, middle - sd, middle + sd, color=color, alpha=0.2, linewidth=0.0)
 
 
-def _lanes(axis: Any, scene: ReviewScene, along: Along, theme: Theme) -> None:
-    """Draw the lanes of states, each in a row."""
-    lanes, end_ns = _lanes_of(scene), int(scene.trip.time_ns[-1])
-    named: dict[str, str] = {}
-    _rows(axis, [lane.name for lane in lanes], theme)
-    for row, lane in enumerate(lanes):
-        for change, following in pairwise([*lane.changes, lane.changes[-1]._replace(time_ns=end_ns)]):
-            start, end = along(np.array([change.time_ns, following.time_ns]))
-            if change.state:
-                color = lane.color(change.state, theme)
-                axis.broken_barh([(start, end - start)], (row + 0.08, 0.84), facecolor=color, edgecolor=color, lw=0.8)
-                if len(lane.colors) > 2 and lane.name != "no advice":
-                    named.setdefault(change.state, color)
-    legend(axis, theme, named)
-
-
-def _rows(axis: Any, names: Sequence[str], theme: Theme) -> None:
-    """Make an axis one of rows under each other, each with a name."""
-    axis.set_ylim(len(names), 0.0)
-    axis.set_yticks(np.arange(len(names)) + 0.5, names)
-    axis.tick_params(axis="y", length=0.0, labelcolor=theme.ink)
-    axis.grid(visible=False, axis="y")
-
-
 def _costs(axis: Any, costs: Sequence[CostSpan], along: Along, theme: Theme) -> None:
     """Draw what the driving cost, with the figures (kWh) that have room."""
-    _rows(axis, ["cost (kWh)"], theme)
+    rows(axis, ["cost (kWh)"], theme)
     low, high = axis.get_xlim()
     for span in costs:
         start, end = along(np.array([span.start_ns, span.end_ns]))

@@ -1,8 +1,8 @@
 """The scene as rerun entities: over time, over distance in a plane that can be zoomed, and on the track.
 
-Rerun's own plots always follow its active timeline. So what is over distance lies in a plane, in which 1 unit is 1/1600
-of the trip to the right, and down 1/1600 of the trip as well; speed, force and gradient are scaled into strips under
-each other, and a cursor follows the time.
+Rerun's own plots always follow its active timeline. So curves over distance lie in a plane, in which 1 unit is 1/1600
+of the trip in both directions. Speed, force and gradient are scaled into strips under each other, and a cursor follows
+the time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from das.domain.units import KM, KMH, NS
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.lanes import Lane, lane_entity
-from sim.review.scene import ReviewScene
+from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
 from sim.review.series import QUANTITIES, STYLES, MapTrack
 from sim.review.words import cards, summary
 
@@ -40,13 +40,13 @@ SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, 
 """Ends of the colours of the track, from standing to the highest speed: grey, and the blue of what was driven."""
 TRACK_PIECES: Final = 300
 REACHED_M: Final = 200.0
-"""A stop this near (m) to where the train came is on its track."""
+"""A stop within this distance (m) of the train's way is on its track."""
 
 WIDTH: Final = 1600.0
 """Width of the trip in the plane."""
 NICE: Final = (1.0, 2.0, 5.0, 10.0)
 FURNITURE: Final = ("grid", "axes", "stops", "names", "key", "here")
-"""Entities over distance about which there is nothing to be told when somebody points at them."""
+"""Entities over distance that tell nothing when a user points at them."""
 SIGNAL_SHARE: Final = 0.12
 LETTER: Final = 6.0
 """Half the width of a letter and its bubble in the window that the layout is made for."""
@@ -80,7 +80,7 @@ class Timelines:
     clock: DriveClock
 
     def of(self, time_ns: Times) -> list[rr.TimeColumn]:
-        """Columns of all timelines for moments (ns since 1970); what was before the first position counts as at it.
+        """Columns of all timelines for moments (ns since 1970); those before the first position are moved to it.
 
         The viewer therefore opens at the first position of the trip.
         """
@@ -192,7 +192,7 @@ def _cab(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
 
 
 def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene, *, with_map: bool) -> None:
-    """Send the way in a plane, coloured by speed, with the stops; and on the map if it is wanted."""
+    """Send the way in a plane, coloured by speed, with the stops; and on the map if that is wanted."""
     index, trip = lines.of(way.time_ns), lines.trip
     radius, dot = rr.Radius.ui_points(2.5), rr.Radius.ui_points(7.0)
     ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
@@ -245,7 +245,7 @@ class Plane:
         return np.asarray((np.asarray(s_m) - self.start_m) * (WIDTH / (self.end_m - self.start_m)))
 
     def y(self, name: str, values: Floats | float) -> Floats:
-        """Rows of values in the strip of a quantity; what is beyond its range lies at its edge."""
+        """Rows of values in the strip of a quantity; values beyond its range lie at its edge."""
         strip = next(one for one in STRIPS if one.name == name)
         low, high = self.ranges[name]
         share = np.clip((np.asarray(values) - low) / (high - low), 0.0, 1.0)
@@ -274,7 +274,7 @@ def _over_distance(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene
     _stops(out, plane, scene)
     _places(out, plane, scene)
     named: dict[Meaning, None] = {}
-    for number, (name, at_m, values) in enumerate(scene.over_distance()):
+    for number, (name, at_m, values) in enumerate(scene.over_distance(DRAWN_OVER_DISTANCE)):
         strip, style = name.split("/")[0], STYLES[name]
         pieces = unbroken(plane.x(at_m), plane.y(strip, values), values)
         if style.held:
@@ -283,7 +283,7 @@ def _over_distance(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene
         drawn = rr.LineStrips2D(pieces, colors=color, radii=radius, draw_order=20.0 + number)
         out.log(f"distance/{name}", drawn, static=True)
         named[style.meaning] = None
-    # What the colours of the lines are, once each, under the positions.
+    # What each colour means, once, under the positions.
     x = np.linspace(0.0, WIDTH, len(named) + 2)[1:-1]
     texts = [(float(at), BOTTOM + 60.0, meaning.value) for at, meaning in zip(x, named, strict=True)]
     _texts(out, "distance/key", texts, [rgba(VIEWER.of[meaning]) for meaning in named])

@@ -1,12 +1,12 @@
-"""The scene of a review: everything that is shown of a drive, found once, as plain data.
+"""The scene of a review: everything that a review draws of a drive, found once, as plain data.
 
-Two renderers draw it: `rerun_drawing` for the viewer and `picture` for a file. Names, units and the meaning of colours
-are defined here and in `series` and `lanes`; the renderer decides where things go in a window or on a page.
+Three renderers draw it: `rerun_drawing` for the viewer, `picture` for a file, and `report.figures` for a page. Names,
+units and the meaning of colours are defined here and in `series` and `lanes`; a renderer decides where things go.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -14,14 +14,14 @@ import numpy as np
 
 from das.bus import topics
 from das.bus.recording import Recording
-from das.domain.units import KMH, NS, kwh
+from das.domain.units import KM, KMH, NS, kwh
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
-from sim.recording.course import DriveClock, DrivenCourse, Floats
+from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.colors import Meaning, Theme
 from sim.review.lanes import COST, Change, Lane, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, series
@@ -30,12 +30,20 @@ FROM_ADVICE: Final = (
     "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
 )  # fmt: skip
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
-"""The quantities that are drawn over distance as well as over time."""
+"""The quantities that viewer and picture draw over distance as well as over time."""
+DRAWN_OVER_DISTANCE: Final = tuple(
+    name for name in STYLES if name.split("/")[0] in OVER_DISTANCE and name != "speed/same_times"
+)
+"""The series of these quantities that they draw, in drawing order; the optimum is that from the start."""
+NOTHING: Final = np.empty(0, np.int64), np.empty(0)
+"""Times and values of a series without any."""
+GAP: Final = np.array([np.nan])
+"""A value that is not known: no curve is drawn to it or from it."""
 USUAL_PERCENT: Final = (2.5, 97.5)
 """Percentiles of the advised force that its axis shows; the force exceeds them in the last metres before a stop."""
 
 HAPPENING_MEANINGS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
-"""What the colours of marks mean, by kind of happening; others are in the colour of the ink."""
+"""What the colours of marks mean, by kind of happening; other kinds have the colour of the ink."""
 ROUTINE: Final = (
     EventKind.ADVICE, EventKind.REPLAN, EventKind.DRIVER, EventKind.DELAY, EventKind.JOURNEY, EventKind.LOG,
 )  # fmt: skip
@@ -52,7 +60,7 @@ BOOKMARK_MEANINGS: Final = {
     EventKind.WITHDRAWAL: Meaning.NO_ADVICE,
     EventKind.LAPSE: Meaning.NO_ADVICE,
 }
-"""What the colours of bookmarks mean; others are in the colour of the ink."""
+"""What the colours of bookmarks mean; other kinds have the colour of the ink."""
 
 LEAST_KWH: Final = 0.05
 """A span that cost less than this (kWh) is not in the lane of costs."""
@@ -83,7 +91,7 @@ class LinePlace(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """Something that happened: when (ns since 1970), in words with time and place, and what its colour means."""
+    """Something that happened: when (ns since 1970), its words with time and place, and the meaning of its colour."""
 
     time_ns: int
     text: str
@@ -92,6 +100,22 @@ class Mark(NamedTuple):
     def color(self, theme: Theme) -> str:
         """The colour of the mark; that of the ink where it means nothing in particular."""
         return theme.ink if self.meaning is None else theme.of[self.meaning]
+
+
+class Trace(NamedTuple):
+    """A series over distance: the name of its style, positions (m), and values in the unit of its quantity."""
+
+    name: str
+    s_m: Floats
+    values: Floats
+
+
+class MotorPoints(NamedTuple):
+    """The forces of the motors over a drive: the name of their style, speeds (m/s), and forces at the wheels (N)."""
+
+    name: str
+    speed_mps: Floats
+    force_n: Floats
 
 
 class RestrictedTime(NamedTuple):
@@ -108,18 +132,20 @@ class ReviewScene:
 
     drive: Drive
     series: Found
+    placed: tuple[Trace, ...]
+    """Series with positions of their own; the positions of the other series are those of the train at their times."""
     lanes: tuple[Lane, ...]
     stops: tuple[tuple[str, float], ...]
     """The stops of the journey by name, with their positions (m)."""
     places: tuple[LinePlace, ...]
     marks: tuple[Mark, ...]
-    """What happened on the day other than the driving, in order of time."""
+    """What happened on the day besides the driving, in order of time."""
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     way: MapTrack | None = None
     """The way on the map; None where neither places nor the line's geometry are known."""
     filled_from: str = ""
-    """What is estimated because it was not recorded, in a sentence; empty where nothing is."""
+    """A sentence about what is estimated because it was not recorded; empty where nothing is."""
     attribution: AttributionView | None = None
     """Where the energy went; None until `with_attribution` has found it, and where it is not known."""
 
@@ -136,6 +162,7 @@ class ReviewScene:
                 **_without_silence(series(recording, trip), drive.silences),
                 **filled.series,
             },
+            placed=tuple(_placed(drive)),
             lanes=lanes(drive),
             stops=tuple(
                 (stop.name, stop.s_m) for one in recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
@@ -153,7 +180,8 @@ class ReviewScene:
             return self
         shown = AttributionView.of(self.drive.attribution)
         within = {name: on_trip(self.trip, *one, held=False) for name, one in shown.series.items()}
-        return replace(self, series={**self.series, **within}, attribution=shown)
+        placed = (*self.placed, *shown.placed)
+        return replace(self, series={**self.series, **within}, placed=placed, attribution=shown)
 
     @property
     def recording(self) -> Recording:
@@ -185,19 +213,18 @@ class ReviewScene:
         """The restrictions (LIMIT), the signals at danger (DANGER) or the targets (OPERATOR)."""
         return [one for one in self.places if one.meaning is meaning]
 
-    def over_distance(self) -> Iterator[tuple[str, Floats, Floats]]:
-        """Name, positions (m) and values of the series that are drawn over distance, in drawing order."""
-        trip, plan = self.trip, FirstPlans.of(self.recording)
-        for name in STYLES:
-            if name.split("/")[0] not in OVER_DISTANCE or name not in self.series:
-                continue
-            time_ns, values = self.series[name]
-            at_m = trip.at(time_ns, trip.s_m)
-            if name == "speed/optimum" and plan is not None:  # at the times of the plan, the train was elsewhere
-                within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
-                at_m, values = plan.s_m[within], plan.speed_mps[within] / KMH
-            if np.isfinite(values).any():
-                yield name, at_m, values
+    def km_at(self, time_ns: Times) -> Floats:
+        """Where the train was (km) at moments (ns since 1970)."""
+        return self.trip.at(time_ns, self.trip.s_m) / KM
+
+    def over_distance(self, names: Iterable[str]) -> Iterator[Trace]:
+        """Those of the named series that have a value, over distance, in the order of the names."""
+        placed, trip = {one.name: one for one in self.placed}, self.trip
+        for name in names:
+            time_ns, values = self.series.get(name, NOTHING)
+            trace = placed[name] if name in placed else Trace(name, trip.at(time_ns, trip.s_m), values)
+            if np.isfinite(trace.values).any():
+                yield trace
 
     def extent(self, quantity: str) -> tuple[float, float] | None:
         """The least and the highest value of a quantity to show, or None if it has none."""
@@ -220,6 +247,16 @@ class ReviewScene:
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
+def _placed(drive: Drive) -> Iterator[Trace]:
+    """The first plan, and by how much the train was faster than the speed shown to keep."""
+    trip, plan, shown = drive.course, FirstPlans.of(drive.recording), drive.shown
+    if plan is not None:
+        within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
+        yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)
+    apart_mps = np.where(shown.comparable, trip.at(shown.time_ns, trip.speed_mps) - shown.speed_mps, np.nan)
+    yield Trace("apart/shown", trip.at(shown.time_ns, trip.s_m), apart_mps / KMH)
+
+
 def speed_text(limit_mps: float) -> str:
     """The limit of a restriction as it is written beside it."""
     return f"{limit_mps / KMH:.0f} km/h"
@@ -238,7 +275,7 @@ def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
 
 
 def _places(drive: Drive) -> Iterator[LinePlace]:
-    """The restrictions and targets that the node was told, and the signals at danger that the driver saw."""
+    """The restrictions and targets that the node received, and the signals at danger that the driver saw."""
     for limit in drive.temporary_limits:
         one = limit.restriction
         yield LinePlace(Meaning.LIMIT, one.start_m, one.end_m, speed_text(one.limit_mps), one.limit_mps)
@@ -258,6 +295,11 @@ def _bookmark(one: DriveEvent, clock: DriveClock) -> Mark:
     return Mark(one.time_ns, text, BOOKMARK_MEANINGS.get(one.kind))
 
 
+def meaning_of(cause: EnergyCause) -> Meaning:
+    """What the colour of a cause says."""
+    return COST_MEANINGS.get(cause, Meaning.LOST)
+
+
 class CostSpan(NamedTuple):
     """A span of time (ns since 1970), with the energy above the optimum (J) that a single cause took in it."""
 
@@ -269,7 +311,7 @@ class CostSpan(NamedTuple):
     @property
     def meaning(self) -> Meaning:
         """What the colour of the span says."""
-        return COST_MEANINGS.get(self.cause, Meaning.LOST)
+        return meaning_of(self.cause)
 
     @property
     def worth(self) -> bool:
@@ -279,11 +321,16 @@ class CostSpan(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class AttributionView:
-    """Where the energy went, as it is shown: a text (Markdown), series by the names of `STYLES`, and spans of cost."""
+    """Where the energy went, as it is shown: a text (Markdown), series over time and over distance, and spans of cost.
+
+    `motors` are the forces of the optimum and of the drive, leg by leg.
+    """
 
     text: str
     series: Found
+    placed: tuple[Trace, ...]
     spans: tuple[CostSpan, ...]
+    motors: tuple[MotorPoints, ...]
 
     @classmethod
     def of(cls, attribution: Attribution) -> AttributionView:
@@ -291,7 +338,9 @@ class AttributionView:
         return cls(
             text=_attribution_text(attribution),
             series=_attribution_series(attribution),
+            placed=tuple(_attribution_by_place(attribution)),
             spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
+            motors=tuple(points for leg in attribution.legs for points in _motors(leg)),
         )
 
     @property
@@ -338,20 +387,38 @@ def _attribution_series(attribution: Attribution) -> Found:
     best: tuple[list[int], list[float]] = [], []
     before_j = 0.0
     for leg in attribution.legs:
-        run = leg.optimum.trajectory
-        drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(leg.optimum.section.loss)))))
         start_ns = int(leg.leg.motion.time_ns[0])
-        best[0].extend((start_ns + np.rint(run.t_s / NS).astype(np.int64)).tolist())
-        best[1].extend((before_j + drawn_j).tolist())
-        before_j += float(drawn_j[-1])
-    # Of the true train's optimum only the energy is known: the planned train's curve is scaled to end at that energy.
-    to_known = attribution.optimum_j / before_j if before_j > 0.0 else 1.0
+        best[0].extend((start_ns + np.rint(leg.optimum.trajectory.t_s / NS).astype(np.int64)).tolist())
+        best[1].extend((before_j + leg.best_drawn_j).tolist())
+        before_j += float(leg.best_drawn_j[-1])
     found = {
         "lost/driving": (at_ns, kwh(lost_j)),
         "lost/advice": (at_ns, kwh(other_j)),
-        "energy/optimum": (np.array(best[0], dtype=np.int64), to_known * kwh(np.array(best[1]))),
+        "energy/optimum": (np.array(best[0], dtype=np.int64), kwh(np.array(best[1]))),
     }
     return found if attribution.advice_shown else {name: one for name, one in found.items() if name != "lost/advice"}
+
+
+def _attribution_by_place(attribution: Attribution) -> Iterator[Trace]:
+    """The speed of the optimum, and the energy lost above it: by place, and summed over the places."""
+    best, lost, total = list[tuple[Floats, Floats]](), list[tuple[Floats, Floats]](), list[tuple[Floats, Floats]]()
+    before_j = 0.0
+    for leg in attribution.legs:
+        run, places = leg.optimum.trajectory, leg.even
+        edges_m = np.append(places.start_m, places.end_m[-1:])
+        upto_j = before_j + np.concatenate(([0.0], np.cumsum(places.lost_more_j)))
+        before_j = float(upto_j[-1])
+        best += [(run.s_m, run.v_mps / KMH), (run.s_m[-1:], GAP)]
+        lost.append((edges_m, np.append(kwh(places.lost_more_j) / (np.diff(edges_m) / KM), GAP)))
+        total.append((edges_m, kwh(upto_j)))
+    for name, pieces in (("speed/same_times", best), ("place/lost", lost), ("sum/lost", total)):
+        yield Trace(name, *(np.concatenate(values) for values in zip(*pieces, strict=True)))
+
+
+def _motors(leg: LegAttribution) -> Iterator[MotorPoints]:
+    """The forces of the motors in the optimum of a leg, and as driven."""
+    for name, run in (("motors/optimum", leg.optimum.trajectory), ("motors/driven", leg.energies.trajectory)):
+        yield MotorPoints(name, run.mean_speed_mps(), run.force_el_n)
 
 
 def _attribution_text(attribution: Attribution) -> str:

@@ -1,8 +1,7 @@
 """What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's way.
 
 A recording of the node alone lacks some of them. They are derived from its attached files and its positions: the
-gradient is that of the line; forces and energy are the estimate of inverse dynamics (docs/explanation/
-trip-energy.md), as `das-sim energy` makes it.
+gradient from the line, forces and energy by inverse dynamics as in `das-sim energy` (docs/explanation/trip-energy.md).
 """
 
 from __future__ import annotations
@@ -61,6 +60,11 @@ QUANTITIES: Final = {
     "buffer": Quantity("Buffer", "%", "Buffer: time left over the least possible"),
     "estimate": Quantity("Position", "m", "Position as the node knows it"),
     "calibration": Quantity("To plan", "%", "Mass and resistance as the node finds them, against the plan"),
+    "apart": Quantity("Driven less\nshown", "km/h", "Driven speed less the speed shown to keep"),
+    "place": Quantity("Lost above the\noptimum", "kWh/km", "Energy lost above the optimum, by place"),
+    "sum": Quantity("Sum from the\nstart", "kWh", "Energy lost above the optimum, summed over the places"),
+    "cause": Quantity("Energy above the optimum for the same times", "kWh", "Energy above the optimum, by cause"),
+    "motors": Quantity("Force of the motors at the wheels", "kN", "Force of the motors at the wheels, by speed"),
 }
 """The quantities; the name of a series begins with that of its quantity."""
 
@@ -74,15 +78,17 @@ class Style(NamedTuple):
     held: bool = False
 
 
+SAME_TIMES: Final = "optimum for the same times"
 STYLES: Final = {
     "speed/limit": Style("limit", Meaning.LIMIT, held=True),
     "speed/optimum": Style("optimum from the start", Meaning.OPTIMUM, width=1.2),
+    "speed/same_times": Style(SAME_TIMES, Meaning.OPTIMUM, width=1.2),
     "speed/advised": Style("advised", Meaning.ADVISED, width=3.0),
     "speed/shown": Style("shown to the driver", Meaning.SHOWN, width=1.0, held=True),
     "speed/driven": Style("driven", Meaning.DRIVEN),
     "force/advised": Style("advised", Meaning.ADVISED, width=3.0),
     "force/driven": Style("driven", Meaning.DRIVEN),
-    "energy/optimum": Style("optimum for the same times", Meaning.OPTIMUM),
+    "energy/optimum": Style(SAME_TIMES, Meaning.OPTIMUM),
     "energy/driven": Style("driven", Meaning.DRIVEN),
     "lost/driving": Style("lost by the driving so far", Meaning.LOST),
     "lost/advice": Style("of it, by other efforts than advised", Meaning.AGAINST),
@@ -98,6 +104,11 @@ STYLES: Final = {
     "calibration/mass_sd": Style("its standard deviation", Meaning.MASS, width=0.7),
     "calibration/resistance": Style("resistance", Meaning.RESISTANCE),
     "calibration/resistance_sd": Style("its standard deviation", Meaning.RESISTANCE, width=0.7),
+    "apart/shown": Style("driven less shown", Meaning.DRIVEN, width=1.2),
+    "place/lost": Style("lost there", Meaning.LOST, held=True),
+    "sum/lost": Style("lost by the driving up to there", Meaning.LOST),
+    "motors/optimum": Style(SAME_TIMES, Meaning.OPTIMUM),
+    "motors/driven": Style("driven", Meaning.DRIVEN),
 }
 """The style of each series, in drawing order. An advised curve is wider and lies under the driven one, so that both are
 visible where they agree."""
@@ -106,12 +117,12 @@ BUFFER_PERCENT: Final = (-5.0, 25.0)
 """Range of an axis of the buffer (%): at the end of a trip the buffer goes to infinity."""
 
 SAME_STOP_M = 1.0
-"""Plans whose ends are this near (m) to each other lead to the same stop."""
+"""Plans whose ends are within this distance (m) of each other lead to the same stop."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstPlans:
-    """The first plan for every stop of a recording, joined: the optimum from where the advice began."""
+    """The first plans for all stops of a recording, joined: the optimum from where the advice began."""
 
     time_ns: Times
     s_m: Floats

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 APPLICATION: Final = "das-review"
 CLOSING_S: Final = 5.0
-"""How long (s) a viewer that is asked to end may take before it is killed."""
+"""How long (s) a viewer may take to end before it is killed."""
 
 
 def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -> None:
@@ -51,7 +51,7 @@ def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -
 
 
 def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> None:
-    """Write a rerun file with our layout; what is there is lost, and stays half written where this fails."""
+    """Write a rerun file with our layout over any file that is there; it stays half written if this fails."""
     from sim.review.rerun_drawing import send, send_attribution
 
     scene = _scene_of(recording)
@@ -81,7 +81,7 @@ def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT)
 def open_view(recording: Recording, *, with_map: bool = False) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and a request to end close it.
 
-    The viewer opens with what was recorded; where the energy went follows as soon as that is found. It listens on
+    The viewer opens with what was recorded; the energy attribution follows as soon as it is found. It listens on
     127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
     """
     _check_installed("rerun", "rerun_cli")
@@ -95,7 +95,7 @@ def _feed_viewer(scene: ReviewScene, port: int, *, with_map: bool) -> None:
     """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
     attribution.
 
-    A viewer that is closed meanwhile is no error; rerun's own words about it are kept from the terminal.
+    If the user closes the viewer meanwhile, that is no error, and rerun's messages about it are not printed.
     """
     os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
     from sim.review.rerun_drawing import send, send_attribution
@@ -165,9 +165,9 @@ def viewer_environment() -> dict[str, str]:
 
 
 def run_viewer(port: int, feed: Callable[[], None]) -> None:
-    """Start a viewer, feed it beside, and wait until it is closed; DasError where it ends with an error.
+    """Start a viewer, feed it in a thread, and wait until it is closed; DasError where it ends with an error.
 
-    The feeding ends with the viewer, finished or not.
+    The thread ends with the viewer, finished or not.
     """
     viewer = subprocess.Popen(viewer_command(port), env=viewer_environment(), start_new_session=True)
     try:
@@ -180,7 +180,7 @@ def run_viewer(port: int, feed: Callable[[], None]) -> None:
 
 
 def close(viewer: subprocess.Popen[bytes]) -> None:
-    """End the viewer if it still runs, together with the program that its starter runs: both are one process group."""
+    """End the viewer if it still runs, with the program that started it: both are one process group."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         if viewer.poll() is None:
             os.killpg(viewer.pid, number)

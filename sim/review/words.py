@@ -44,7 +44,7 @@ def summary(drive: Drive, filled_from: str = "") -> str:
 
 
 def headline(drive: Drive) -> str:
-    """One line: train, what was run, where, how long and with how much energy, as far as it is known."""
+    """One line: train, scenario and driver, stops, way, time and energy, as far as they are known."""
     recording = drive.recording
     run = recording.metadata.get("run", {})
     told = [f"{key} {run[key]}" for key in ("driver", "advice", "seed") if key in run]
@@ -55,7 +55,7 @@ def headline(drive: Drive) -> str:
 
 
 def on_this_day(recording: Recording) -> list[str]:
-    """What is wrong with the recording, and what happened by the scenario, in lines for a picture; none if nothing."""
+    """What is wrong with the recording, and what the scenario let happen, in lines for a picture; empty if nothing."""
     happens = recording.metadata.get("run", {}).get("happens", NOTHING)
     lines = [f"of the recording: {text}" for text in recording.health.warnings()]
     if happens != NOTHING:
@@ -72,14 +72,15 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
             ("vehicle", journey.vehicle_id),
             ("stops", " – ".join(stop.name for stop in journey.stops)),
         ]
-    where = recording.columns(topics.TRUTH, "time_ns", "s_m", "energy_input_j")
-    if len(where["s_m"]):
-        rows += [
-            ("start (UTC)", f"{datetime.fromtimestamp(where['time_ns'][0] * NS, UTC):%Y-%m-%d %H:%M:%S}"),
-            ("driven", f"{(where['s_m'][-1] - where['s_m'][0]) / KM:.2f} km"),
-            ("time", f"{(where['time_ns'][-1] - where['time_ns'][0]) * NS:.0f} s"),
-            ("energy at the collector", f"{kwh(where['energy_input_j'][-1]):.1f} kWh"),
-        ]
+    went, driven_j = drive.travelled, drive.driven_j
+    rows += [
+        ("start (UTC)", f"{datetime.fromtimestamp(went.start_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"),
+        ("driven", f"{went.way_m / KM:.2f} km"),
+        ("time", f"{went.time_s:.0f} s"),
+    ]
+    if driven_j is not None:
+        estimated = "" if drive.measured else " (estimated)"
+        rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
     rows += [] if drive.said is None else drive.said.rows()
     rows += [(name.strip(), value) for name, value in drive.stability.rows()]
     rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []
@@ -173,7 +174,7 @@ def _next(number: int, in_s: float) -> str:
 
 
 def _departure(number: int, speed_mps: float, ratio: float) -> str:
-    """How to depart: with which mode, to what speed, with what effort, as far as the display shows it."""
+    """How to depart: mode, speed and effort, as far as the display shows them."""
     return ", ".join(filter(None, (mode_words(number), speed_words(speed_mps), _share(ratio)))) if number else ""
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import mkdtemp
 
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import PlantState
 from sim.world.loop import InProcess, Run, World
 from sim.world.scenario import Scenario, read_scenario
-from sim.world.service import Service, make_day, prepare_service
+from sim.world.service import Day, Service, make_day, prepare_service
 
 FLAT = """
 schema_version = 1
@@ -41,6 +43,14 @@ def service_for(scenario: Scenario) -> Service:
 def service_of(path: Path) -> Service:
     """The service of a scenario file, solved as `service_for` does."""
     return service_for(read_scenario(path))
+
+
+@cache
+def flat_day(more: str = "") -> Day:
+    """The day of seed 1 on the flat line, with more text in its scenario file."""
+    path = Path(mkdtemp()) / "flat.toml"
+    path.write_text(f"{FLAT}\n{more}", encoding="utf-8")
+    return make_day(service_of(path), 1)
 
 
 def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:

@@ -16,19 +16,24 @@ SPEED_MPS, LINE_MPS = 20.0, 40.0
 SECONDS = 100
 
 
-def recorded(*sent: tuple[topics.Topic, Any]) -> Recording:
-    """A train at 20 m/s for 100 s, and what else was sent."""
-    truth = [
-        das_pb2.Truth(time_ns=at_ns(t), s_m=SPEED_MPS * t, speed_mps=SPEED_MPS, limit_mps=LINE_MPS)
-        for t in range(SECONDS + 1)
-    ]
-    messages: dict[str, list[Stamped]] = {"truth": [Stamped(one.time_ns, one) for one in truth]}
+def in_memory(*sent: tuple[topics.Topic, Any]) -> Recording:
+    """A recording of these messages."""
+    messages: dict[str, list[Stamped]] = {}
     for topic, message in sent:
         messages.setdefault(topic.name, []).append(Stamped(0, message))
     return Recording(
         path=Path("day.mcap"), train="t1", trains=("t1",), metadata={}, attachments=(), complete=True,
         messages={name: tuple(entries) for name, entries in messages.items()},
     )  # fmt: skip
+
+
+def truth(t_s: float, s_m: float, speed_mps: float, limit_mps: float = LINE_MPS) -> tuple[topics.Topic, Any]:
+    return topics.TRUTH, das_pb2.Truth(time_ns=at_ns(t_s), s_m=s_m, speed_mps=speed_mps, limit_mps=limit_mps)
+
+
+def recorded(*sent: tuple[topics.Topic, Any]) -> Recording:
+    """A train at 20 m/s for 100 s, and what else was sent."""
+    return in_memory(*(truth(t, SPEED_MPS * t, SPEED_MPS) for t in range(SECONDS + 1)), *sent)
 
 
 def told(t_s: float, *places: tuple[float, float, float]) -> tuple[topics.Topic, Any]:

@@ -26,8 +26,7 @@ from das.domain.units import NS
 from sim.cli.trips import bundled_recording
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import ReplayOptions
-from sim.runs.replay.job import prepare
-from sim.runs.replay.replay import replay
+from sim.runs.replay.replay import prepare, replay
 from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
 from sim.world.over_bus import How, make_processes, run_over_bus
 from sim.world.scenario import bundled_scenarios, read_scenario

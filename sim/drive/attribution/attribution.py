@@ -10,19 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.bus.recording import Recording
+from das.domain.units import KM, NS, kwh
 from das.solver.section import Section
 from das.solver.solution import Solution
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.causes import EnergyCause, ShownAdvice
 from sim.drive.attribution.committed import Committed, Knowledge, committed, epochs_of, spacing
-from sim.drive.attribution.compared import ComparedLeg
-from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
+from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LegEnergies
 from sim.drive.happenings import Signal, signals
 from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
@@ -48,11 +48,24 @@ class Places:
     lost_more_j: Floats
 
 
-def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution) -> Places:
-    """The energies between rising positions, of which the first and the last are the ends of the leg."""
-    run, section, motion = optimum.trajectory, optimum.section, leg.motion
-    inertial_kg = section.vehicle.inertial_mass_kg
-    best_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(section.loss)))))
+def drawn_by_optimum(optimum: Solution, true_optimum_j: float | None) -> Floats:
+    """Energy drawn by the optimum up to each of its nodes (J), shape (nodes,).
+
+    Of the true train's optimum only the energy is known (None: not even that). The planned train's energies are scaled
+    to end at it, so that the energies of places sum to that of the drive.
+    """
+    run = optimum.trajectory
+    drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(optimum.section.loss)))))
+    return drawn_j if true_optimum_j is None or not drawn_j[-1] > 0.0 else drawn_j * (true_optimum_j / drawn_j[-1])
+
+
+def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution, best_j: Floats) -> Places:
+    """The energies between rising positions, of which the first and the last are the ends of the leg.
+
+    `best_j` is the energy drawn by the optimum up to each of its nodes (J).
+    """
+    run, motion = optimum.trajectory, leg.motion
+    inertial_kg = optimum.section.vehicle.inertial_mass_kg
     moving = _rising(motion.s_m)
     # A train may have stood a little beyond the end of the route; its energy counts as far as it went.
     driven_edges_m = np.concatenate((motion.s_m[:1], edges_m[1:-1], motion.s_m[-1:]))
@@ -108,12 +121,14 @@ class LegAttribution(ComparedLeg):
     `true_optimum_j` is the optimum of the true train (J) if a simulator recorded it, else None.
     `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
     departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
+    `best_drawn_j` is the energy drawn by the optimum up to each of its nodes (J), see `drawn_by_optimum`.
     """
 
     true_optimum_j: float | None
     committed: Committed
     timetable_j: float | None
     left_j: float | None
+    best_drawn_j: Floats
     even: Places
     by_limit: Places
 
@@ -246,31 +261,40 @@ def attribution_of(
     recording: Recording,
     inputs: DriveInputs,
     driven: Sequence[DrivenLeg],
+    energies: Sequence[LegEnergies],
     shown: ShownAdvice,
     said: AboveOptimum | None,
 ) -> Attribution:
-    """The energy attribution of a recorded drive from its line and train, its legs and the shown advice.
+    """The energy attribution of a recorded drive from its line and train, its legs with their energies, and what the
+    driver was shown.
 
-    It is made even if drive and optimum are not comparable. `said` is what the recording says of the energy above the
-    optimum; None where it says nothing.
+    It is made even if drive and optimum are not comparable. `said` is the energy above the optimum that the recording
+    states; None where it states none.
     """
     epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
     measured = () if said is None or not said.measured else said.sections
     true_j = {(one.start, one.end): one.optimum_j for one in measured}
     legs = tuple(
-        _leg_attribution(Knowledge(inputs, leg, epochs), true_j.get((leg.start.name, leg.end.name)), shown, seen, every)
-        for leg in driven
+        _leg_attribution(
+            Knowledge(inputs, leg, epochs), one, true_j.get((leg.start.name, leg.end.name)), shown, seen, every
+        )
+        for leg, one in zip(driven, energies, strict=True)
     )
-    measures = driven[0].motion.input_j is not None
-    return Attribution(inputs=inputs, legs=legs, measured=measures, advice_shown=shown.any_shown)
+    return Attribution(inputs=inputs, legs=legs, measured=energies[0].measured, advice_shown=shown.any_shown)
 
 
 def _leg_attribution(
-    knowledge: Knowledge, true_optimum_j: float | None, shown: ShownAdvice, seen: tuple[Signal, ...], every: int
+    knowledge: Knowledge,
+    energies: LegEnergies,
+    true_optimum_j: float | None,
+    shown: ShownAdvice,
+    seen: tuple[Signal, ...],
+    every: int,
 ) -> LegAttribution:
-    found = ComparedLeg.of(knowledge.leg, knowledge.front())
-    leg, front, optimum, energies = found.leg, found.front, found.optimum, found.energies
+    found = ComparedLeg.of(knowledge.leg, knowledge.front(), energies)
+    leg, front, optimum = found.leg, found.front, found.optimum
     section, least_s = front.section, optimum.least_time_s
+    best_j = drawn_by_optimum(optimum, true_optimum_j)
 
     def least_j(time_s: float | None) -> float | None:
         return None if time_s is None else front.trajectory(max(time_s, least_s)).balance.input
@@ -281,6 +305,127 @@ def _leg_attribution(
         committed=committed(knowledge, energies, shown, seen, every),
         timetable_j=least_j(leg.timetable_s),
         left_j=least_j(leg.left_s),
-        even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum),
-        by_limit=places_between(limit_edges(section), leg, energies, optimum),
+        best_drawn_j=best_j,
+        even=places_between(even_edges(section.start_m, section.end_m), leg, energies, optimum, best_j),
+        by_limit=places_between(limit_edges(section), leg, energies, optimum, best_j),
     )
+
+
+def as_dict(attribution: Attribution) -> dict[str, Any]:
+    """The energy attribution for programs: energies in kWh at the current collector, times in s, positions in m."""
+    against = attribution.against_timetable
+    return {
+        "driven_kwh": kwh(attribution.driven_j),
+        "optimum_same_times_kwh": kwh(attribution.optimum_j),
+        "above_optimum_kwh": kwh(attribution.difference_j),
+        "above_optimum_ratio": attribution.above.ratio,
+        "measured": attribution.measured,
+        "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in attribution.by_cause.items()},
+        "optimum_timetable_kwh": None if attribution.timetable_j is None else kwh(attribution.timetable_j),
+        "by_cause_against_timetable_kwh": None
+        if against is None
+        else {str(cause): kwh(energy_j) for cause, energy_j in against.items()},
+        "legs": [leg_dict(leg) for leg in attribution.legs],
+    }
+
+
+def leg_dict(leg: LegAttribution) -> dict[str, Any]:
+    """One leg for programs."""
+    driven = leg.leg
+
+    def optional(energy_j: float | None) -> float | None:
+        return None if energy_j is None else kwh(energy_j)
+
+    return {
+        "from": driven.start.name,
+        "to": driven.end.name,
+        "trip_s": driven.trip_s,
+        "timetable_s": driven.timetable_s,
+        "departed_ns": int(driven.motion.time_ns[0]),
+        "arrived_ns": int(driven.motion.time_ns[-1]),
+        "driven_kwh": kwh(leg.driven_j),
+        "optimum_same_time_kwh": kwh(leg.optimum_j),
+        "optimum_timetable_kwh": optional(leg.timetable_j),
+        "late_departure_kwh": optional(leg.recovered_j),
+        "early_arrival_kwh": optional(leg.early_j),
+        "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in leg.by_cause.items()},
+        "per_100_m": place_rows(leg.even),
+        "per_limit": place_rows(leg.by_limit),
+    }
+
+
+def place_rows(places: Places) -> list[dict[str, float]]:
+    """One row a stretch, for programs."""
+    return [
+        {
+            "start_m": float(places.start_m[i]),
+            "end_m": float(places.end_m[i]),
+            "driven_s": float(places.driven_s[i]),
+            "optimum_s": float(places.optimum_s[i]),
+            "driven_kwh": kwh(float(places.driven_j[i])),
+            "optimum_kwh": kwh(float(places.optimum_j[i])),
+            "lost_more_kwh": kwh(float(places.lost_more_j[i])),
+        }
+        for i in range(len(places.start_m))
+    ]
+
+
+class WorstPlace(NamedTuple):
+    """A stretch that lost energy above the optimum: where in words, how much (J), and its causes, the largest first."""
+
+    where: str
+    more_j: float
+    causes: tuple[EnergyCause, ...]
+
+
+DENSE = 2.0
+LARGE_SHARE = 0.2
+"""A cause that has this share of what the causes of a stretch took, or more, is named."""
+
+
+def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
+    """The stretches that lost most above the optimum, the worst first.
+
+    A stretch continues for as long as each 100 m lost more than `DENSE` times the average over the drive.
+    """
+    found = []
+    losses = [leg.even.lost_more_j for leg in attribution.legs]
+    usual_j = DENSE * max(float(np.concatenate(losses).mean()), 0.0) if losses else 0.0
+    for leg, more_j in zip(attribution.legs, losses, strict=True):
+        for first, last in _worst_runs(more_j - usual_j, most):
+            start_m, end_m = float(leg.even.start_m[first]), float(leg.even.end_m[last])
+            where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
+            found.append(WorstPlace(where, float(more_j[first : last + 1].sum()), _causes(leg, start_m, end_m)))
+    return sorted(found, key=lambda one: -one.more_j)[:most]
+
+
+def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
+    parts = {cause: energy_j for cause, energy_j in leg.causes_between(start_m, end_m).items() if energy_j > 0}
+    whole_j = sum(parts.values())
+    named = [cause for cause in sorted(parts, key=lambda one: -parts[one]) if parts[cause] >= LARGE_SHARE * whole_j]
+    return tuple(named) or (EnergyCause.REST,)
+
+
+def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
+    """The runs of places (first, last) with the largest sums of scores, the largest first; none overlaps another."""
+    left, found = scores.copy(), []
+    for _ in range(most):
+        upto = np.concatenate(([0.0], np.cumsum(left)))
+        rise = upto - np.minimum.accumulate(upto)
+        last = int(np.argmax(rise))
+        if not rise[last] > 0:
+            break
+        first = int(np.argmin(upto[:last]))
+        found.append((first, last - 1))
+        left[first:last] = -float(np.abs(scores).sum())  # so that no other run includes it
+    return found
+
+
+def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:
+    """How long (s) each cause lasted."""
+    total: dict[EnergyCause, float] = {}
+    for leg in attribution.legs:
+        lasted_s = np.diff(leg.leg.motion.time_ns[leg.committed.sample]) * NS
+        for cause, over_s in zip(leg.committed.causes, lasted_s.tolist(), strict=True):
+            total[cause] = total.get(cause, 0.0) + over_s
+    return total

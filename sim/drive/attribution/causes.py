@@ -178,7 +178,7 @@ class ShownAdvice:
 
 
 def _speed_is(number: int, mode: int) -> SpeedIs:
-    """What a speed on the display was; of a presentation that is not known, only a speed to hold is one to have."""
+    """What a speed on the display was; in an unknown presentation, only the speed of a cruise is one to have now."""
     presentation = shown_presentation(number)
     if presentation is None:
         return SpeedIs.TO_HAVE if mode == Regime.CRUISE else SpeedIs.TO_REACH
@@ -191,7 +191,7 @@ or two."""
 SAME_MPS: Final = 1.0 / 3.6
 """A train this far (m/s) below the advised speed may need more effort than advised to reach it."""
 LASTS: Final = 3
-"""What the driver did at this number of moments on end was meant; what lasted for fewer passed by."""
+"""What the driver does at this many moments in a row is deliberate; what lasts for fewer is not."""
 NEUTRAL_RATIO: Final = 0.03
 """An effort below this share of the largest traction is none: the train coasts."""
 EFFORT_RATIO: Final = 0.15
@@ -261,7 +261,7 @@ class Judge:
         self._over_moments = self._over_moments + 1 if over and not slowing else 0
         self._slowing_moments += 1
         if slowing and now.pulls:
-            # What was against the advice before it changed goes on for the moment that the driver takes to react.
+            # A driver who drove against the advice before it changed still does so while he reacts to the change.
             goes_on = self._slowing_moments <= LASTS and self._before is EnergyCause.AGAINST_ADVICE
             return EnergyCause.AGAINST_ADVICE if self._was_over or goes_on else EnergyCause.LATE_COASTING
         if seen.mode is Regime.COAST and not seen.top_only:
@@ -284,7 +284,7 @@ class Judge:
 
 def _other_effort(now: Moment, seen: Seen) -> bool:
     """Whether the effort leads away from what was advised."""
-    if seen.top_only or seen.mode is Regime.DEPART:  # How to depart is no advice for a moment of its own.
+    if seen.top_only or seen.mode is Regime.DEPART:  # The advice to depart says nothing about a moving train.
         return False
     if math.isnan(seen.lever_ratio) or math.isnan(seen.advised_ratio):
         return seen.mode in PULLING and now.brakes
@@ -323,5 +323,5 @@ def coasts_to_brake(run: Trajectory, vehicle: Vehicle) -> bool:
     total_n = run.force_el_n + run.force_friction_n
     ratio = total_n / np.maximum(vehicle.traction_effort_n(run.v_mps[:-1]), 1.0)
     acts = np.flatnonzero(np.abs(ratio) > NEUTRAL_RATIO)
-    # The first intervals after a state may hold a last bit of what came before.
+    # The first intervals from a state may hold a remainder of the regime before it.
     return bool(len(acts) and run.t_s[acts[0]] > AHEAD_S and ratio[acts[0]] < 0)

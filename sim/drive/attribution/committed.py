@@ -22,11 +22,11 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.restriction import LATEST_NS, Restriction
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
-from das.solver.section import Section, build_section
+from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.attribution.causes import EnergyCause, Judge, Moment, ShownAdvice, coasts_to_brake, effort_ratio
-from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies
+from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies, section_of_leg
 from sim.drive.happenings import Signal
 from sim.drive.limits import told_lists
 from sim.recording.course import Floats
@@ -39,7 +39,7 @@ Told = frozenset[Restriction]
 
 
 class Epoch(NamedTuple):
-    """The restrictions, less their time windows, that were known and counted from a moment (ns) on."""
+    """The restrictions, without their time windows, that were known and in force from a moment (ns) on."""
 
     since_ns: int
     told: Told
@@ -57,9 +57,9 @@ NOTHING = Remaining(energy_j=math.nan, run=None)
 
 
 def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
-    """An epoch for each moment at which the known and counted restrictions change; the first epoch has none.
+    """An epoch for each moment at which the known restrictions in force change; the first epoch has none.
 
-    They change when a list is told, and when a restriction of the list begins or ceases to count.
+    They change when the node receives a list, and when a restriction of the list begins or ceases to be in force.
     """
     found = [Epoch(-(2**63), frozenset())]
     lists = [*told_lists(recording)]
@@ -70,14 +70,6 @@ def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
             if counting != found[-1].told:
                 found.append(Epoch(at_ns, counting))
     return tuple(found)
-
-
-def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Told = frozenset()) -> Section:
-    """The section from stand to stand with restrictions; DasError where the train cannot run there."""
-    first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
-    route = inputs.route.with_restrictions(sorted(told)) if told else inputs.route
-    start_m, end_m = max(first_m, 0.0), min(last_m, route.length_m)
-    return build_section(route, inputs.vehicle, level=inputs.level, start_m=start_m, end_m=end_m)
 
 
 class Knowledge:

@@ -1,11 +1,14 @@
-"""A driven leg: its motion from stand to stand, and its energy as measured and by the planned train."""
+"""The legs of a drive: the motion from stand to stand, its energy, and the optimum beside it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +17,24 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.losses import LossMap
+from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.trajectory import Trajectory
 from das.domain.units import NS
-from das.solver.section import Section
+from das.solver.front import Front
+from das.solver.section import Section, SectionOptions, build_section
+from das.solver.solution import Fit, Solution
+from das.solver.solve import solve_front
+from sim.drive.above_optimum import EnergyBand, SectionEnergy
 from sim.drive.calls import KeptCall, knows_truth
 from sim.recording.course import Floats, Times
-from sim.trips.estimate import estimate_run
+from sim.recording.inputs import DriveInputs
+from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, estimate_run, one_by_one, over_unknowns
 from sim.trips.profile import DrivenRun
 from sim.trips.trip import recorded_trip
 
 LEAST_WAY_M = 100.0
-"""A way between two stands that is shorter than this (m) is no section: the train moved up."""
+"""Two stands that are closer together than this (m) do not bound a leg: the train only moved up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,6 +50,11 @@ class DrivenMotion:
     speed_mps: Floats
     input_j: Floats | None = None
     friction_j: Floats | None = None
+
+    @property
+    def drawn_j(self) -> float:
+        """Energy drawn at the current collector over the samples (J); NaN where nobody measured it."""
+        return math.nan if self.input_j is None else float(self.input_j[-1] - self.input_j[0])
 
     @classmethod
     def of_run(cls, run: DrivenRun) -> DrivenMotion:
@@ -87,7 +101,7 @@ class DrivenLeg:
 def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
     """The motion of a recorded drive: the truth of a simulation, else smoothed positions and measured brake forces.
 
-    `line` gives the line as driven, on which positions are smoothed; it is asked for only without a simulator's truth.
+    `line` returns the line as driven, on which positions are smoothed; it is called only without a simulator's truth.
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
     DasError where the recording has no positions that can be used.
     """
@@ -145,13 +159,23 @@ def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
     return DrivenMotion(**arrays)  # type: ignore[arg-type]
 
 
+def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:
+    """The section from stand to stand with these restrictions; DasError where the train cannot run there."""
+    first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
+    restrictions = sorted(told)
+    route = inputs.route.with_restrictions(restrictions) if restrictions else inputs.route
+    start_m, end_m = max(first_m, 0.0), min(last_m, route.length_m)
+    return build_section(route, inputs.vehicle, level=inputs.level, start_m=start_m, end_m=end_m)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegEnergies:
     """Energies at the current collector up to every sample of a leg (J), arrays of shape (samples,), 0 at the start.
 
     `balance_j`: as measured; where nobody measured, `blended_j`. `blended_j`: the same motion with the planned train,
     motors and friction brake sharing the braking as recorded. `motors_j`: likewise, the motors braking first.
-    `trajectory` is that last run; `index[i]` is the sample at its node i. `measured` tells whether `balance_j` was.
+    `trajectory` is the motion of `motors_j`; `index[i]` is the sample at its node i. `measured` tells whether
+    `balance_j` was measured.
     """
 
     balance_j: Floats
@@ -160,6 +184,11 @@ class LegEnergies:
     trajectory: Trajectory
     index: NDArray[np.intp]
     measured: bool
+
+    @property
+    def driven_j(self) -> float:
+        """Energy at the current collector as driven (J)."""
+        return float(self.balance_j[-1])
 
 
 def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
@@ -201,3 +230,156 @@ def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> F
         loss_j = section.loss.loss_w(electric_n, mean_mps) * run.interval_s()
     gross_j = electric_n * np.diff(run.s_m) + loss_j
     return np.where(gross_j > 0, gross_j, np.clip(run.supply, 0.0, 1.0) * gross_j)
+
+
+MOST_LEGS: Final = 3
+"""The likely range is not computed for a drive of more legs, because every unknown solves each leg twice."""
+
+Smoothed = Callable[[float], Sequence[DrivenLeg]]
+"""The legs of a drive whose record is smoothed with another density of the jerk (m²/s⁵)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedLeg:
+    """A driven leg, all best runs of the planned train, the one in the time as driven, and the energies as driven.
+
+    The line has no temporary restrictions.
+    """
+
+    leg: DrivenLeg
+    front: Front
+    optimum: Solution
+    energies: LegEnergies
+
+    @classmethod
+    def of(cls, leg: DrivenLeg, front: Front, energies: LegEnergies) -> ComparedLeg:
+        """A driven leg with its energies, beside the best runs of its section."""
+        return cls(leg=leg, front=front, optimum=front.trajectory(leg.trip_s), energies=energies)
+
+    @property
+    def driven_j(self) -> float:
+        """Energy at the current collector as driven (J)."""
+        return self.energies.driven_j
+
+    @property
+    def optimum_j(self) -> float:
+        """Least energy for the same time (J)."""
+        return self.optimum.balance.input
+
+    @property
+    def section_energy(self) -> SectionEnergy:
+        """The energies of the leg as driven and of its optimum."""
+        names = self.leg.start.name, self.leg.end.name
+        found = SectionEnergy.of(*names, self.leg.trip_s, self.driven_j, self.optimum)
+        return replace(found, optimum_j=self.optimum_j)
+
+
+def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
+    """The likely band of an energy: its unknowns are independent of each other, so that deviations add as squares.
+
+    How the train braked is no such deviation; only the range with every unknown at its worst includes it.
+    """
+    spread = [one for one in unknowns if one.name != BRAKING]
+    low_j = math.hypot(*(min(one.low_j - middle_j, 0.0) for one in spread))
+    high_j = math.hypot(*(max(one.high_j - middle_j, 0.0) for one in spread))
+    return EnergyBand(middle_j - low_j, middle_j + high_j)
+
+
+def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed) -> EnergyRange:
+    """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
+
+    Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone. A case
+    in which the train could not have driven a leg in its time is left out; the train as assumed could.
+    """
+    return over_unknowns(_above_in_cases(legs, smoothed))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LikelyRange:
+    """The likely range (J) of the energy above the optimum, and that of each unknown on its own.
+
+    Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
+    no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
+    and in its optimum; NaN where such a train could not have driven so, or where forces were measured.
+    """
+
+    low_j: float
+    high_j: float
+    by_friction_j: float
+    unknowns: tuple[Unknown, ...]
+
+
+def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
+    """The likely range of an estimated energy above the optimum; None for a drive of more than `MOST_LEGS` legs.
+
+    Train, wind and brakes are the same for the drive and its optimum in every case.
+    """
+    if len(legs) > MOST_LEGS:
+        return None
+    above_j = _above_in_cases(legs)
+    unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
+    likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum_j for one in legs), unknowns)
+    known = any(leg.leg.motion.friction_j is not None for leg in legs)
+    friction_j = None if known else above_j(DrivenCase(all_friction=True))
+    return LikelyRange(
+        low_j=likely.low_j,
+        high_j=likely.high_j,
+        by_friction_j=math.nan if friction_j is None else friction_j,
+        unknowns=unknowns,
+    )
+
+
+def _above_in_cases(
+    legs: Sequence[ComparedLeg], smoothed: Smoothed | None = None
+) -> Callable[[DrivenCase], float | None]:
+    """The energy above the optimum (J) in a case; None where such a train could not have driven so.
+
+    Without `smoothed` the motion is taken as it is, however the record may be smoothed.
+    """
+    best_runs = [cache(partial(_best_run, one)) for one in legs]
+    again = None if smoothed is None else cache(smoothed)
+    as_assumed = DrivenCase().jerk_psd_m2ps5
+
+    def above_j(case: DrivenCase) -> float | None:
+        jerk, case = case.jerk_psd_m2ps5, replace(case, jerk_psd_m2ps5=as_assumed)
+        driven = [one.leg for one in legs] if again is None or jerk == as_assumed else again(jerk)
+        total_j = 0.0
+        for one, leg, best_run in zip(legs, driven, best_runs, strict=True):
+            # How the train braked is no unknown where it was measured.
+            best = best_run(case if leg.motion.friction_j is None else replace(case, all_friction=False))
+            if best is None:
+                return None
+            same = best is one.optimum and leg is one.leg
+            driven_j = one.driven_j if same else leg_energies(best.section, leg).driven_j
+            total_j += driven_j - best.balance.input
+        return total_j
+
+    return above_j
+
+
+def _best_run(one: ComparedLeg, case: DrivenCase) -> Solution | None:
+    """The best run of a leg in a case; None where such a train could not have driven so."""
+    if case == DrivenCase():
+        return one.optimum
+    try:
+        best = solve_front(section_in(one.front.section, case)).trajectory(one.leg.trip_s)
+    except DasError:  # such a train cannot run here
+        return None
+    return None if best.fit is Fit.LATE else best
+
+
+def section_in(section: Section, case: DrivenCase) -> Section:
+    """The section with the train and the brakes of a case; raises DasError if that train cannot run there."""
+    return build_section(
+        section.route,
+        case.train(section.vehicle),
+        level=section.level,
+        start_m=section.start_m,
+        end_m=section.end_m,
+        options=SectionOptions(
+            start_speed_mps=section.start_speed_mps,
+            end_speed_mps=section.end_speed_mps,
+            point_mass=section.train_length_m == 0,
+            brakes=case.brakes(section),
+        ),
+    )

@@ -26,7 +26,7 @@ from sim.drive.events.driving_events import (
     stand_events,
     top_speed_events,
 )
-from sim.drive.events.event import DriveEvent, EventKind, deviation_events, with_marks
+from sim.drive.events.event import DriveEvent, EventKind, deviation_events, lateness_text, place_m, with_marks
 from sim.drive.events.notes import read_notes
 from sim.drive.happenings import NOT_HEARD, Span, points, signals
 from sim.drive.limits import temporary_limits
@@ -39,16 +39,16 @@ NEWS_NS: Final = 3_000_000_000
 OFF_PLAN_MPS: Final = 0.3
 """A train this far (m/s) from the plan's speed has left the plan; below, the plan was refreshed."""
 OFF_PLAN_S: Final = 1.0
-"""Likewise for its time at this place (s)."""
+"""A train whose time at a place differs by this much (s) from the plan has left the plan."""
 
 REPLANS: Final = {
-    2: "the time of arrival is another one",
-    3: "limits, line or train are other ones",
-    4: "a point ahead has another window",
+    2: "the time of arrival changed",
+    3: "limits, line or train changed",
+    4: "the time window of a point ahead changed",
     5: "keeping the plan would mean to arrive too late",
     6: "keeping the plan would mean to arrive early, and slower driving saves energy",
     7: "keeping the plan would cost more energy than a new one",
-    8: "the plan could not be kept to any longer",
+    8: "the plan could no longer be kept",
 }
 """Why the coach made its reference anew, by the numbers of `ReplanCause` on the bus."""
 
@@ -61,10 +61,10 @@ class NewPlan(NamedTuple):
 
 
 def new_plans(recording: Recording, trip: DrivenCourse) -> tuple[NewPlan, ...]:
-    """The plans after the first of each leg, with what they were made for.
+    """The plans after the first of each leg, with their causes.
 
-    The node says no cause with a plan, so it is told from what it heard just before, else from how far the train was
-    from the plan that it replaced.
+    The node records no cause with a plan. It is inferred from what the node heard just before, else from how far the
+    train was from the plan before.
     """
     news = _news(recording)
     moments = [at for at, _ in news]
@@ -81,7 +81,7 @@ def new_plans(recording: Recording, trip: DrivenCourse) -> tuple[NewPlan, ...]:
 
 
 def _news(recording: Recording) -> list[tuple[int, str]]:
-    """What the node was told that makes a new plan, by the time at which it was told."""
+    """The messages that make the node plan anew: time (ns) and cause in words, in order of time."""
     words = (
         (topics.RESTRICTION, "restrictions were told or lifted"),
         (topics.TARGET, "traffic management wants another time"),
@@ -91,7 +91,7 @@ def _news(recording: Recording) -> list[tuple[int, str]]:
 
 
 def _off_plan(before: Any, plan: Any, trip: DrivenCourse) -> str:
-    """How the train stood to the plan before, where and when the new one was made."""
+    """How far the train was from the plan before when the new one was made, in words."""
     s_m = float(plan.s_m[0])
     planned_mps = float(np.interp(s_m, before.s_m, before.speed_mps))
     planned_s = float(np.interp(s_m, before.s_m, before.t_s))
@@ -106,8 +106,8 @@ def _off_plan(before: Any, plan: Any, trip: DrivenCourse) -> str:
 
 
 def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """Every change of the advised mode, as the display showed it, with its cause: the plan goes on, a new plan, advice
-    given again. A driver who was shown no mode has the changes of the speed profile's.
+    """Every change of the advised mode, as the display showed it, with its cause: the plan goes on, a new plan, or
+    advice given again. If the display showed no mode, the changes are those of the speed profile.
     """
     plans = new_plans(recording, trip)
     made = [one.time_ns for one in plans]
@@ -132,7 +132,7 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
 
 
 def _display(recording: Recording) -> Presenter:
-    """The presentation that the cab showed first; none where nothing was shown or recorded."""
+    """The first presentation that the cab showed; that of no advice if nothing was shown or recorded."""
     numbers = (entry.message.presentation for entry in recording.of(topics.CAB))
     first = next((int(one) for one in numbers if one), 0)
     return presenter_of(shown_presentation(first) or Presentation.NONE)
@@ -160,12 +160,11 @@ def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str) -> Driv
 def replan_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     """Every plan that replaced another."""
     for plan in new_plans(recording, trip):
-        s_m = float(trip.at(np.array([plan.time_ns]), trip.s_m)[0])
         yield DriveEvent(
             time_ns=plan.time_ns,
             kind=EventKind.REPLAN,
             text=f"new plan: {plan.cause}",
-            s_m=s_m,
+            s_m=place_m(trip, plan.time_ns),
             facts={"cause": plan.cause},
         )
 
@@ -178,7 +177,6 @@ def withdrawal_events(recording: Recording, trip: DrivenCourse, silent: tuple[Sp
         if entry.message.source == Source.NONE
     }
     for span in silent:
-        s_m = float(trip.at(np.array([span.start_ns]), trip.s_m)[0])
         lasted_s = (span.end_ns - span.start_ns) * NS
         unheard = span.text == NOT_HEARD
         cause = "not-heard" if unheard else Cause(causes.get(span.start_ns, 0)).label
@@ -187,7 +185,7 @@ def withdrawal_events(recording: Recording, trip: DrivenCourse, silent: tuple[Sp
             end_ns=span.end_ns,
             kind=EventKind.LAPSE if unheard else EventKind.WITHDRAWAL,
             text=f"no advice for {lasted_s:.0f} s: {span.text}",
-            s_m=s_m,
+            s_m=place_m(trip, span.start_ns),
             facts={"cause": cause, "lasted_s": lasted_s, "reason": span.text},
         )
 
@@ -198,7 +196,7 @@ def place_text(s_m: float) -> str:
 
 
 DELAY_STEP_S: Final = 15.0
-"""A delay that differs by this much (s) from the one told before is an event; smaller changes come all the time."""
+"""A delay that differs by this much (s) from the last one reported is an event; smaller changes are frequent."""
 
 
 def events_of(
@@ -212,7 +210,7 @@ def events_of(
     """Everything that happened on a recorded drive, in order of time.
 
     `made` are its stops as kept, `silent` the times without advice, `limit_mps` the limit at every position of its
-    course, and `top_mps` the speed that its train can go (infinite: not known).
+    course, and `top_mps` the top speed of its train (infinite: not known).
     """
     found = (
         *call_events(trip, made),
@@ -255,7 +253,7 @@ def _is_nan(value: object) -> bool:
 
 
 def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
-    """The notes of people, as events; of a part of a drive, those of that part."""
+    """The notes of people, as events; only those within the drive, which may be a part of a recording."""
     for number, note in enumerate(read_notes(recording.path), start=1):
         if not trip.time_ns[0] <= note.time_ns <= trip.time_ns[-1]:
             continue
@@ -266,29 +264,29 @@ def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
             end_ns=note.end_ns,
             kind=EventKind.NOTE,
             text=f"{note.text}{tags}{by}",
-            s_m=float(trip.at(np.array([note.time_ns]), trip.s_m)[0]),
+            s_m=place_m(trip, note.time_ns),
             facts={"number": number, "note": note.text, "tags": list(note.tags), "author": note.author},
         )
 
 
 def _told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """Everything that was told, in no order."""
+    """Everything that node or driver received, and what node and simulator logged; in no order."""
     yield from _restrictions(recording, trip)
     for point in points(recording, trip):
         text = f"traffic management: {point.text} at km {point.s_m / KM:.1f}"
-        yield DriveEvent(time_ns=point.told_ns, kind=EventKind.TARGET, text=text, s_m=_where(trip, point.told_ns))
+        yield DriveEvent(time_ns=point.told_ns, kind=EventKind.TARGET, text=text, s_m=place_m(trip, point.told_ns))
     for index, entry in enumerate(recording.of(topics.JOURNEY)):
         if index:
             stops = " – ".join(stop.name for stop in entry.message.stops)
             at = int(entry.message.time_ns)
             yield DriveEvent(
-                time_ns=at, kind=EventKind.JOURNEY, text=f"another journey was told: {stops}", s_m=_where(trip, at)
+                time_ns=at, kind=EventKind.JOURNEY, text=f"another journey was told: {stops}", s_m=place_m(trip, at)
             )
     yield from _delays(recording, trip)
     for signal in signals(recording):
         lasted_s = (signal.end_ns - signal.start_ns) * NS
         yield DriveEvent(
-            time_ns=signal.start_ns, end_ns=signal.end_ns, kind=EventKind.SIGNAL, s_m=_where(trip, signal.start_ns),
+            time_ns=signal.start_ns, end_ns=signal.end_ns, kind=EventKind.SIGNAL, s_m=place_m(trip, signal.start_ns),
             text=f"signal at danger at km {signal.s_m / KM:.2f} in sight for {lasted_s:.0f} s",
             facts={"signal_m": signal.s_m, "lasted_s": lasted_s},
         )  # fmt: skip
@@ -299,10 +297,6 @@ def _told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
             yield _said(entry.message, EventKind.WARNING, trip)
 
 
-def _where(trip: DrivenCourse, time_ns: int) -> float:
-    return float(trip.at(np.array([time_ns]), trip.s_m)[0])
-
-
 def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     for span in temporary_limits(recording, trip):
         one = span.restriction
@@ -311,22 +305,20 @@ def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
         for at, word in span.changes():
             if word == "told" or at <= trip.time_ns[-1]:
                 yield DriveEvent(
-                    time_ns=at, kind=EventKind.RESTRICTION, s_m=_where(trip, at), facts=facts,
+                    time_ns=at, kind=EventKind.RESTRICTION, s_m=place_m(trip, at), facts=facts,
                     text=f"restriction {word}: {place}",
                 )  # fmt: skip
 
 
 def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """The delays told that differ from the one told before."""
+    """The delays that differ enough from the last one reported."""
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
     before_s = 0.0
     for time_ns, delay_s in zip(delay["time_ns"].tolist(), delay["delay_s"].tolist(), strict=True):
         if abs(delay_s - before_s) >= DELAY_STEP_S:
-            word = f"{abs(delay_s):.0f} s {'late' if delay_s > 0 else 'early'}"
-            text = f"the operator says {word if abs(delay_s) >= 0.5 else 'on time'}"
             yield DriveEvent(
-                time_ns=time_ns, kind=EventKind.DELAY, text=text,
-                s_m=_where(trip, time_ns), facts={"delay_s": delay_s},
+                time_ns=time_ns, kind=EventKind.DELAY, text=f"the operator says {lateness_text(delay_s)}",
+                s_m=place_m(trip, time_ns), facts={"delay_s": delay_s},
             )  # fmt: skip
             before_s = delay_s
 
@@ -334,4 +326,4 @@ def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
 def _said(log: Any, kind: EventKind, trip: DrivenCourse) -> DriveEvent:
     at = log.timestamp.ToNanoseconds()
     said = f"{log.name}: {log.message}" if log.name else str(log.message)
-    return DriveEvent(time_ns=at, kind=kind, text=said, s_m=_where(trip, at))
+    return DriveEvent(time_ns=at, kind=kind, text=said, s_m=place_m(trip, at))

@@ -15,7 +15,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, PERCENT, kmh
 from sim.drive.calls import NEAR_M, STANDING_MPS, KeptCall, arrival_ns, departure_ns, stands
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text, place_m
 from sim.drive.limits import SpanAbove, spans_above
 from sim.drivers.cab import AT_STOP_M, KINDS
 from sim.recording.course import DrivenCourse, Floats
@@ -25,13 +25,13 @@ LEVER_RATIO: Final = 0.03
 LEAST_STOOD: Final = 5
 """Advice that stood for fewer seconds than this need not be followed: drivers take some seconds to react."""
 LONGEST_ANSWER_S: Final = 30.0
-"""An answer later than this (s) is none."""
+"""An answer that comes later than this (s) does not count as one."""
 LATE_ANSWER_S: Final = 10.0
 """An answer later than this (s) is called late."""
 LEAST_STAND_S: Final = 1.0
 """A train that stops for less than this (s), on the way to its mark, has not come to stand."""
 PAUSE_NS: Final = 5_000_000_000
-"""Positions that pause for longer than this (ns) are told; they usually come once a second."""
+"""A pause of the positions is an event if it is longer than this (ns); they usually come once a second."""
 
 DECIDED: Final = {"followed": True, "refused": False}
 """Decisions of a driver about advice, and whether he follows it."""
@@ -44,14 +44,14 @@ WANTED: Final = {
     Regime.FULL_BRAKE: BRAKES,
     Regime.FRICTION_BRAKE: BRAKES,
 }
-"""What the controller must show for an advised mode to be followed; a speed to hold may need any of the three."""
+"""What a driver who follows an advised mode sets the controller to; holding a speed may need any of the three."""
 
 
 def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
     """Departures, arrivals and stops that were missed."""
     for index, call in enumerate(made):
         if call.arrived_ns and index > 0:
-            late = "" if math.isnan(call.arrived_late_s) else f", {_late(call.arrived_late_s)}"
+            late = "" if math.isnan(call.arrived_late_s) else f", {lateness_text(call.arrived_late_s)}"
             beyond = f", {call.missed_m:.0f} m beyond the stop" if call.missed_m > AT_STOP_M else ""
             yield DriveEvent(
                 time_ns=call.arrived_ns, kind=EventKind.ARRIVAL, s_m=call.s_m,
@@ -59,7 +59,7 @@ def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[Driv
                 facts={"stop": call.name, "late_s": call.arrived_late_s, "missed_m": call.missed_m},
             )  # fmt: skip
         if call.departed_ns and index < len(made) - 1:
-            late = "" if math.isnan(call.departed_late_s) else f", {_late(call.departed_late_s)}"
+            late = "" if math.isnan(call.departed_late_s) else f", {lateness_text(call.departed_late_s)}"
             yield DriveEvent(
                 time_ns=call.departed_ns, kind=EventKind.DEPARTURE, text=f"left {call.name}{late}", s_m=call.s_m,
                 facts={"stop": call.name, "late_s": call.departed_late_s},
@@ -72,12 +72,6 @@ def call_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[Driv
                 text=f"{call.name} was passed at {speed_kmh:.0f} km/h without stopping",
                 facts={"stop": call.name, "speed_mps": float(trip.speed_mps[passed])},
             )  # fmt: skip
-
-
-def _late(late_s: float) -> str:
-    if abs(late_s) < 0.5:
-        return "on time"
-    return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
 
 
 def stand_events(trip: DrivenCourse, made: tuple[KeptCall, ...]) -> Iterator[DriveEvent]:
@@ -115,15 +109,15 @@ def top_speed_events(trip: DrivenCourse, top_mps: float) -> Iterator[DriveEvent]
 
 
 def _at_speed(trip: DrivenCourse, over: SpanAbove, kind: EventKind, text: str, allowed: str) -> DriveEvent:
-    s_m = float(trip.at(np.array([over.start_ns]), trip.s_m)[0])
+    s_m = place_m(trip, over.start_ns)
     facts = {allowed: over.allowed_mps, "over_kmh": kmh(over.over_mps), "lasted_s": over.lasted_s}
     return DriveEvent(time_ns=over.start_ns, end_ns=over.end_ns, kind=kind, s_m=s_m, text=text, facts=facts)
 
 
 def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """How the driver answered each change of the shown mode, and after how long, as the controller tells.
+    """How the driver answered each change of the shown mode, and after how long, by the settings of the controller.
 
-    A change that asks for what the controller does already needs no answer. What the driver thought is not recorded.
+    A change to what the controller is set to already needs no answer. What the driver thought is not recorded.
     """
     cab = recording.columns(topics.CAB, "time_ns", "presentation", "mode", "lever_ratio", "signal_m")
     at, mode, shown = cab["time_ns"], cab["mode"], cab["presentation"] > 0
@@ -153,10 +147,10 @@ def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], 
         text = f"{mode_name(mode)} was followed after {reaction_s:.0f} s{late}"
         facts |= {"followed": True, "reaction_s": reaction_s}
     else:
-        over = "it stood" if stood_s <= LONGEST_ANSWER_S else f"{LONGEST_ANSWER_S:.0f} s"
-        text = f"{mode_name(mode)} was not followed ({over if over != 'it stood' else f'it stood for {stood_s:.0f} s'})"
+        over = f"it stood for {stood_s:.0f} s" if stood_s <= LONGEST_ANSWER_S else f"{LONGEST_ANSWER_S:.0f} s"
+        text = f"{mode_name(mode)} was not followed ({over})"
         facts |= {"followed": False, "stood_s": stood_s}
-    s_m = float(trip.at(at[:1], trip.s_m)[0])
+    s_m = place_m(trip, int(at[0]))
     return DriveEvent(time_ns=int(at[0]), kind=EventKind.DRIVER, text=text, s_m=s_m, facts=facts)
 
 
@@ -165,7 +159,7 @@ def pause_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
     at = np.sort(recording.columns(topics.POSITION, "time_ns")["time_ns"])
     for index in np.flatnonzero(np.diff(at) > PAUSE_NS):
         lasted_s = float(at[index + 1] - at[index]) * NS
-        s_m = float(trip.at(at[index : index + 1], trip.s_m)[0])
+        s_m = place_m(trip, int(at[index]))
         yield DriveEvent(
             time_ns=int(at[index]), end_ns=int(at[index + 1]), kind=EventKind.LAPSE, s_m=s_m,
             text=f"no position for {lasted_s:.0f} s from km {s_m / KM:.2f}", facts={"lasted_s": lasted_s},
@@ -175,12 +169,12 @@ def pause_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
 def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     """Advice that the driver followed or refused, with his reaction time, and lapses of his attention.
 
-    Nothing where no decisions were recorded: of a real drive, or with a driver who keeps no diary.
+    There are none where no decisions were recorded: in a real drive, or with a driver who keeps no diary.
     """
     told = [(KINDS[one.message.kind - 1], one.message) for one in recording.of(topics.DECISION)]
     kept = [one for one in told if one[0] != "expected"]
     for (kind, one), (after, reaction) in pairwise([*kept, ("", None)]):
-        s_m = float(trip.at(np.array([one.time_ns]), trip.s_m)[0])
+        s_m = place_m(trip, int(one.time_ns))
         if kind in DECIDED:
             follows = DECIDED[kind]
             advice = mode_name(Regime(int(one.value)))
@@ -199,7 +193,7 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
 
 
 def _controller(recording: Recording, time_ns: int) -> str:
-    """What the controller was set to at a moment, in words; nothing where that was not recorded."""
+    """What the controller was set to at a moment, in words; empty where that was not recorded."""
     cab = recording.columns(topics.CAB, "time_ns", "lever_ratio")
     at = int(np.searchsorted(cab["time_ns"], time_ns, side="right")) - 1
     if at < 0 or not np.isfinite(cab["lever_ratio"][at]):

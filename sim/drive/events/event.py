@@ -71,6 +71,16 @@ class DriveEvent:
         return max(self.time_ns, self.end_ns)
 
 
+def place_m(trip: DrivenCourse, time_ns: int) -> float:
+    """Where the train's head was at a moment (m)."""
+    return float(trip.at(np.array([time_ns]), trip.s_m)[0])
+
+
+def lateness_text(late_s: float) -> str:
+    """How late a train is in words: "12 s late", "3 s early" or "on time"."""
+    return "on time" if abs(late_s) < 0.5 else f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Filter:
     """Which events are wanted; what is empty or None lets everything through."""
@@ -102,17 +112,17 @@ MUCH_OVER_KMH: Final = 3.0
 LONG_OVER_S: Final = 5.0
 """A train that is above the limit for this long (s) did not only touch it."""
 LONG_SILENT_S: Final = 3.0
-"""A display shows advice for this long (s): a shorter silence is not seen."""
+"""A silence that is shorter than this (s) is not seen, because the display keeps its advice for so long."""
 LONG_AWAY_S: Final = 10.0
 """Attention that is away for this long (s) is more than a look at something else."""
 LARGE_DEVIATION_S: Final = 60.0
-"""A train that is, or is expected to arrive, this much (s) from the timetable's time is told as a deviation."""
+"""A train that is, or is expected to arrive, this much (s) off the timetable is an event."""
 
 
 def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
     """The events in order of time; those that are bookmarks say so in `mark`."""
     found = sorted(events, key=lambda one: one.time_ns)
-    # Advice is refused under way, and one refusal for each leg is enough: drivers who refuse do so more than once.
+    # Only the first refusal of each leg is marked, and only under way: a driver who refuses once usually does so again.
     may_refuse = not any(one.kind is EventKind.DEPARTURE for one in found)
     marked = []
     for one in found:
@@ -129,7 +139,7 @@ REFUSED: Final = "advice not followed"
 
 
 def _mark(one: DriveEvent) -> str:
-    """Why an event is a bookmark; nothing where it is none."""
+    """Why an event is a bookmark; empty for an event that is none."""
     from sim.drivers.cab import AT_STOP_M  # imports the compiler, for which no help of a command should wait
 
     lasted_s = (one.last_ns - one.time_ns) * NS
@@ -180,8 +190,8 @@ def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[Drive
         yield DriveEvent(
             time_ns=time_ns,
             kind=EventKind.DEVIATION,
-            text=f"{words} {abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}",
-            s_m=float(trip.at(np.array([time_ns]), trip.s_m)[0]),
+            text=f"{words} {lateness_text(late_s)}",
+            s_m=place_m(trip, time_ns),
             facts={"deviation_s": late_s},
         )
 

@@ -1,4 +1,4 @@
-"""Exports a recording: one table a topic, one joined by time and one by position, and what they are made from."""
+"""The export of a recording: one table a topic, one joined by time and one by position, and their origin."""
 
 from __future__ import annotations
 
@@ -39,10 +39,11 @@ MOVING: Final = ("truth", "position")
 """Topics that say where the train is: the first that is there counts. Their numbers change steadily between two
 messages; those of other topics hold until the next message."""
 JOINED: Final = ("truth", "position", "advice", "cab", "effort", "delay", "estimate", "status")
+"""Topics whose columns are in the tables by time and by position."""
 LASTING: Final = ("delay", "estimate")
-"""What holds until it is said anew, however long that takes."""
+"""Topics whose messages hold until the next one, however long that takes."""
 LONGEST_S: Final = 3.0
-"""What comes all the time is not taken for more than so many seconds: then nothing is known (empty)."""
+"""A message of any other topic holds for at most this long (s); after that the columns are empty."""
 KINDS: Final = ("float", "int", "bool", "choice")
 
 
@@ -139,7 +140,7 @@ def _at(table: DataTable, at_ns: NDArray[np.int64]) -> list[Column]:
 
 
 def _between_neighbours(time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether moments lie on a message or between two that are not far from each other: elsewhere a piece is lost."""
+    """Whether moments lie on a message or between two that are close together; elsewhere messages are missing."""
     last = np.maximum(np.searchsorted(time_ns, at_ns, side="right") - 1, 0)
     following = np.minimum(last + 1, len(time_ns) - 1)
     near: NDArray[np.bool_] = (time_ns[last] == at_ns) | ((time_ns[following] - time_ns[last]) * NS <= LONGEST_S)
@@ -158,11 +159,11 @@ STANDING_MPS: Final = 0.1
 LAST_NS: Final = 2**62
 
 DROPPED_TABLES: Final = ("location",)
-"""Tables that are left out as a whole: they say where the train was on the map."""
+"""Tables that an anonymous export leaves out: they say where the train was on the map."""
 POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m")
-"""Columns that are positions on the route; those count from the first stop then."""
+"""Columns that are positions on the route; in an anonymous export they count from the first stop."""
 TIMES_END: Final = "_ns"
-"""Columns that end so are moments; they count from the departure then, so that the day is not told."""
+"""Columns with this ending are moments; in an anonymous export they count from the departure, which hides the date."""
 
 
 class FileFormat(StrEnum):
@@ -175,7 +176,7 @@ class FileFormat(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportSettings:
-    """What of a recording is exported, and how. Times are as the user wrote them (see `DriveClock.moment_ns`)."""
+    """Which part of a recording is exported, and how. Times are as the user wrote them (see `DriveClock.moment_ns`)."""
 
     start: str | None = None
     end: str | None = None
@@ -266,7 +267,7 @@ def _tables(recording: Recording, zero_ns: int, span: tuple[int, int]) -> list[D
 
 
 def _about(recording: Recording, settings: ExportSettings, zero_ns: int, span: tuple[int, int]) -> dict[str, Any]:
-    """What the tables are made from; without who and where, as far as that is asked for."""
+    """What the tables are made from; in an anonymous export without what identifies the train or the line."""
     health = recording.health
     about: dict[str, Any] = {
         "version": __version__,
@@ -303,7 +304,7 @@ def _files(tables: Sequence[DataTable], about: dict[str, Any], kind: FileFormat)
 
 
 def _anonymous(table: DataTable, zero_ns: int, zero_m: float) -> DataTable | None:
-    """The table without who and where; None for one that is left out.
+    """The table without what identifies the train or the line; None for a table that is left out.
 
     Texts are left out, since reasons and remarks may name stops. Values of enumerations stay. `zero_ns` (ns since 1970)
     and `zero_m` become 0.

@@ -1,187 +1,137 @@
-"""The pictures of a report: dark on white, with units, for people with any colour vision."""
+"""The pictures of a report: the scene drawn dark on white, with units, for people with any colour vision."""
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from das.advice.regimes import Regime, mode_name
-from das.bus import topics
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from sim.drive.attribution.causes import OVER_MPS
-from sim.drive.drive import Drive
 from sim.drive.events.event import bookmarks
-from sim.review.colors import EFFICIENCY_GREYS, LIGHT, MODES, Meaning
+from sim.review.canvas import curve, lane_rows
+from sim.review.colors import EFFICIENCY_GREYS, LIGHT, Meaning
+from sim.review.lanes import MODE_LANES
 from sim.review.light import INK, legend, light_figure, named, stops
 from sim.review.report.sentences import told_causes
+from sim.review.scene import ReviewScene, Trace, meaning_of
+from sim.review.series import QUANTITIES, STYLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DRIVEN, ADVISED, OPTIMUM, LIMIT, LOST = (
-    LIGHT.of[meaning] for meaning in (Meaning.DRIVEN, Meaning.ADVISED, Meaning.OPTIMUM, Meaning.LIMIT, Meaning.LOST)
-)
+SPEEDS: Final = ("speed/limit", "speed/same_times", "speed/advised", "speed/shown", "speed/driven")
+"""The series of the axis of speed, in drawing order."""
+HEIGHTS_IN: Final = {"speed": 3.2, "modes": 0.22, "deviation": 1.0, "apart": 1.1}
+"""Heights (in) of the axes over distance by their quantities, and of a lane of modes."""
+DRIVEN: Final = LIGHT.of[Meaning.DRIVEN]
 EFFICIENCIES: Final = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
 """Levels of the efficiency map."""
 GRID_POINTS: Final = 90
 LEAST_LATE_S: Final = 5.0
 """The axis of punctuality reaches at least this far (s), so that fractions of a second do not look large."""
 BAR_IN: Final = 0.28
-MODES_IN: Final = 0.22
 MOST_APART_KMH: Final = 15.0
 """Driven less shown is drawn up to this much (km/h): more lies at the edge of its axis."""
 FAINT: Final = 0.45
 """Share of its colour that a departure has beside an arrival."""
 
 
-def drive_figure(drive: Drive) -> Figure:
-    """The drive over distance, on one axis: speed, what the display advised to do, lateness, and driven less shown."""
-    with_modes = bool(drive.shown.mode[drive.shown.shown].any())
-    late, apart = _lateness(drive), drive.shown.comparable.any()
-    heights = [3.2, *([MODES_IN] if with_modes else []), *([1.0] if len(late[0]) else []), *([1.1] if apart else [])]
-    figure, axes = light_figure(heights)
-    _speeds(axes[0], drive)
-    rest = iter(axes[1:])
-    if with_modes:
-        _modes(next(rest), drive)
-    if len(late[0]):
-        axis = next(rest)
-        axis.step(*late, where="post", color=LIGHT.of[Meaning.OPERATOR], linewidth=1.2)
-        axis.axhline(0.0, color=INK, linewidth=0.7)
-        named(axis, y="Late (s)")
-    if apart:
-        _compliance(next(rest), drive)
+def drive_figure(scene: ReviewScene) -> Figure:
+    """The drive over distance: speeds, the modes advised and shown, lateness, and driven less shown speed."""
+    lanes = [lane for lane in scene.lanes if lane.name in MODE_LANES]
+    below = list(scene.over_distance(("deviation/operator", "apart/shown")))
+    heights_in = [HEIGHTS_IN["speed"], *([HEIGHTS_IN["modes"] * len(lanes)] if lanes else [])]
+    figure, axes = light_figure([*heights_in, *(HEIGHTS_IN[_quantity(trace)] for trace in below)])
+    _speeds(axes[0], scene)
+    if lanes:
+        modes = lane_rows(axes[1], lanes, int(scene.trip.time_ns[-1]), scene.km_at, LIGHT)
+        legend(axes[1], modes)
+    for axis, trace in zip(axes[len(heights_in) :], below, strict=True):
+        _below(axis, trace)
     for axis in axes:
-        stops(axis, _stops(drive), written=axis is axes[0])
+        stops(axis, _stops(scene), written=axis is axes[0])
     named(axes[-1], x="Position (km)")
     return figure
 
 
-def _speeds(axis: Any, drive: Drive) -> None:
-    """Limit in force, what was advised, the optimum for the same times, what was driven, and the bookmarks."""
-    trip = drive.course
-    at, limit_mps = trip.time_ns, drive.limit_mps
-    shown = drive.shown
-    if len(shown.time_ns):
-        given = (shown.shown if shown.any_shown else True) & (shown.speed_mps > 0)
-        advised = np.where(given, kmh(shown.speed_mps), np.nan)
-        said = "speed advised" if shown.any_shown else "speed advised, but not shown to the driver"
-        axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, advised, color=ADVISED, linewidth=2.4, alpha=0.7, label=said)
-    known = np.isfinite(limit_mps)
-    if known.any():
-        axis.step(
-            trip.at(at, trip.s_m) / KM,
-            kmh(limit_mps),
-            where="post",
-            color=LIMIT,
-            linewidth=1.0,
-            label="limit",
-            zorder=2.5,
-        )
-    for number, leg in enumerate(drive.attribution.legs if drive.attribution else ()):
-        run = leg.optimum.trajectory
-        label = "optimum for the same times" if number == 0 else None
-        axis.plot(run.s_m / KM, kmh(run.v_mps), color=OPTIMUM, linewidth=1.1, linestyle="--", label=label)
-    axis.plot(trip.s_m / KM, kmh(trip.speed_mps), color=DRIVEN, linewidth=1.2, label="driven")
-    top = kmh(max(float(limit_mps[known].max(initial=0.0)), float(trip.speed_mps.max())))
-    axis.set_ylim(0.0, 1.18 * top)
-    marked = bookmarks(drive.events)
-    for number, one in enumerate(marked, start=1):
+def _quantity(trace: Trace) -> str:
+    return trace.name.split("/", maxsplit=1)[0]
+
+
+def _draw(axis: Any, trace: Trace) -> None:
+    """Draw a series over distance in its style, and name the axis."""
+    curve(axis, trace.name, trace.s_m / KM, trace.values, LIGHT)
+    named(axis, y=QUANTITIES[_quantity(trace)].title)
+
+
+def _speeds(axis: Any, scene: ReviewScene) -> None:
+    """Draw the speeds and the bookmarks' numbers."""
+    for trace in scene.over_distance(SPEEDS):
+        _draw(axis, trace)
+    top = (scene.extent("speed") or (0.0, 0.0))[1]
+    axis.set_ylim(0.0, 1.18 * max(top, 1.0))
+    for number, one in enumerate(bookmarks(scene.drive.events), start=1):
         axis.text(
             one.s_m / KM, (1.13, 1.07)[number % 2] * top, str(number), ha="center", va="center", fontsize=6.5,
             color=LIGHT.background, bbox={"boxstyle": "round,pad=0.15", "facecolor": INK, "edgecolor": "none"},
         )  # fmt: skip
-    named(axis, y="Speed (km/h)")
-    legend(axis)
+    legend(axis, columns=5)
 
 
-def _modes(axis: Any, drive: Drive) -> None:
-    """What the display advised to do, as coloured stretches."""
-    shown, trip = drive.shown, drive.course
-    at_km = trip.at(shown.time_ns, trip.s_m) / KM
-    names = [mode_name(Regime(number)) if number in set(Regime) else "" for number in shown.mode.tolist()]
-    used: dict[str, str] = {}
-    begins = [0, *(np.flatnonzero(np.diff(shown.mode * shown.shown)) + 1).tolist()]
-    for first, after in pairwise([*begins, len(names) - 1]):
-        color = MODES.get(names[first]) if shown.shown[first] else None
-        if color is not None and at_km[after] > at_km[first]:
-            axis.broken_barh([(at_km[first], at_km[after] - at_km[first])], (0.0, 1.0), facecolor=color, lw=0.0)
-            used.setdefault(names[first], color)
-    axis.set_ylim(0.0, 1.0)
-    axis.set_yticks([0.5], ["advised\nto do"])
-    axis.grid(visible=False)
-    legend(axis, used)
-
-
-def _lateness(drive: Drive) -> tuple[Any, Any]:
-    """Places (km) and how late the operator said that the train was (s)."""
-    told, trip = drive.recording.columns(topics.DELAY, "time_ns", "delay_s"), drive.course
-    within = (told["time_ns"] >= trip.time_ns[0]) & (told["time_ns"] <= trip.time_ns[-1])
-    return trip.at(told["time_ns"][within], trip.s_m) / KM, told["delay_s"][within]
-
-
-def _compliance(axis: Any, drive: Drive) -> None:
-    """Driven speed less the speed to keep that was shown, over distance."""
-    shown, trip = drive.shown, drive.course
-    apart = kmh(trip.at(shown.time_ns, trip.speed_mps) - shown.speed_mps)
-    apart = np.where(shown.comparable, np.clip(apart, -MOST_APART_KMH, MOST_APART_KMH), np.nan)
-    over = OVER_MPS / KMH
-    axis.axhspan(-over, over, color=LIGHT.grid, alpha=0.6, linewidth=0.0)
-    axis.plot(trip.at(shown.time_ns, trip.s_m) / KM, apart, color=DRIVEN, linewidth=1.0)
-    reach = 1.1 * max(float(np.nanmax(np.abs(apart))), 2.0 * over)
+def _below(axis: Any, trace: Trace) -> None:
+    """Draw the lateness, or driven less shown speed, about 0."""
+    if _quantity(trace) != "apart":
+        _draw(axis, trace)
+        axis.axhline(0.0, color=INK, linewidth=0.7)
+        return
+    over_kmh, values = OVER_MPS / KMH, np.clip(trace.values, -MOST_APART_KMH, MOST_APART_KMH)
+    axis.axhspan(-over_kmh, over_kmh, color=LIGHT.grid, alpha=0.6, linewidth=0.0)
+    _draw(axis, trace._replace(values=values))
+    reach = 1.1 * max(float(np.nanmax(np.abs(values))), 2.0 * over_kmh)
     axis.set_ylim(-reach, reach)
-    named(axis, y="Driven less\nshown (km/h)")
 
 
-def cause_figure(drive: Drive) -> Figure:
-    """The energy above the optimum by cause, as bars."""
-    assert drive.attribution is not None
-    parts = told_causes(drive.attribution)[::-1]
+def cause_figure(scene: ReviewScene) -> Figure:
+    """The energy above the optimum by cause, as bars in the colours of the causes."""
+    assert scene.drive.attribution is not None
+    parts = told_causes(scene.drive.attribution)[::-1]
     figure, (axis,) = light_figure((max(BAR_IN * len(parts), 0.8),))
     values = np.array([kwh(energy_j) for _, energy_j in parts])
-    axis.barh([cause.label for cause, _ in parts], values, color=LOST, height=0.7)
+    colors = [LIGHT.of[meaning_of(cause)] for cause, _ in parts]
+    axis.barh([cause.label for cause, _ in parts], values, color=colors, height=0.7)
     reach = max(float(np.abs(values).max(initial=0.0)), 0.1)
     for row, value in enumerate(values):
         axis.text(max(value, 0.0) + 0.01 * reach, row, f"{value:+.1f}", va="center", color=INK, fontsize=8.0)
     axis.set_xlim(min(1.15 * float(values.min(initial=0.0)), 0.0), 1.12 * reach)
     axis.grid(visible=False, axis="y")
-    named(axis, x="Energy above the optimum for the same times (kWh)")
+    named(axis, x=QUANTITIES["cause"].title)
     return figure
 
 
-def place_figure(drive: Drive) -> Figure:
+def place_figure(scene: ReviewScene) -> Figure:
     """The energy above the optimum by place: per 100 m, and summed from the start."""
-    assert drive.attribution is not None
     figure, (bars, total) = light_figure((1.5, 1.4))
-    before_j = 0.0
-    for leg in drive.attribution.legs:
-        places = leg.even
-        per_km = kwh(places.lost_more_j) / ((places.end_m - places.start_m) / KM)
-        middle = 0.5 * (places.start_m + places.end_m) / KM
-        wide = (places.end_m - places.start_m) / KM
-        bars.bar(middle, per_km, width=wide, color=LOST, linewidth=0.0)
-        upto = before_j + np.concatenate(([0.0], np.cumsum(places.lost_more_j)))
-        total.plot(np.concatenate((places.start_m, places.end_m[-1:])) / KM, kwh(upto), color=INK, linewidth=1.2)
-        before_j = float(upto[-1])
+    lost, summed = scene.over_distance(("place/lost", "sum/lost"))
+    color = LIGHT.of[STYLES[lost.name].meaning]
+    bars.stairs(lost.values[:-1], lost.s_m / KM, fill=True, color=color, linewidth=0.0)
+    named(bars, y=QUANTITIES[_quantity(lost)].title)
     bars.axhline(0.0, color=INK, linewidth=0.7)
+    _draw(total, summed)
     for axis in (bars, total):
-        stops(axis, _stops(drive), written=axis is bars)
-    named(bars, y="Lost above the\noptimum (kWh/km)")
-    named(total, x="Position (km)", y="Sum from the\nstart (kWh)")
+        stops(axis, _stops(scene), written=axis is bars)
+    named(total, x="Position (km)")
     return figure
 
 
-def efficiency_figure(drive: Drive) -> Figure:
+def efficiency_figure(scene: ReviewScene) -> Figure:
     """Wheel force of the motors over speed, on the efficiency of the train's traction chain."""
-    assert drive.attribution is not None
-    leg = drive.attribution.legs[0]
-    section, vehicle = leg.optimum.section, drive.attribution.inputs.vehicle
+    attribution = scene.drive.attribution
+    assert attribution is not None
+    assert scene.attribution is not None
+    section, vehicle = attribution.legs[0].optimum.section, attribution.inputs.vehicle
     figure, (axis,) = light_figure((3.4,))
-    top_mps = min(
-        vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in drive.attribution.legs)
-    )
+    top_mps = min(vehicle.max_speed_mps, 1.1 * max(float(one.leg.motion.speed_mps.max()) for one in attribution.legs))
     speeds = np.linspace(0.5, top_mps, GRID_POINTS)
     pulls, brakes = vehicle.traction_effort_n(speeds), -vehicle.electric_brake_effort_n(speeds)
     shares = np.linspace(0.02, 1.0, GRID_POINTS // 2)
@@ -190,18 +140,16 @@ def efficiency_figure(drive: Drive) -> Figure:
         if np.abs(envelope).max() > 0:
             _shade(axis, section, force_n, speed_mps)
         axis.plot(kmh(speeds), envelope / KN, color=INK, linewidth=1.0)
-    for number, one in enumerate(drive.attribution.legs):
-        for run, color, label in (
-            (one.optimum.trajectory, OPTIMUM, "optimum for the same times"),
-            (one.energies.trajectory, DRIVEN, "driven"),
-        ):
-            axis.plot(
-                kmh(run.mean_speed_mps()), run.force_el_n / KN, ".", color=color, markersize=3.0, alpha=0.7,
-                label=label if number == 0 else None, rasterized=True,
-            )  # fmt: skip
+    for points in scene.attribution.motors:
+        style = STYLES[points.name]
+        known = style.label in axis.get_legend_handles_labels()[1]
+        axis.plot(
+            kmh(points.speed_mps), points.force_n / KN, ".", color=LIGHT.of[style.meaning], markersize=3.0, alpha=0.7,
+            label=None if known else style.label, rasterized=True,
+        )  # fmt: skip
     axis.axhline(0.0, color=INK, linewidth=0.7)
     axis.set_ylim(1.08 * float(brakes.min()) / KN, 1.08 * float(pulls.max()) / KN)
-    named(axis, x="Speed (km/h)", y="Force of the motors at the wheels (kN)")
+    named(axis, x=QUANTITIES["speed"].title, y=QUANTITIES["motors"].title)
     legend(axis)
     for handle in axis.get_legend().legend_handles:
         handle.set_markersize(8.0)
@@ -227,9 +175,9 @@ def _shade(axis: Any, section: Any, force_n: Any, speed_mps: Any) -> None:
         bar.ax.tick_params(labelsize=8.0)
 
 
-def punctuality_figure(drive: Drive) -> Figure:
+def punctuality_figure(scene: ReviewScene) -> Figure:
     """How late the train arrived at and left each stop."""
-    made = [call for call in drive.calls if call.reached]
+    made = [call for call in scene.drive.calls if call.reached]
     figure, (axis,) = light_figure((1.6,))
     rows = np.arange(len(made))
     arrived, left = (
@@ -250,10 +198,11 @@ def punctuality_figure(drive: Drive) -> Figure:
     axis.grid(visible=False, axis="x")
     low, high = axis.get_ylim()
     axis.set_ylim(min(1.25 * low, -LEAST_LATE_S), max(1.25 * high, LEAST_LATE_S))
-    named(axis, y="Late (s)")
+    named(axis, y=QUANTITIES["deviation"].title)
     legend(axis)
     return figure
 
 
-def _stops(drive: Drive) -> list[tuple[str, float]]:
-    return [(call.name, call.s_m) for call in drive.calls if call.reached]
+def _stops(scene: ReviewScene) -> list[tuple[str, float]]:
+    """Names and positions (m) of the stops that the train reached."""
+    return [(call.name, call.s_m) for call in scene.drive.calls if call.reached]

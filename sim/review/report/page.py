@@ -1,4 +1,4 @@
-"""The page of a report: everything found out about one drive or several, as HTML, for programs, and as PDF."""
+"""The page of a report about one drive or several: as HTML, as JSON for programs, and as PDF."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
-from sim.drive.attribution.rows import as_dict as energy_dict
-from sim.drive.attribution.rows import worst_places
-from sim.drive.comparison.aligned import AlignedDrives, on_track, place
-from sim.drive.comparison.rows import as_dict as comparison_dict
-from sim.drive.comparison.rows import sentences
+from sim.drive.attribution.attribution import as_dict as energy_dict
+from sim.drive.attribution.attribution import worst_places
+from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
+from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
-from sim.drive.events.chronicle import as_rows
+from sim.drive.events.chronicle import as_rows, place_text
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
 from sim.review.colors import LIGHT
 from sim.review.light import as_image, comparison_figure
 from sim.review.report import figures, tables
 from sim.review.report.sentences import compliance, paragraph, title, where_time_went
+from sim.review.scene import ReviewScene
 
 TEMPLATE: Final = "page.html.j2"
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -55,17 +55,14 @@ def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, s
     """Several drives aligned on track position, or None and why they cannot be; None for a single one."""
     if len(subjects) < 2:
         return None, ""
-    stems = [subject.drive.name for subject in subjects]
-    labels = [f"{stem} ({i})" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
     try:
-        drives = [on_track(subject.drive, label) for subject, label in zip(subjects, labels, strict=True)]
-        return AlignedDrives.of(drives), ""
+        return AlignedDrives.of(drives_on_track([subject.drive for subject in subjects])), ""
     except DasError as error:
         return None, str(error)
 
 
 def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_compared: str) -> str:
-    """The page as HTML, which needs nothing besides itself."""
+    """The page as HTML, which needs no other file."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -109,14 +106,15 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 
 
 def _images(drive: Drive) -> dict[str, str]:
-    """The pictures that there is something for, by name; the others are empty."""
-    made = {"speed": figures.drive_figure(drive)}
+    """The pictures by name; empty where there is nothing to draw."""
+    scene = ReviewScene.of(drive).with_attribution()
+    made = {"speed": figures.drive_figure(scene)}
     if drive.calls:
-        made["punctuality"] = figures.punctuality_figure(drive)
-    if drive.attribution is not None:
-        made["causes"] = figures.cause_figure(drive)
-        made["places"] = figures.place_figure(drive)
-        made["efficiency"] = figures.efficiency_figure(drive)
+        made["punctuality"] = figures.punctuality_figure(scene)
+    if scene.attribution is not None:
+        made["causes"] = figures.cause_figure(scene)
+        made["places"] = figures.place_figure(scene)
+        made["efficiency"] = figures.efficiency_figure(scene)
     names = ("speed", "punctuality", "causes", "places", "efficiency")
     found = {name: made.get(name) for name in names}
     return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}
@@ -132,8 +130,8 @@ def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
                 "label": aligned.drives[index].label,
                 "rows": [
                     {
-                        "start": place(one.start_m),
-                        "end": place(one.end_m),
+                        "start": place_text(one.start_m),
+                        "end": place_text(one.end_m),
                         "time": f"{one.time_s:+.1f}",
                         "drawn": f"{kwh(one.energy_j):+.2f}",
                         "lost": f"{kwh(one.lost_j):+.2f}",

@@ -12,13 +12,12 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import Attribution, worst_places
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
-from sim.drive.attribution.rows import worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
@@ -42,9 +41,9 @@ DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.HUMAN: "a simulated human",
 }
 TOLD_S: Final = 3.0
-"""A change of the lateness by less than this (s) is not told."""
+"""The sentences leave out changes of the lateness by less than this (s)."""
 HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
-"""Events that take time."""
+"""Events that hold the train up."""
 
 
 def title(drive: Drive) -> str:
@@ -67,17 +66,13 @@ def paragraph(drive: Drive) -> str:
 
 def _ran(drive: Drive) -> list[str]:
     """When the train ran from where to where, and how late it was."""
-    trip, clock, served, day = drive.course, drive.clock, drive.served, _day(drive)
-    km = (float(trip.s_m[-1]) - float(trip.s_m[0])) / KM
-    if len(served) < 2 or not served[0].departed_ns or not served[-1].arrived_ns:
-        lasted = spell(float(trip.time_ns[-1] - trip.time_ns[0]) * NS)
-        return [f"The recording of {drive.recording.train} on {day} covers {km:.1f} km in {lasted}."]
+    clock, served, day, went = drive.clock, drive.served, _day(drive), drive.travelled
+    km, lasted = f"{went.way_m / KM:.1f} km", spell(went.time_s)
+    if not went.between_stops:
+        return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
     first, last = served[0], served[-1]
-    km = (last.s_m - first.s_m) / KM
-    # Of the times as they are shown, to the second, so that they add up.
-    ran = spell(round(last.arrived_ns * NS) - round(first.departed_ns * NS))
     told = [
-        f"On {day}, {drive.recording.train} ran the {km:.1f} km from {first.name} to {last.name} in {ran}.",
+        f"On {day}, {drive.recording.train} ran the {km} from {first.name} to {last.name} in {lasted}.",
         f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
         f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
     ]
@@ -86,13 +81,11 @@ def _ran(drive: Drive) -> list[str]:
 
 
 def _late(late_s: float) -> str:
-    if math.isnan(late_s):
-        return ""
-    return " (on time)" if abs(late_s) < 0.5 else f" ({abs(late_s):.0f} s {'late' if late_s > 0 else 'early'})"
+    return "" if math.isnan(late_s) else f" ({lateness_text(late_s)})"
 
 
 def came_about(drive: Drive) -> list[str]:
-    """Sentences about how the drive came about; none where the recording does not say."""
+    """Sentences about how the drive came about; none if the recording does not tell."""
     run = drive.recording.metadata.get("run", {})
     told = []
     if run.get("kind") == "run":
@@ -250,7 +243,7 @@ def _at_stop(call: KeptCall) -> list[str]:
 
 
 def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
-    """What took time on the way between two stops, in words."""
+    """What held the train up between two stops, in words."""
     on_way = [
         one for one in drive.events if one.kind in HELD_UP and before.departed_ns <= one.time_ns <= after.arrived_ns
     ]

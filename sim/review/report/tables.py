@@ -13,9 +13,8 @@ from das.bus import topics
 from das.bus.restrictions import valid_restrictions
 from das.domain.levels import Level
 from das.domain.units import NS, kmh, kwh
-from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution
+from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
-from sim.drive.attribution.rows import seconds_by_cause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
@@ -25,9 +24,9 @@ from sim.review.report.sentences import compliance, shown_s, told_causes
 from sim.review.words import readable
 
 BEFORE_S: Final = 10.0
-"""Changes of the advice are listed from this long (s) before a bookmark …"""
+"""The page lists changes of the advice from this long (s) before a bookmark on."""
 AFTER_S: Final = 5.0
-"""… to this long (s) after it was over."""
+"""It lists them until this long (s) after the bookmark was over."""
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
@@ -68,7 +67,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
         rows.append(("advice followed, of the changes that asked for something", f"{len(seconds)} of {len(answers)}"))
         if seconds:
-            rows.append(("median time until he followed", f"{float(np.median(seconds)):.0f} s"))
+            rows.append(("median time until the driver followed", f"{float(np.median(seconds)):.0f} s"))
     return rows
 
 
@@ -91,7 +90,7 @@ def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
 
 
 def restrictions_told(drive: Drive) -> str:
-    """The temporary restrictions that the node was told, in words; nothing where no list was heard."""
+    """The temporary restrictions that the node received, in words; empty if it received no list."""
     lists = drive.recording.of(topics.RESTRICTION)
     if not lists:
         return ""
@@ -100,12 +99,12 @@ def restrictions_told(drive: Drive) -> str:
         f"{kmh(one.limit_mps):.0f} km/h from km {one.start_m / 1000:.2f} to {one.end_m / 1000:.2f}{one.window_words()}"
         for one in told
     )
-    nothing = "none that anybody can mean" if any(x.message.restrictions for x in lists) else NONE_TOLD
+    nothing = "none that is valid" if any(x.message.restrictions for x in lists) else NONE_TOLD
     return "; ".join(words) or nothing
 
 
 def rests_on(drive: Drive) -> list[tuple[str, str]]:
-    """What the figures of the page rest on, by name."""
+    """What the figures of the page rest on: names and texts."""
     run, attribution = drive.recording.metadata.get("run", {}), drive.attribution
     simulated = run.get("kind") == "run"
     rows = [("the day", "simulated: train, driver, sensors and what went wrong")] if simulated else []
@@ -197,7 +196,7 @@ def leg_rows(attribution: Attribution) -> list[Row]:
 
 
 def event_rows(drive: Drive) -> list[Row]:
-    """What happened: everything but the single changes of the advice, and answers that were as they should be."""
+    """What happened, without most changes of the advice and without the answers of a driver who followed it."""
     told = Filter(kinds=TOLD).choose(drive.events)
     unanswered = [
         one
@@ -213,7 +212,7 @@ def advice_rows(drive: Drive) -> list[Row]:
 
 
 def bookmark_rows(drive: Drive) -> list[Row]:
-    """What a reviewer wants to see first, with the notes of people; and what was driven and shown then."""
+    """What a reviewer wants to see first, and people's notes, with what was driven and shown then."""
     found = bookmarks(drive.events)
     moments = [dict(zip(("driven", "shown"), _moment_words(drive, one.time_ns), strict=True)) for one in found]
     rows = zip(_rows(drive, found), moments, strict=True)

@@ -1,8 +1,9 @@
-"""The figures of a replay, as an object and as a table."""
+"""The figures of a replay: its energies beside the optimum, all figures for JSON, and the table."""
 
 from __future__ import annotations
 
 import shlex
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,21 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.units import NS, kwh
 from das.solver.solution import Fit
-from sim.drive.above_optimum import NOT_COMPARABLE
-from sim.runs.replay.job import TripEnergies
-from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome
+from das.solver.solve import solve_front
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, why_not_comparable
+from sim.drive.attribution.driven_legs import (
+    ComparedLeg,
+    DrivenLeg,
+    leg_energies,
+    likely_band,
+    range_above,
+    section_of_leg,
+)
+from sim.recording.inputs import DriveInputs
+from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, driven_legs
 from sim.trips.cleaning import FindingKind
-from sim.trips.estimate import EnergyRange
+from sim.trips.estimate import EnergyRange, energy_range
+from sim.trips.profile import to_profile
 from sim.trips.report import direction_by_posts, line_not_used, unknowns
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip
@@ -23,6 +34,44 @@ from sim.trips.trip import Trip
 LEAST_CERTAIN_RATIO = 0.01
 """Less than this share of the energy above the optimum is within the error of inverse dynamics: for a driver who drove
 the optimum it finds 0.5 %."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TripEnergies:
+    """The energy of a replayed trip beside that of the optimum with the same arrivals, leg by leg.
+
+    `energy` is the range of the energy as driven. `above_range` is the range of the energy above the optimum, also by
+    each unknown alone; it is None where trip and optimum cannot be compared.
+    """
+
+    legs: tuple[ComparedLeg, ...]
+    above: AboveOptimum
+    energy: EnergyRange
+    above_range: EnergyRange | None
+
+
+def trip_energies(job: ReplayJob) -> TripEnergies:
+    """The energies of the trip of a replay."""
+    trip, section = job.trip, job.front.section
+    vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
+    inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
+
+    def compared(leg: DrivenLeg) -> ComparedLeg:
+        front = solve_front(section_of_leg(inputs, leg)) if trip.whole else job.front
+        return ComparedLeg.of(leg, front, leg_energies(front.section, leg))
+
+    legs = tuple(compared(leg) for leg in job.legs)
+    each = tuple(one.section_energy for one in legs)
+    why_not = why_not_comparable(each, whole=trip.whole, direction_known=trip.direction_known)
+    found = None if why_not else range_above(legs, lambda jerk: driven_legs(trip, to_profile(trip.matched, 1.0, jerk)))
+    above = AboveOptimum(
+        sections=each,
+        measured=False,
+        why_not=why_not,
+        likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
+        worst=None if found is None else EnergyBand(found.low_j, found.high_j),
+    )
+    return TripEnergies(legs=legs, above=above, energy=energy_range(section, trip.matched), above_range=found)
 
 
 def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> dict[str, Any]:

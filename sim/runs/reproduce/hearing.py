@@ -1,4 +1,4 @@
-"""The cab of a recording, from what its node was started with, hears again what was recorded; kept is what it says."""
+"""Rebuilds the cab of a recording from the options of its node, and lets it hear the recorded messages again."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ FILES: Final = {"--route": "route", "--vehicle": "vehicle", "--loss-map": "loss_
 
 @dataclass
 class NodeGiven:
-    """What a recording's node was started with, as words of its command line, and how well that is known.
+    """The command line of a recording's node, and notes about how well it is known.
 
-    `typed` are the words as they were said, `words` those with the recording's own files and with clock and train.
+    `typed` are its words as recorded or given by the user; `words` name the recording's own files, clock and train.
     """
 
     words: list[str]
@@ -41,7 +41,7 @@ class NodeGiven:
     typed: list[str] = field(default_factory=list)
 
     def options(self) -> NodeOptions:
-        """The same as options; raises DasError where they are none of this version's node."""
+        """The words as options of the node; DasError for options that this version's node does not have."""
         kept: list[NodeOptions] = []
 
         def keep(line: LineServed, driven: TrainServed, place: NodePlace, advice: AdviceGiven) -> None:
@@ -57,11 +57,11 @@ class NodeGiven:
 
 
 def node_given(contents: Contents, train: str, folder: Path, said: str | None) -> NodeGiven:
-    """What the node of a train was started with; its files are put into `folder`.
+    """The command line of a train's node; files that are attached to the recording are put into `folder`.
 
-    `said` is what the user says about it, in place of what the recording says; the files that it names are used. Where
-    neither says it, it is guessed from the journey and the topics, and a note says so. Raises DasError where nothing
-    can be made of it, and for a file that the recording names and does not bring along, unless it is a bundled one.
+    `said` is the command line that the user gives instead of the recorded one; the files that it names are used. If
+    neither is known, the command line is guessed from the journey and the topics, and a note says so. Raises DasError
+    for a command line that cannot be used, and for a file that a recording names but neither it nor das holds.
     """
     given = _words(contents, train, contents.metadata.get("run", {}), said)
     given.typed = list(given.words)
@@ -92,7 +92,7 @@ def _words(contents: Contents, train: str, run: Mapping[str, str], said: str | N
 
 
 def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGiven:
-    """What can be told from the journey and from what the node said."""
+    """The command line as far as the journey and the messages of the node tell it."""
     heard = [one for one in contents.messages if one.train == train]
     journey = next((one.message for one in heard if one.topic is topics.JOURNEY), None)
     if journey is None:
@@ -110,7 +110,7 @@ def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGive
 
 
 def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]:
-    """The words, with the recording's own files in the place of names and of paths on another machine."""
+    """The words, with the recording's own files in place of names and of paths on another machine."""
     words, files = list(given.words), AttachedFiles(contents, folder)
     for option, kind in FILES.items():
         if option not in words[:-1]:
@@ -154,11 +154,11 @@ def by_bus_clock(options: NodeOptions) -> bool:
 STATES = (JOURNEY, RESTRICTION, TARGET)
 """What the bus keeps for a node that is started anew."""
 HeardAgain = Callable[[float, float], None]
-"""Called with how many messages are heard and how many there are."""
+"""Called with the number of messages heard so far and the number of all."""
 
 
 class Said(NamedTuple):
-    """Something that a node said: on which topic, the message, and in the how-many-th tick (from 1)."""
+    """A message that a node sent: its topic, the message, and the number of the tick (from 1) in which it was sent."""
 
     topic: Topic
     message: Any
@@ -167,7 +167,7 @@ class Said(NamedTuple):
 
 @dataclass
 class Rehearing:
-    """A cab that hears a recording again. `make` gives a new cab, as whenever the node was started anew."""
+    """A cab that hears a recording again. `make` makes a new cab, as at every start of the node."""
 
     make: Callable[[], Cab]
     by_bus_clock: bool
@@ -252,8 +252,8 @@ def _wanted(control: Any) -> dict[str, int]:
 def _announced(messages: Sequence[RecordedMessage]) -> dict[str, list[RecordedMessage]]:
     """Restrictions and targets by topic that a Control message names, in the order of their times.
 
-    States come to the recorder on ways of their own, so that it may have written them some ticks too early or too
-    late. When the node heard them is known from the Control messages.
+    States reach the recorder on paths of their own, so it may have written them some ticks too early or too late. The
+    Control messages tell when the node heard them.
     """
     latest = {RESTRICTION.name: 0, TARGET.name: 0}
     for one in messages:
@@ -277,11 +277,11 @@ def _starts(messages: Sequence[RecordedMessage]) -> set[int]:
 
 
 OF_THE_PROCESS = (NodeState.STARTING, NodeState.STOPPING)
-"""States that the process says, not the cab."""
+"""States that the process around the cab reports, not the cab."""
 
 
 def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic]) -> list[Said]:
-    """What the node said in a recording, without what its process said beside the cab."""
+    """The recorded messages of a node on these topics, without those of the process around its cab."""
     said, ticks = [], 0
     for one in messages:
         if one.topic not in topics or (one.topic is STATUS and of_the_process(one.message)):
@@ -293,6 +293,6 @@ def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic])
 
 
 def of_the_process(status: Any) -> bool:
-    """Whether a status was said by the process around the cab: while it starts, waits for a journey, or stops."""
+    """Whether a status is that of the process around the cab, which starts, waits for a journey, or stops."""
     waits = status.state == NodeState.WAITING and status.reason == "waiting for a journey" and not status.advices
     return waits or status.state in OF_THE_PROCESS

@@ -1,4 +1,4 @@
-"""Reproduces a recording: what was heard goes through today's cab, and what it says is compared with what was said."""
+"""Reproduces a recording: today's cab hears the recorded messages, and its messages are compared with the recorded."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Comparison:
 
     @property
     def by_field(self) -> dict[str, tuple[int, float]]:
-        """Of each field that differs: in how many messages, and by how much at most (NaN: no number)."""
+        """For each field that differs: in how many messages, and by how much at most (NaN: not a number)."""
         found: dict[str, list[float]] = defaultdict(list)
         for one in self.differences:
             for path, by in {(_bare(x.path), x.by) for x in one.fields}:
@@ -110,7 +110,7 @@ def compare(recorded: Sequence[Said], today: Sequence[Said]) -> Comparison:
 
 
 def _pairs(olds: Sequence[Said], news: Sequence[Said]) -> Iterator[tuple[Said | None, Said | None]]:
-    """Messages of one moment that belong together: where some are missing, those that are the same, then the rest."""
+    """Pairs of messages of one moment. If some are missing, equal messages are paired first, then the rest in order."""
     left = list(news)
     rest: list[Said] = []
     for old in olds:
@@ -206,7 +206,7 @@ HEARD = (POSITION, DELAY, EFFORT, JOURNEY, RESTRICTION, TARGET)
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
 """The metadata of a recording that holds all that its node heard, but only a part of what it said."""
 CONTEXT_S = 5.0
-"""So many seconds of what was heard are shown before the first difference."""
+"""The messages heard in this time (s) before the first difference are shown."""
 BY_THE_WALL = (
     "the node went by the time of day and looked for its plans in the background: when it had them depended on its "
     "machine, and so does every plan made after that; differences do not mean that this version advises differently"
@@ -215,7 +215,7 @@ BY_THE_WALL = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reproduction:
-    """What came of it. `context` is what was heard before the first difference: (seconds before it, topic, text)."""
+    """The result. `context` has the messages heard before the first difference: (seconds before it, topic, text)."""
 
     path: Path
     train: str
@@ -230,7 +230,7 @@ class Reproduction:
         return not self.comparison.differences
 
     def as_dict(self) -> dict[str, Any]:
-        """The same for JSON."""
+        """The result for JSON."""
         first = self.comparison.differences[0] if self.comparison.differences else None
         return {
             "file": str(self.path),
@@ -264,7 +264,7 @@ def _as_dict(one: Difference) -> dict[str, Any]:
 def reproduce(
     path: Path, progress: HeardAgain, *, train: str | None = None, node: str | None = None, tables: Path | None = None
 ) -> Reproduction:
-    """Let today's cab hear a recording; `node` says with what it was started, where the recording does not.
+    """Let today's cab hear a recording; `node` is the command line of its node, if the recording does not hold it.
 
     Raises DasError for a recording that cannot be read, or in which no node said anything.
     """
@@ -302,7 +302,7 @@ def without_waiting(plan: CabPlan) -> CabPlan:
 
 
 def _span(contents: Contents) -> tuple[int, int]:
-    """From when to when a recording holds what its node said (ns): all the time, unless it is an extract."""
+    """From when to when (ns) a recording holds the messages of its node: all the time, unless it is an extract."""
     extract = contents.metadata.get(EXTRACT, {})
     try:
         return int(extract.get(SAID_FROM, "0")), int(extract.get(SAID_TO, str(LAST_NS)))

@@ -68,7 +68,7 @@ def _truth(origin: Origin, truth: Truth) -> Truth:
 
 
 def _file(origin: Origin, kind: str, name: str) -> str:
-    """A route by its name, where today's bundled one is that of the recording; else the attached file."""
+    """A route by its name, if today's bundled route is that of the recording; else the attached file."""
     bundled = catalogue("routes").get(name)
     if bundled is not None and sha256(bundled) == origin.files.sha256(kind):
         return name
@@ -76,7 +76,7 @@ def _file(origin: Origin, kind: str, name: str) -> str:
 
 
 def _vehicle(origin: Origin, prefix: str, name: str) -> str:
-    """The same of a vehicle, whose loss map counts as well."""
+    """A vehicle by its name, if the bundled vehicle and loss map are those of the recording; else the attached file."""
     files = origin.files
     if name in catalogue("vehicles") and all(
         sha256(path) == files.sha256(f"{prefix}{kind}") for kind, path in vehicle_files(name).items()
@@ -95,8 +95,8 @@ def _attached(origin: Origin, kind: str) -> Path:
 def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """A scenario made from a drive without a simulator: line, train, stops, late departures and restrictions.
 
-    `node` says what the recording's node was started with, where the recording does not. What held the train up
-    between stops nobody recorded, nor resistance, wind and rail. Raises DasError where line or train are not known.
+    `node` is the command line of the recording's node, if the recording does not hold it. Nobody recorded what held the
+    train up between stops, nor resistance, wind and rail. Raises DasError where line or train are not known.
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
@@ -205,7 +205,7 @@ def _window(one: Restriction, departure_ns: int) -> list[str] | None:
 TRUE_LEVEL: Final = "what_if_true_level"
 """The key of the metadata that says with which losses the train was driven, where its advice is planned with others."""
 BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
-"""How human drivers braked before that could be chosen."""
+"""How human drivers braked in recordings that are older than the choice."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,7 +218,7 @@ class AgainDay:
 
 
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainDay:
-    """The recorded day with what is otherwise; raises DasError where it cannot be had again.
+    """The recorded day with the changes of the what-if; raises DasError if it cannot be driven again.
 
     Of a simulated day, scenario and seed are the recorded ones. Of any other drive the scenario is made from what was
     heard, and the driver is a simulated one with seed 0.
@@ -287,7 +287,7 @@ def _seed(origin: Origin) -> int:
 
 
 def _how(origin: Origin, new: Otherwise) -> How:
-    """The driver, the display and the policy of braking: each as the user asks for, else as recorded."""
+    """The driver, the display and the use of the friction brake: as the user asks for, else as recorded."""
     run, driven = origin.run if origin.is_simulated else {}, new.driven
     if driven.driver is not None:
         driver = named_driver("--driver", driven.driver)
@@ -342,7 +342,7 @@ def _check_stops(origin: Origin, names: list[str]) -> None:
 
 
 def _restricted(day: Day, whole: Otherwise) -> Day:
-    """The day with its restrictions and those that are added, which everybody knows from the beginning."""
+    """The day with its restrictions and the added ones, which everybody knows from the beginning."""
     kept = [
         one for one in day.disturbances if not (whole.without_restrictions and isinstance(one, AnnouncedRestriction))
     ]

@@ -14,14 +14,14 @@ from das.bus import topics
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
 from das.domain.units import kmh, kwh
-from sim.drive.comparison.aligned import SAME_ADVICE_MPS, Advised, AlignedDrives, on_track, place, told_apart
-from sim.drive.comparison.rows import as_dict
+from sim.drive.comparison import SAME_ADVICE_MPS, Advised, AlignedDrives, as_dict, on_track, told_apart
 from sim.drive.drive import Drive
+from sim.drive.events.chronicle import place_text
 from sim.recording.course import minutes
 from sim.recording.opening import WhatIfKind, open_contents
 
 LEAST_TOLD_KMH: Final = 0.05
-"""A mean difference of the advised speed below this is not told: it would read 0.0."""
+"""The sentences leave out a mean difference of the advised speed below this, which would read 0.0."""
 NAMES: Final = ("recorded", "what if")
 
 
@@ -61,7 +61,7 @@ class SaidAdvice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Changed:
-    """The two drives aligned on track position (None, and `why_not`: they cannot be), and their advice."""
+    """The two drives aligned on track position (None if they cannot be; `why_not` says why), and their advice."""
 
     kind: WhatIfKind
     aligned: AlignedDrives | None
@@ -76,7 +76,7 @@ class Changed:
         return None if self.aligned is None else self.aligned.first_different_advice(1)
 
     def as_dict(self) -> dict[str, Any]:
-        """The same for JSON."""
+        """The changes for JSON."""
         advice = self.advice
         return {
             "comparison": None if self.aligned is None else as_dict(self.aligned),
@@ -93,7 +93,7 @@ class Changed:
         }
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """What is compared, of both recordings; in an open loop the drive is the same, and only its advice differs."""
+        """The rows of a table: name, recorded, what if. An open loop has no rows about the drive, which is the same."""
         advice, rows = self.advice, list[tuple[str, str, str]]()
         if self.aligned is not None and self.kind is WhatIfKind.DRIVEN_ANEW:
             rows += _drive_rows(self.aligned)
@@ -115,7 +115,7 @@ class Changed:
             by = f", its speed by {kmh(advice.apart_mps):.1f} km/h on average" if known else ""
             told.append(f"The advice differs at {advice.differing} of {advice.moments} moments{by}.")
         if first is not None:
-            told.append(f"It differs first at {place(first.s_m)}: {first.first}, and now {first.other}.")
+            told.append(f"It differs first at {place_text(first.s_m)}: {first.first}, and now {first.other}.")
         if self.kind is WhatIfKind.DRIVEN_ANEW and self.aligned is not None and not self.aligned.drives[0].measured:
             told.append("The recorded energy is an estimate, with motors that brake first; the new one is measured.")
         if self.aligned is None:

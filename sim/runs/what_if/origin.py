@@ -18,7 +18,7 @@ from sim.recording.opening import WHAT_IF, WhatIfKind, open_contents
 from sim.runs.what_if.otherwise import KEPT, Otherwise
 
 OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"
-"""The metadata of a what-if: the recording that it is of, and what is otherwise, in words."""
+"""Keys of a what-if's metadata: the recording that it starts from, that file's hash, and the changes in words."""
 NOTHING = "nothing"
 
 
@@ -47,7 +47,7 @@ class Origin:
 
     @property
     def run(self) -> Mapping[str, str]:
-        """What the recording says about how it was made."""
+        """The recording's metadata about how it was made."""
         return self.contents.metadata.get("run", {})
 
     @property
@@ -67,7 +67,7 @@ class Origin:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether a simulated train was driven, so that its day can be had again."""
+        """Whether the train was simulated, so that its day can be driven again."""
         return self.run.get("kind") == "run"
 
     @property
@@ -99,7 +99,7 @@ class Origin:
                 raise DasError(f"--restriction from km {one.start_m / 1000:g} to {one.end_m / 1000:g}: {way}")
 
     def metadata(self, kind: WhatIfKind, new: Otherwise, whole: Otherwise) -> dict[str, str]:
-        """What a new recording says about being a what-if; `whole` holds the changes of earlier ones as well."""
+        """The metadata of a what-if of this day; `whole` holds the changes of earlier what-ifs as well."""
         return {
             WHAT_IF: str(kind),
             OF: self.path.name,

@@ -1,4 +1,4 @@
-"""What a user wants to be otherwise on a recorded day."""
+"""The changes that a what-if makes to a recorded day."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.options import ParticipantOption, PopulationOption
 
 KEPT: Final = "what_if_kept"
-"""The key of a what-if's metadata under which its changes are kept, so that it can be the day of another what-if."""
+"""The key of a what-if's metadata that holds its changes, so that another what-if can start from it."""
 KEPT_OF_CAB: Final = frozenset({"load", "planning_brake", "below_limit"})
 """The changes of the cab that a what-if keeps in its metadata; its train and the losses are in the attached files."""
 SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
@@ -31,7 +31,7 @@ _RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)
 
 @dataclass(frozen=True, kw_only=True)
 class CabOtherwise:
-    """What the advice is to be made with; None means as recorded."""
+    """The changes of the cab that makes the advice; None means as recorded."""
 
     level: Annotated[
         Level | None,
@@ -103,7 +103,7 @@ class DrivenOtherwise:
 
 @dataclass(frozen=True, kw_only=True)
 class Otherwise:
-    """Everything that is to be otherwise. `without_restrictions`: those that were recorded are left out."""
+    """All changes of a what-if. `without_restrictions` leaves out the recorded restrictions."""
 
     cab: CabOtherwise = field(default_factory=CabOtherwise)
     driven: DrivenOtherwise = field(default_factory=DrivenOtherwise)
@@ -111,7 +111,7 @@ class Otherwise:
     without_restrictions: bool = False
 
     def over(self, earlier: Otherwise) -> Otherwise:
-        """These changes made on a day that is a what-if itself."""
+        """These changes, and the earlier ones of a day that is a what-if itself."""
         return Otherwise(
             cab=self.cab.over(earlier.cab),
             driven=self.driven,
@@ -120,7 +120,7 @@ class Otherwise:
         )
 
     def described(self) -> list[str]:
-        """Each change in words; none where nothing is otherwise."""
+        """Each change in words; empty if there is none."""
         cab, driven = self.cab, self.driven
         named = {
             "loss level": cab.level,
@@ -139,14 +139,14 @@ class Otherwise:
         return [*said, *map(_described, self.restrictions)]
 
     def kept(self) -> str:
-        """What another what-if of this day has to make again, as JSON; the train is attached to the recording."""
+        """The changes that a what-if of this what-if has to repeat, as JSON; the train is attached to the recording."""
         cab = {name: value for name, value in asdict(self.cab).items() if name in KEPT_OF_CAB}
         restrictions = [one.figures[: 5 if one.has_window else 3] for one in self.restrictions]
         return json.dumps({**cab, "restrictions": restrictions, "without_restrictions": self.without_restrictions})
 
     @classmethod
     def of(cls, run: Mapping[str, str]) -> Otherwise:
-        """What is otherwise already on a recorded day, by its metadata; DasError where that cannot be read."""
+        """The changes that a recorded day already has, by its metadata; DasError if these cannot be read."""
         if KEPT not in run:
             return cls()
         try:

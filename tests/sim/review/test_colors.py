@@ -82,7 +82,7 @@ def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(gro
     assert {color: ratio for color, ratio in faint.items() if ratio < 2.5} == {}
 
 
-@pytest.mark.parametrize("folder", ["review", "review/report", "drive/comparison"])
+@pytest.mark.parametrize("folder", ["review", "review/report"])
 def test_no_picture_or_page_has_colours_of_its_own(folder: str) -> None:
     """All colours are in sim/review/colors.py, each once."""
     for path in (Path("sim") / folder).iterdir():

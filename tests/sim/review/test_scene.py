@@ -152,12 +152,15 @@ def test_lanes() -> None:
     }  # fmt: skip
 
 
-def test_notes_are_bookmarks(tmp_path: Path) -> None:
+def test_notes_are_marks_and_bookmarks(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.mcap", seconds=300)
     add_note(path, Note(time_ns=at_ns(100), end_ns=at_ns(100), text="braked late", tags=("braking",)))
-    found = ReviewScene.of(Drive(source=open_recording(path))).bookmarks
+    scene = ReviewScene.of(Drive(source=open_recording(path)))
+    found = scene.bookmarks
     (note,) = (one for one in found if one.meaning is Meaning.NOTE)
     assert note.text.endswith("  note: braked late [braking]")
+    (mark,) = (one for one in scene.marks if one.meaning is Meaning.NOTE)
+    assert (mark.time_ns, mark.text.endswith("note: braked late")) == (at_ns(100), True)
     assert [one.time_ns for one in found] == sorted(one.time_ns for one in found)
     assert not [one for one in found if "  advice: " in one.text]
 

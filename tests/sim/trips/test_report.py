@@ -21,12 +21,11 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli import trips as trip_command
-from sim.drive.attribution.compared import ComparedLeg, likely_band, range_above
-from sim.drive.attribution.driven_legs import DrivenLeg
+from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, leg_energies, likely_band, range_above
 from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
-from sim.runs.replay.job import driven_legs, prepare, trip_energies
-from sim.runs.replay.replay import ReplayOutcome
+from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare
+from sim.runs.replay.report import trip_energies
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
 from sim.trips.report import FORCES_SHOWN_RATIO, draw_forces
@@ -232,7 +231,7 @@ def above_in_all_cases(trip: Trip, front: Front, shortest_s: float | None = None
         return [replace(leg, motion=replace(leg.motion, time_ns=faster_ns))]
 
     as_assumed = legs(SMOOTHING.jerk_psd_m2ps5)
-    return range_above([ComparedLeg.of(one, front) for one in as_assumed], legs)
+    return range_above([ComparedLeg.of(one, front, leg_energies(front.section, one)) for one in as_assumed], legs)
 
 
 @pytest.mark.slow

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from das.bus import das_pb2, topics
-from das.bus.recording import Recording, Stamped
-from das.bus.restrictions import encode_restriction
+from das.bus.recording import Recording
 from das.cab.heard import ToldRestriction
 from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
 from sim.drive.attribution.committed import Epoch, epochs_of
+from tests.support.hand_recorded import in_memory
 from tests.support.recordings import at_ns
 
 NOTHING = Epoch(-(2**63), frozenset())
@@ -18,14 +16,12 @@ HERE, THERE = Restriction(100.0, 200.0, 10.0), Restriction(300.0, 400.0, 10.0)
 
 def told(*lists: tuple[float, tuple[Restriction, ...]]) -> Recording:
     """A recording of lists of restrictions, each with its time (s)."""
-    messages = [
-        das_pb2.Restrictions(time_ns=at_ns(t_s), restrictions=map(encode_restriction, restrictions))
-        for t_s, restrictions in lists
-    ]
-    return Recording(
-        path=Path("day.mcap"), train="t1", trains=("t1",), metadata={}, attachments=(), complete=True,
-        messages={topics.RESTRICTION.name: tuple(Stamped(0, one) for one in messages)},
-    )  # fmt: skip
+    return in_memory(
+        *(
+            (topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(t), restrictions=map(encoded, told)))
+            for t, told in lists
+        )
+    )
 
 
 def test_every_list_that_says_something_new_is_an_epoch() -> None:

@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from das.bus import das_pb2
-from das.bus.recording import Recording, Stamped
+from das.bus.recording import Recording
+from das.bus.topics import EFFORT, POSITION
 from sim.drive.attribution.driven_legs import _friction_j
 from sim.drive.drive import Drive
 from sim.drivers.drivers import PerfectDriver
 from sim.recording.course import DrivenCourse
 from sim.review.series import series
-from sim.world.service import make_day
-from tests.support.flat_days import FLAT, service_of
+from tests.support.flat_days import flat_day
+from tests.support.hand_recorded import in_memory
 from tests.support.recorded_days import recorded_day
 from tests.support.recordings import at_ns
 
 
 def measured(*forces: tuple[float, float, float]) -> Recording:
     """A recording with positions and measured forces alone: time (s), force of the motors and of the friction brake."""
-    efforts = [das_pb2.Effort(time_ns=at_ns(t), force_el_n=el, force_friction_n=fr) for t, el, fr in forces]
-    places = [das_pb2.Position(time_ns=at_ns(t), s_m=20.0 * t, speed_mps=20.0) for t in range(11)]
-    return Recording(
-        path=Path("x.mcap"), train="t", trains=("t",), metadata={}, attachments=(), complete=True,
-        messages={
-            "effort": tuple(Stamped(one.time_ns, one) for one in efforts),
-            "position": tuple(Stamped(one.time_ns, one) for one in places),
-        },
-    )  # fmt: skip
+    return in_memory(
+        *((EFFORT, das_pb2.Effort(time_ns=at_ns(t), force_el_n=el, force_friction_n=fr)) for t, el, fr in forces),
+        *((POSITION, das_pb2.Position(time_ns=at_ns(t), s_m=20.0 * t, speed_mps=20.0)) for t in range(11)),
+    )
 
 
 def test_the_friction_brakes_energy_is_its_force_times_the_way() -> None:
@@ -53,10 +47,8 @@ def test_pictures_show_measured_forces_where_no_simulator_tells_the_truth() -> N
     assert force_kn.tolist() == [0.0, -60.0, 20.0]
 
 
-def test_a_leg_goes_from_stand_to_stand_and_its_times_are_those_of_the_run(tmp_path: Path) -> None:
-    path = tmp_path / "flat.toml"
-    path.write_text(FLAT, encoding="utf-8")
-    day = make_day(service_of(path), 1)
+def test_a_leg_goes_from_stand_to_stand_and_its_times_are_those_of_the_run() -> None:
+    day = flat_day()
     recording = recorded_day(day, PerfectDriver(day.service.line))
     (leg,) = Drive(source=recording).legs
     assert (leg.start.name, leg.end.name) == ("A", "B")

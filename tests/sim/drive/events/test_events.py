@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -15,8 +14,8 @@ import pytest
 from mcap import records
 
 from das.bus import das_pb2, topics
-from das.bus.recording import Recording, Stamped
-from das.bus.restrictions import decode_restriction
+from das.bus.recording import Recording
+from das.bus.topics import decoded
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction
@@ -26,6 +25,7 @@ from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.recording.course import DriveClock, DrivenCourse
 from sim.recording.inputs import inputs_of
+from tests.support.hand_recorded import advice, cab, in_memory, told, truth
 from tests.support.making import das_sim, refusal
 from tests.support.recordings import at_ns, write_recording
 
@@ -45,25 +45,15 @@ def way_at(t_s: float) -> float:
 
 def drive(*sent: tuple[topics.Topic, Any], stops: tuple[tuple[str, float, float, float], ...] = ()) -> Recording:
     """The drive above at 1 Hz, a journey with stops (name, position, due arrival and departure in s), and more."""
-    truth = [
-        das_pb2.Truth(time_ns=at_ns(t), s_m=way_at(t), speed_mps=speed_at(t), limit_mps=9.0 if t < 60 else 40.0)
-        for t in range(171)
+    ordered = [
+        das_pb2.Journey.Stop(
+            name=name, s_m=s_m, arrival_ns=at_ns(due) if due else 0, departure_ns=at_ns(leaves) if leaves else 0
+        )
+        for name, s_m, due, leaves in stops
     ]
-    messages: dict[str, list[Stamped]] = {"truth": [Stamped(one.time_ns, one) for one in truth]}
-    if stops:
-        ordered = [
-            das_pb2.Journey.Stop(
-                name=name, s_m=s_m, arrival_ns=at_ns(due) if due else 0, departure_ns=at_ns(leaves) if leaves else 0
-            )
-            for name, s_m, due, leaves in stops
-        ]
-        messages["journey"] = [Stamped(0, das_pb2.Journey(time_ns=at_ns(0), stops=ordered))]
-    for topic, message in sent:
-        messages.setdefault(topic.name, []).append(Stamped(0, message))
-    return Recording(
-        path=Path("drive.mcap"), train="t1", trains=("t1",), metadata={}, attachments=(), complete=True,
-        messages={name: tuple(entries) for name, entries in messages.items()},
-    )  # fmt: skip
+    journey = [(topics.JOURNEY, das_pb2.Journey(time_ns=at_ns(0), stops=ordered))] if ordered else []
+    driven = (truth(t, way_at(t), speed_at(t), limit_mps=9.0 if t < 60 else 40.0) for t in range(171))
+    return in_memory(*driven, *journey, *sent)
 
 
 STOPS = (("Aarau", 0.0, 0.0, 4.0), ("Brugg", 600.0, 80.0, 90.0), ("Cham", 1200.0, 140.0, 0.0))
@@ -124,10 +114,7 @@ def test_the_vehicle_files_top_speed_is_no_limit_of_the_line() -> None:
 
 
 def test_behind_a_restriction_the_length_of_the_train_counts() -> None:
-    told = das_pb2.Restrictions(
-        time_ns=at_ns(1), restrictions=[das_pb2.Restrictions.Restriction(start_m=200.0, end_m=300.0, limit_mps=5.0)]
-    )
-    recording = with_files(drive((topics.RESTRICTION, told), stops=STOPS), 200.0)
+    recording = with_files(drive(told(1, (200.0, 300.0, 5.0)), stops=STOPS), 200.0)
     trip = DrivenCourse.of(recording)
     slow = trip.s_m[Drive(source=recording).limit_mps == 5.0]
     length_m = inputs_of(recording).vehicle.train_length_m
@@ -136,23 +123,11 @@ def test_behind_a_restriction_the_length_of_the_train_counts() -> None:
 
 
 def test_a_stand_where_there_is_no_stop_is_told() -> None:
-    truth = [
-        das_pb2.Truth(time_ns=at_ns(t), s_m=float(s), speed_mps=v, limit_mps=40.0)
-        for t, s, v in [(0, 0, 0.0), (1, 5, 10.0), (2, 500, 5.0), (3, 505, 0.0), (63, 505, 0.0), (64, 506, 2.0)]
-    ]
-    recording = Recording(
-        path=Path("x.mcap"), train="t", trains=("t",), metadata={}, attachments=(), complete=True,
-        messages={"truth": tuple(Stamped(one.time_ns, one) for one in truth)},
-    )  # fmt: skip
+    samples = [(0, 0.0, 0.0), (1, 5.0, 10.0), (2, 500.0, 5.0), (3, 505.0, 0.0), (63, 505.0, 0.0), (64, 506.0, 2.0)]
+    recording = in_memory(*(truth(*one) for one in samples))
     assert [one.s_m for one in stands(DrivenCourse.of(recording))] == [0.0, 505.0]
     (stand,) = of_kind(recording, EventKind.STAND)
     assert stand.facts["lasted_s"] == pytest.approx(60.0, abs=2.0)
-
-
-def advised(t_s: float, mode: int, **fields: Any) -> tuple[topics.Topic, Any]:
-    return topics.ADVICE, das_pb2.Advice(
-        time_ns=at_ns(t_s), valid_until_ns=at_ns(t_s + 3), source=2, mode=mode, **fields
-    )
 
 
 def planned(t_s: float, speed_mps: float, s_m: float) -> tuple[topics.Topic, Any]:
@@ -162,16 +137,9 @@ def planned(t_s: float, speed_mps: float, s_m: float) -> tuple[topics.Topic, Any
 
 
 def test_a_change_of_the_advice_tells_whether_the_plan_went_on_or_why_it_is_new() -> None:
-    told = (
-        topics.RESTRICTION,
-        das_pb2.Restrictions(
-            time_ns=at_ns(79),
-            restrictions=[das_pb2.Restrictions.Restriction(start_m=900.0, end_m=950.0, limit_mps=5.0)],
-        ),
-    )
     recording = drive(
-        advised(1, 1), advised(20, 3), advised(50, 4), advised(80, 5),
-        planned(1, 10.0, 0.0), planned(50, 12.0, way_at(50)), planned(80, 10.0, way_at(80)), told,
+        advice(1, mode=1), advice(20, mode=3), advice(50, mode=4), advice(80, mode=5), told(79, (900.0, 950.0, 5.0)),
+        planned(1, 10.0, 0.0), planned(50, 12.0, way_at(50)), planned(80, 10.0, way_at(80)),
     )  # fmt: skip
     texts = [one.text for one in of_kind(recording, EventKind.ADVICE)]
     assert texts[:2] == ["full traction: the first advice", "cruise at 0 km/h: the plan goes on"]
@@ -185,17 +153,17 @@ def test_a_change_of_the_advice_tells_whether_the_plan_went_on_or_why_it_is_new(
 def test_the_window_of_a_restriction_is_told_with_its_begin_and_end() -> None:
     window = {"valid_from_ns": at_ns(60), "valid_until_ns": at_ns(100)}
     one = das_pb2.Restrictions.Restriction(start_m=900.0, end_m=950.0, limit_mps=5.0, **window)
-    told = (topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(20), restrictions=[one]))
-    events = of_kind(drive(told), EventKind.RESTRICTION)
+    listed = (topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(20), restrictions=[one]))
+    events = of_kind(drive(listed), EventKind.RESTRICTION)
     assert [(one.text.split(":")[0], one.time_ns) for one in events] == [
         ("restriction told", at_ns(20)), ("restriction begins", at_ns(60)), ("restriction ends", at_ns(100)),
     ]  # fmt: skip
-    place = "18 km/h, km 0.90 to 0.95" + decode_restriction(one, Restriction).window_words()
+    place = "18 km/h, km 0.90 to 0.95" + decoded(one, Restriction).window_words()
     assert all(event.text.endswith(place) for event in events)
 
 
 def test_withdrawn_advice_has_its_cause_and_its_length() -> None:
-    entries = [advised(t, 3) for t in (1, 40)] + [
+    entries = [advice(t, mode=3) for t in (1, 40)] + [
         (topics.ADVICE, das_pb2.Advice(time_ns=at_ns(t), cause=11, reason="position 4 s old"))
         for t in (30, 32, 34, 36, 38)
     ]
@@ -208,18 +176,12 @@ def test_withdrawn_advice_has_its_cause_and_its_length() -> None:
 
 
 def test_the_driver_answers_after_a_while_or_not_at_all() -> None:
-    def cab(t: int, mode: int, lever: float) -> tuple[topics.Topic, Any]:
-        return topics.CAB, das_pb2.Cab(
-            time_ns=at_ns(t),
-            presentation=3,
-            mode=mode,
-            lever_ratio=lever,
-            signal_m=math.nan,  # type: ignore[arg-type]
-        )
+    def shown(t: int, mode: int, lever: float) -> tuple[topics.Topic, Any]:
+        return cab(t, presentation=3, mode=mode, lever_ratio=lever)
 
-    entries = [cab(t, 2, 0.5) for t in range(10, 40)]
-    entries += [cab(t, 4, 0.5 if t < 47 else 0.0) for t in range(40, 80)]
-    entries += [cab(t, 5, 0.0) for t in range(80, 90)]
+    entries = [shown(t, 2, 0.5) for t in range(10, 40)]
+    entries += [shown(t, 4, 0.5 if t < 47 else 0.0) for t in range(40, 80)]
+    entries += [shown(t, 5, 0.0) for t in range(80, 90)]
     first, second = of_kind(drive(*entries), EventKind.DRIVER)
     assert first.facts == {"mode": "coast", "followed": True, "reaction_s": 7.0}
     assert second.facts["followed"] is False

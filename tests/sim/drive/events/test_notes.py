@@ -8,13 +8,9 @@ import pytest
 from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
 from mcap.reader import make_reader
 
-from das.bus.recording import read_recording
 from das.domain.errors import DasError
-from sim.drive.drive import Drive
 from sim.drive.events.notes import Note, add_note, notes_path, read_notes, remove_note
-from sim.review.colors import Meaning
-from sim.review.scene import ReviewScene
-from tests.support.recordings import at_ns, write_recording
+from tests.support.recordings import at_ns
 
 
 def a_note(t_s: float, text: str = "braked late", tags: tuple[str, ...] = ()) -> Note:
@@ -41,14 +37,6 @@ def test_other_programs_find_foxglove_events(tmp_path: Path) -> None:
     event = FoxgloveEvent.FromString(message.data)
     assert event.start_time.ToNanoseconds() == at_ns(60.0)
     assert {pair.key: pair.value for pair in event.metadata} == {"text": "braked late", "tags": "braking"}
-
-
-def test_a_picture_marks_the_notes(tmp_path: Path) -> None:
-    path = write_recording(tmp_path / "drive.mcap", seconds=300)
-    add_note(path, a_note(60.0))
-    (found,) = [one for one in ReviewScene.of(Drive(source=read_recording(path))).marks if one.meaning is Meaning.NOTE]
-    assert found.time_ns == at_ns(60.0)
-    assert found.text.endswith("note: braked late")
 
 
 def test_bad_notes_and_damaged_files_are_refused(tmp_path: Path) -> None:

@@ -24,7 +24,8 @@ from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from sim.cli.trips import bundled_recording
 from sim.drive.attribution.causes import ShownAdvice
-from sim.drive.comparison.aligned import AlignedDrives, drives_on_track
+from sim.drive.comparison import AlignedDrives, drives_on_track
+from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import NodeSaid
 from sim.recording.check import check_file
@@ -185,7 +186,7 @@ def test_a_what_if_of_a_what_if_keeps_what_was_otherwise(recorded: Path, tmp_pat
     again = day_again(origin_of(once), Otherwise())
     assert again.metadata["what_if_true_level"] == "l3"
     assert again.day.service.level is Level.L1
-    drives = AlignedDrives.of(drives_on_track([recorded, once]))
+    drives = AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(once)]))
     assert drives.energy_j[1, -1] < 0.8 * drives.energy_j[0, -1]  # nobody brakes with friction for nothing
 
 

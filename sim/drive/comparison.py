@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,10 +17,10 @@ from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.domain.units import KM, NS, kmh
-from sim.drive.attribution.committed import section_of_leg
-from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, leg_energies
+from das.domain.units import NS, kmh, kwh
+from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.drive.drive import Drive
+from sim.drive.events.chronicle import place_text
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
 
@@ -67,14 +68,14 @@ class DriveOnTrack:
         return self.advised_mode[first], self.advised_mps[first]
 
 
-def drives_on_track(paths: Sequence[Path]) -> list[DriveOnTrack]:
-    """Read recorded drives; DasError where one has no journey, no positions, or its line and train are not known.
+def drives_on_track(drives: Sequence[Drive]) -> list[DriveOnTrack]:
+    """Recorded drives over the track, called by their files' names, with numbers where these are the same.
 
-    Drives are called by their files' names, with numbers where these are the same.
+    DasError where one has no journey, no positions, or its line and train are not known.
     """
-    stems = [path.stem for path in paths]
-    labels = [f"{stem} ({i})" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
-    return [on_track(Drive.read(path), label) for path, label in zip(paths, labels, strict=True)]
+    names = [drive.name for drive in drives]
+    labels = [f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, start=1)]
+    return [on_track(drive, label) for drive, label in zip(drives, labels, strict=True)]
 
 
 def on_track(drive: Drive, label: str) -> DriveOnTrack:
@@ -94,7 +95,7 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
         time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
-        energy_j=_energy_j(inputs, motion, legs, time_ns),
+        energy_j=_energy_j(drive, time_ns),
         measured=motion.input_j is not None,
         advised_mode=mode,
         advised_mps=advised_mps,
@@ -111,14 +112,14 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
 
 
-def _energy_j(inputs: DriveInputs, motion: DrivenMotion, legs: tuple[DrivenLeg, ...], time_ns: Times) -> Floats:
+def _energy_j(drive: Drive, time_ns: Times) -> Floats:
     """Energy since the first departure (J): measured, or estimated on the legs, with nothing drawn at stops."""
+    motion = drive.motion
     if motion.input_j is not None:
         energy_j = np.interp(time_ns, motion.time_ns, motion.input_j)
         return np.asarray(energy_j - energy_j[0])
     total_j = np.zeros(len(time_ns))
-    for leg in legs:
-        energies = leg_energies(section_of_leg(inputs, leg), leg)
+    for leg, energies in zip(drive.legs, drive.energies, strict=True):
         total_j += np.interp(time_ns, leg.motion.time_ns, energies.balance_j)
     return total_j
 
@@ -147,7 +148,7 @@ STEP_M = 10.0
 SAME_ADVICE_MPS = 0.5 / 3.6
 """Advised speeds that differ by less than this (m/s) are shown as the same."""
 SAME_S, SAME_J = 1e-6, 1.0
-"""Drives that never differ by more than this (s, J) are the same: it is only rounding."""
+"""Drives that never differ by more than this (s, J) are the same: such differences are rounding."""
 EDGE_M = 0.5
 """A stretch begins and ends this far (m) at most from a row."""
 
@@ -301,6 +302,111 @@ def _said(mode: int, speed_mps: float, digits: int) -> str:
     return f"{mode_name(Regime(int(mode)))} at {kmh(speed_mps):.{digits}f} km/h"
 
 
-def place(s_m: float) -> str:
-    """A position as "km 12.34"."""
-    return f"km {s_m / KM:.2f}"
+TOLD_S, TOLD_KWH = 0.5, 0.05
+"""Smaller differences count as none in the sentences."""
+
+
+def as_dict(aligned: AlignedDrives) -> dict[str, Any]:
+    """The comparison for programs: times in s, energies in kWh, positions in m; more than the first drive: > 0."""
+    return {
+        "from_m": float(aligned.s_m[0]),
+        "to_m": float(aligned.s_m[-1]),
+        "trains_differ": aligned.trains_differ,
+        "drives": [drive_dict(aligned, index) for index in range(len(aligned.drives))],
+    }
+
+
+def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
+    """One drive beside the first."""
+    drive = aligned.drives[index]
+    advised = None if index == 0 else aligned.first_different_advice(index)
+    found: dict[str, Any] = {
+        "recording": str(drive.recording.path),
+        "label": drive.label,
+        "train": drive.train,
+        "time_s": float(aligned.time_s[index, -1]),
+        "energy_kwh": kwh(float(aligned.energy_j[index, -1])),
+        "energy_measured": drive.measured,
+        "arrived_late_s": [_number(leg.end.arrived_late_s) for leg in drive.legs],
+    }
+    if index:
+        found |= {
+            "same": aligned.is_same(index),
+            "more_time_s": float(aligned.time_s[index, -1] - aligned.time_s[0, -1]),
+            "more_energy_kwh": kwh(float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1])),
+            "first_different_advice": None if advised is None else advised._asdict(),
+            "stretches": [
+                {
+                    "start_m": one.start_m,
+                    "end_m": one.end_m,
+                    "more_time_s": one.time_s,
+                    "more_energy_kwh": kwh(one.energy_j),
+                    "more_lost_kwh": kwh(one.lost_j),
+                }
+                for one in aligned.stretches(index)
+            ],
+        }
+    return found
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def as_csv(aligned: AlignedDrives) -> bytes:
+    """One row a position; a change of the limit is two rows. Columns of a drive end in its number, from 1 on.
+
+    `clock_s` is on the drive's clock, `time_s` and the energies count from the first row.
+    """
+    columns = {"s_m": aligned.s_m, "limit_kmh": kmh(aligned.limit_mps)}
+    for number in range(1, len(aligned.drives) + 1):
+        i = number - 1
+        columns |= {
+            f"clock_s_{number}": aligned.clock_s[i],
+            f"time_s_{number}": aligned.time_s[i],
+            f"speed_kmh_{number}": kmh(aligned.speed_mps[i]),
+            f"energy_kwh_{number}": kwh(aligned.energy_j[i]),
+            f"lost_kwh_{number}": kwh(aligned.lost_j[i]),
+        }
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(
+        [f"{value:.6g}" if j else f"{value:.3f}" for j, value in enumerate(row)] for row in _transposed(columns)
+    )
+    return text.getvalue().encode()
+
+
+def _transposed(columns: dict[str, Any]) -> Any:
+    return np.column_stack(list(columns.values()))
+
+
+def _more(value: float, unit: str, digits: int) -> str:
+    return f"{abs(value):.{digits}f} {unit} {'more' if value >= 0 else 'less'}"
+
+
+def sentences(aligned: AlignedDrives, index: int) -> list[str]:
+    """How a drive differs from the first, in plain words."""
+    first, other = aligned.drives[0], aligned.drives[index]
+    if aligned.is_same(index):
+        return [f"{other.label} does not differ from {first.label}: times, speeds, energies and advice are the same."]
+    more_s = float(aligned.time_s[index, -1] - aligned.time_s[0, -1])
+    more_kwh = kwh(float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1]))
+    told = [f"{other.label} took {_more(more_s, 's', 0)} and {_more(more_kwh, 'kWh', 1)} than {first.label}."]
+    if abs(more_s) < TOLD_S and abs(more_kwh) < TOLD_KWH:
+        told = [f"{other.label} took the same time and energy as {first.label}."]
+    if other.train != first.train:
+        told.append(f"They are different trains: {first.train} and {other.train}.")
+    elif other.inputs.vehicle.mass_kg != first.inputs.vehicle.mass_kg:
+        told.append("They have the same train, but of another mass.")
+    if not (first.measured and other.measured):
+        told.append("Energies are estimated where no train measured them.")
+    advised = aligned.first_different_advice(index)
+    if advised is None:
+        told.append("The advice was the same everywhere.")
+    else:
+        told.append(
+            f"The advice differs first at {place_text(advised.s_m)}: {advised.first} in {first.label}, "
+            f"{advised.other} in {other.label}."
+        )
+    return told

@@ -20,8 +20,8 @@ from sim.cli.trips import bundled_recording
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
-from sim.runs.replay.job import TripEnergies, driven_legs, prepare, trip_energies
-from sim.runs.replay.replay import ReplayJob, _Feed, _journey, plan_timing
+from sim.runs.replay.replay import ReplayJob, _Feed, _journey, driven_legs, plan_timing, prepare
+from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.trips.estimate import estimate_run
 from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip

@@ -4,47 +4,36 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 import pytest
 
 from das.bus import topics
 from das.domain.errors import DasError
-from sim.drive.comparison.aligned import AlignedDrives, DriveOnTrack, on_track
-from sim.drive.comparison.rows import as_csv, as_dict, sentences
+from sim.drive.comparison import AlignedDrives, DriveOnTrack, as_csv, as_dict, on_track, sentences
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
-from sim.world.service import Day, make_day
-from tests.support.flat_days import FLAT, service_of
+from tests.support.flat_days import flat_day
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 
 
-@cache
-def day() -> Day:
-    path = Path(mkdtemp()) / "flat.toml"
-    path.write_text(FLAT, encoding="utf-8")
-    return make_day(service_of(path), 1)
-
-
 def drive(driver: Driver, label: str) -> DriveOnTrack:
-    return on_track(Drive(source=recorded_day(day(), driver), given=inputs_of_day(day())), label)
+    return on_track(Drive(source=recorded_day(flat_day(), driver), given=inputs_of_day(flat_day())), label)
 
 
 @cache
 def calm() -> DriveOnTrack:
-    return drive(PerfectDriver(day().service.line), "calm")
+    return drive(PerfectDriver(flat_day().service.line), "calm")
 
 
 @cache
 def fast() -> DriveOnTrack:
-    return drive(DrivesFaster(PerfectDriver(day().service.line), 3.0), "fast")
+    return drive(DrivesFaster(PerfectDriver(flat_day().service.line), 3.0), "fast")
 
 
 def test_two_runs_of_the_same_seed_do_not_differ() -> None:
-    again = drive(PerfectDriver(day().service.line), "again")
+    again = drive(PerfectDriver(flat_day().service.line), "again")
     aligned = AlignedDrives.of([calm(), again])
     assert aligned.is_same(1)
     assert aligned.first_different_advice(1) is None

@@ -1,1 +1,0 @@
-"""Recorded drives of one line beside each other, aligned on track position."""
