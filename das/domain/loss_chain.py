@@ -17,13 +17,14 @@ Maschinenelemente 2 (gear losses).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import InputError
-from das.domain.losses import LossMap
+from das.domain.losses import LossMap, check_map_size
 from das.domain.units import KMH, KN
 
 Floats = NDArray[np.float64]
@@ -31,8 +32,6 @@ Floats = NDArray[np.float64]
 MAP_SPEED_STEP_MPS = 1.0 * KMH
 MAP_FORCE_STEP_N = 1.0 * KN
 """Grid of the map: 1 km/h × 1 kN, the paper's."""
-MOST_MAP_POINTS = 5e6
-"""A map with more points is refused, because a speed or force must be wrong (the Re 460's has 120 000)."""
 LARGEST_PARAMETER = 1e12
 """A larger parameter (SI units) is refused."""
 
@@ -223,15 +222,11 @@ class LossChain:
         The row of 0 km/h holds the losses of a train that just moves, so that those below 1 km/h are interpolated
         between moving states (at standstill a map's loss is 0 anyhow).
         """
-        points = (max_speed_mps / MAP_SPEED_STEP_MPS) * ((max_force_n + max_brake_force_n) / MAP_FORCE_STEP_N)
-        if points > MOST_MAP_POINTS:
-            raise InputError(
-                name, "points of the map at 1 kN × 1 km/h", f"{points:.2g}", f"at most {MOST_MAP_POINTS:.0e}"
-            )
-        speed = np.arange(np.ceil(max_speed_mps / MAP_SPEED_STEP_MPS - 1e-9) + 2) * MAP_SPEED_STEP_MPS
-        low = -np.ceil(max_brake_force_n / MAP_FORCE_STEP_N) - 1
-        high = np.ceil(max_force_n / MAP_FORCE_STEP_N) + 1
-        force = np.arange(low, high + 1) * MAP_FORCE_STEP_N
+        speeds = math.ceil(max_speed_mps / MAP_SPEED_STEP_MPS - 1e-9) + 2
+        low, high = -math.ceil(max_brake_force_n / MAP_FORCE_STEP_N) - 1, math.ceil(max_force_n / MAP_FORCE_STEP_N) + 1
+        check_map_size(name, speeds, high - low + 1)
+        speed = np.arange(float(speeds)) * MAP_SPEED_STEP_MPS
+        force = np.arange(float(low), float(high + 1)) * MAP_FORCE_STEP_N
         table = _total(self._moving_w(force[np.newaxis, :], speed[:, np.newaxis]))
         return LossMap(name=name, speed_mps=speed, force_n=force, loss_w_table=table)
 

@@ -8,6 +8,7 @@ standstill it is zero at every level.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,8 @@ Floats = NDArray[np.float64]
 
 GRID_EVENNESS = 1e-6
 """Relative deviation from even spacing allowed on the axes of a loss map."""
+MOST_MAP_POINTS = 5_000_000
+"""Most points of a loss map: 500 km/h and 10 000 kN in steps of 1. With more, a speed or force must be wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +155,13 @@ class LossMap:
 
 
 LossModel = EfficiencyLoss | LossMap
+
+
+def check_map_size(source: str | Path, speeds: int, forces: int) -> None:
+    """Raise InputError if a loss map of so many speeds and forces has more than `MOST_MAP_POINTS` points."""
+    if speeds * forces > MOST_MAP_POINTS:
+        found, expected = f"{speeds} speeds × {forces} forces", f"at most {MOST_MAP_POINTS} points"
+        raise InputError(source, "size of the loss map", found, expected)
 
 
 def outside_map(loss_map: LossMap, force_n: float, speed_mps: float) -> DasError:

@@ -151,11 +151,6 @@ def test_a_table_gives_the_front_back(section: das.Section, front: das.Front, tm
     other = das.build_section(section.route, section.vehicle, level="l3")
     with pytest.raises(das.DasError, match="not the table of"):
         das.read_table(folder, other)
-    array = folder / "value_j.npy"
-    content = array.read_bytes()
-    array.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
-    with pytest.raises(das.DasError, match="was altered since it was written"):
-        das.read_table(folder, section)
 
 
 def test_columns_and_energy_balances_become_data_frames(front: das.Front) -> None:
@@ -199,7 +194,6 @@ BAD_SECTIONS: list[tuple[dict[str, Any], str]] = [
     ({"start": 0}, "start = 0: expected name or number of a stop"),
     ({"end": 99}, "end = 99: expected name or number of a stop"),
     ({"end": True}, "end = True: expected name or number"),
-    ({"start": 1000.0}, "start = 1000.0: expected name or number of a stop"),
     ({"start": 1000.0}, "positions are given as between_m"),
     ({"start": "Zug", "end": "Zug"}, "end = 'Zug': expected a stop after Zug"),
     ({"start": "Luzern", "end": 1}, "end = 'Zürich HB': expected a stop after Luzern; route.reversed() leads back"),

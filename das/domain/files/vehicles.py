@@ -18,14 +18,12 @@ from das.domain.files.reading import MOST_BYTES, Fields, in_si, read_text, read_
 from das.domain.files.ttobench import check_tunnel_resistance
 from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
-from das.domain.losses import EfficiencyLoss, LossMap, LossModel
+from das.domain.losses import EfficiencyLoss, LossMap, LossModel, check_map_size
 from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, check_vehicle
-from das.domain.units import FACTORS, KMH, KN
+from das.domain.units import FACTORS, KMH
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, ServiceBrake, Vehicle
 
 SCHEMA_VERSION = 1
-MOST_CELLS = 5_000_000
-"""Most points of a loss map: 500 km/h and 10 000 kN in steps of 1."""
 
 _VEHICLE = {
     "mass": "mass",
@@ -206,7 +204,6 @@ def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
         raise fields.error("kind", kind, "components or csv")
     chain = read_chain(fields)
     traction_n, brake_n = vehicle.traction.max_force_n, vehicle.electric_brake.max_force_n
-    _check_cells(fields.source, round(vehicle.max_speed_mps / KMH), round((traction_n + brake_n) / KN) + 1)
     with np.errstate(all="ignore"):  # A map with a loss that is no finite number is refused.
         return chain.to_map(f"{fields.source} [losses.l3]", traction_n, brake_n, vehicle.max_speed_mps)
 
@@ -342,7 +339,7 @@ def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
     data = np.array(list(rows.values()))
     speeds, i = np.unique(data[:, 0].round(9), return_inverse=True)
     forces, j = np.unique(data[:, 1].round(6), return_inverse=True)
-    _check_cells(path, len(speeds), len(forces))
+    check_map_size(path, len(speeds), len(forces))
     first: dict[tuple[int, int], int] = {}
     for line, point in zip(rows, zip(i.tolist(), j.tolist(), strict=True), strict=True):
         if first.setdefault(point, line) != line:
@@ -352,14 +349,6 @@ def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
     table = np.full((len(speeds), len(forces)), np.nan)
     table[i, j] = data[:, 2]
     return LossMap(name=str(path), speed_mps=_evened(speeds), force_n=_evened(forces), loss_w_table=table)
-
-
-def _check_cells(path: Path, speeds: int, forces: int) -> None:
-    """Raise InputError where a loss map of so many speeds and forces would have more than `MOST_CELLS` points."""
-    if speeds * forces > MOST_CELLS:
-        raise InputError(
-            path, "size of the loss map", f"{speeds} speeds × {forces} forces", f"at most {MOST_CELLS} points"
-        )
 
 
 def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

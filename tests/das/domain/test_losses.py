@@ -17,6 +17,7 @@ from das.domain.files.load import load_vehicle
 from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap, deviation_ratio, fit_error, fit_mean_efficiency, operating_points
+from tests.das.domain.files.refusing import refused
 
 FORCES = np.linspace(-200e3, 200e3, 41)
 SPEEDS = np.linspace(0.0, 50.0, 26)
@@ -150,7 +151,6 @@ BAD_MAPS = {
     "duplicate after a blank line": (MAP + "\n\n36,0,9\n", r"line 13 = .*: expected each speed and force only once"),
     "gap": (MAP.replace("36,0,1036\n", ""), r"forces at 36 km/h = '2 points': expected one unbroken range of at least"),
     "uneven speeds": (MAP.replace("72,", "73,"), r"speed step after .*: expected an even grid"),
-    "uneven forces": (map_of(forces=(-5000, 0, 4000)), r"force step after .*: expected an even grid"),
     "no standstill": (
         map_of(speeds=(18, 36, 54)),
         r"first speed \(km/h\) = 18.0: expected a map that begins at 0 km/h",
@@ -164,11 +164,7 @@ BAD_MAPS = {
 
 @pytest.mark.parametrize(("text", "expected"), BAD_MAPS.values(), ids=BAD_MAPS)
 def test_a_bad_map_is_refused_in_one_line(tmp_path: Path, text: str, expected: str) -> None:
-    path = written(tmp_path, text)
-    with pytest.raises(DasError, match=f"^{re.escape(str(path))}: {expected}") as caught:
-        read_loss_map(path)
-    assert "\n" not in str(caught.value)
-    assert "np." not in str(caught.value), "a number is shown with its Python type"
+    refused(read_loss_map, written(tmp_path, text), expected)
 
 
 def test_the_rows_of_a_map_may_come_in_any_order_and_unit(tmp_path: Path) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.domain.errors import DasError
 from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.domain.files.ttobench import read_track, read_train
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.vehicle import BrakePolicy, Vehicle
+from tests.das.domain.files.refusing import Read, refused
 from tests.support.benchmark import DATA, JOURNEY, SHARED, TRACKS, TRAINS, journey_path, track_path, train_path
 
 TRAIN_FIGURES = {  # mass kg, kN and kW of traction, R(72 km/h) in kN by hand, brakes
@@ -252,21 +251,16 @@ NAN, INF = math.nan, math.inf
 BAD_TRACKS: list[tuple[tuple[str | int, ...], Any, str]] = [
     (("stops",), ..., r"stops is missing: expected a table"),
     (("stops", "unit"), "mile", r"stops\.unit = 'mile': expected a unit of length, one of m, km"),
-    (("stops", "unit"), ..., r"stops\.unit is missing: expected a unit of length"),
     (("stops", "values"), [0], r"stops\.values = \[0\]: expected at least two positions"),
     (("stops", "values"), [0, NAN], r"stops\.values\[1\] = nan: expected a number"),
-    (("stops", "values"), [0, True], r"stops\.values\[1\] = True: expected a number"),
     (("stops", "values"), [500, 100, 5000], r"stops\[1\] position = '100 m': expected more than 500 m"),
     (("stops", "values"), [0, INF], r"stops\.values\[1\] = inf: expected a finite number"),
-    (("stops", "values"), [0, 10**400], r"stops\.values\[1\] = .*: expected a number"),
     (("speed limits",), ..., r"speed limits is missing: expected a table"),
     (("speed limits",), [], r"speed limits = 'list': expected a table of keys"),
     (("speed limits", "units", "velocity"), "knot", r"speed limits\.units\.velocity = 'knot': expected a unit of spee"),
-    (("speed limits", "units", "velocity"), "m", r"speed limits\.units\.velocity = 'm': expected a unit of speed"),
     (("speed limits", "values"), ..., r"speed limits\.values is missing: expected a list of rows"),
     (("speed limits", "values"), [], r"speed limits\.values = \[\]: expected a list of rows"),
     (("speed limits", "values", 1), [2000], r"speed limits\.values\[1\] = \[2000\]: expected 2 numbers: position, vel"),
-    (("speed limits", "values", 1), [2000, "fast"], r"speed limits\.values\[1\]\.velocity = 'fast': expected a number"),
     (("speed limits", "values", 1), [2000, None], r"speed limits\.values\[1\]\.velocity = None: expected a number"),
     (
         ("speed limits", "values", 1),
@@ -274,19 +268,12 @@ BAD_TRACKS: list[tuple[tuple[str | int, ...], Any, str]] = [
         r"speed limits\.values\[1\]\.velocity = inf: expected a finite number",
     ),
     (("speed limits", "values", 1), [2000, 0], r"speed limits\[1\] \(km/h\) = 0\.0: expected a speed > 0"),
-    (("speed limits", "values", 1), [2000, -36], r"speed limits\[1\] \(km/h\) = -36\.0: expected a speed > 0"),
-    (("speed limits", "values", 0), [100, 80], r"speed limits\[0\] position = '100 m': expected 0 m, so that the whol"),
-    (("speed limits", "values", 1), [0, 80], r"speed limits\[1\] position = '0 m': expected more than 0 m"),
-    (("speed limits", "values", 1), [5001, 80], r"speed limits\[1\] position = '5001 m': expected at most 5000 m"),
     (("gradients", "values", 1), [-1, 0], r"gradients\[1\] position = '-1 m': expected more than 0 m"),
-    (("gradients", "values", 1), [9, NAN], r"gradients\.values\[1\]\.slope = nan: expected a number"),
     (("curvatures", "values", 1), [9, 59, 500], r"curves\[1\] radius = 59\.0: expected a radius of at least 60 m"),
     (("curvatures", "values", 1), [9, 500, 0], r"curves\[1\] radius = 0\.0: expected a radius of at least 60 m"),
     (("altitude", "value"), INF, r"altitude.* = inf: expected a finite number"),
     (("metadata", "id"), 7, r"metadata\.id = 7: expected a text"),
-    (("tunnels", "values", 1), [3000, -400, 42], r"tunnels.*\[1\].* = .*-400"),
     (("tunnels", "values", 1), [3000, 400, 0], r"tunnels.*\[1\].*: expected"),
-    (("tunnels", "values", 1), [1100, 400, 42], r"tunnels.*\[1\].* = .*1100"),
     (("tunnels", "values", 1), [3000, "infinity", 42], r"tunnels.*\[1\].* = .*inf"),
 ]
 BAD_TRAINS: list[tuple[tuple[str | int, ...], Any, str]] = [
@@ -294,11 +281,7 @@ BAD_TRAINS: list[tuple[tuple[str | int, ...], Any, str]] = [
     (("mass",), 100, r"mass = 'int': expected a table of keys"),
     (("mass", "unit"), "lb", r"mass\.unit = 'lb': expected a unit of mass, one of kg, t"),
     (("mass", "unit"), ["t"], r"mass\.unit = \['t'\]: expected a unit of mass"),
-    (("mass", "value"), "100", r"mass\.value = '100': expected a number"),
-    (("mass", "value"), NAN, r"mass\.value = nan: expected a number"),
     (("mass", "value"), ..., r"mass\.value is missing: expected a number"),
-    (("mass", "value"), 0, r"mass.* = 0\.0: expected a finite number > 0"),
-    (("mass", "value"), INF, r"mass\.value = inf: expected a finite number"),
     (("rolling resistance r1", "unit"), "kN", r"rolling resistance r1\.unit = 'kN': expected a unit of resistance 1"),
     (("rolling resistance r2", "value"), -1, r"resistance.* = -129.*: expected a finite number >= 0"),
     (("efficiency traction", "value"), 0, r"efficiency traction = 0: expected more than 0 and at most 100 %"),
@@ -312,21 +295,13 @@ BAD_TRAINS: list[tuple[tuple[str | int, ...], Any, str]] = [
 CASES = [(read_track, TRACK, *case) for case in BAD_TRACKS] + [(read_train, TRAIN, *case) for case in BAD_TRAINS]
 
 
-def refused(read: Callable[[Path], object], path: Path, expected: str) -> None:
-    """The file is refused in one line that begins with its path."""
-    with pytest.raises(DasError, match=f"^{re.escape(str(path))}: {expected}") as caught:
-        read(path)
-    assert "\n" not in str(caught.value)
-    assert "np." not in str(caught.value), "a number is shown with its Python type"
-
-
 @pytest.mark.parametrize(
     ("read", "data", "keys", "value", "expected"),
     CASES,
     ids=[f"{'.'.join(map(str, case[2]))}={case[3]}"[:60] for case in CASES],
 )
 def test_a_bad_file_is_refused_in_one_line(
-    tmp_path: Path, read: Callable[[Path], object], data: Any, keys: Any, value: Any, expected: str
+    tmp_path: Path, read: Read, data: Any, keys: Any, value: Any, expected: str
 ) -> None:
     data = copy.deepcopy(data)
     place = data
@@ -341,7 +316,6 @@ def test_a_bad_file_is_refused_in_one_line(
     refused(read, path, expected)
 
 
-@pytest.mark.parametrize("read", [read_track, read_train])
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
@@ -354,17 +328,10 @@ def test_a_bad_file_is_refused_in_one_line(
     ],
     ids=["empty", "cut", "list", "not UTF-8", "deep", "endless integer"],
 )
-def test_what_is_not_a_json_object_is_refused(
-    tmp_path: Path, read: Callable[[Path], object], content: bytes, expected: str
-) -> None:
+def test_what_is_not_a_json_object_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:
     path = tmp_path / "bad.json"
     path.write_bytes(content)
-    refused(read, path, expected)
-
-
-def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
-    refused(read_train, tmp_path / "no.json", r"cannot be read \(No such file or directory\)")
-    refused(read_train, tmp_path, r"cannot be read \(Is a directory\)")
+    refused(read_train, path, expected)
 
 
 def test_the_files_that_are_spoilt_here_are_good(tmp_path: Path) -> None:
@@ -374,9 +341,5 @@ def test_the_files_that_are_spoilt_here_are_good(tmp_path: Path) -> None:
         read(path)
     train = read_train(path)
     assert isinstance(train, Vehicle)
-    assert (train.id, train.rotating_mass_ratio, train.train_length_m, train.friction_brake_force_n) == (
-        "good",
-        0,
-        0,
-        0,
-    )
+    figures = train.rotating_mass_ratio, train.train_length_m, train.friction_brake_force_n
+    assert (train.id, *figures) == ("good", 0, 0, 0)

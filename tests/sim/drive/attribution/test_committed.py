@@ -18,7 +18,7 @@ def told(*lists: tuple[float, tuple[Restriction, ...]]) -> Recording:
     """A recording of lists of restrictions, each with its time (s)."""
     return in_memory(
         *(
-            (topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(t), restrictions=map(encoded, told)))
+            (topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(t), restrictions=map(encode_restriction, told)))
             for t, told in lists
         )
     )

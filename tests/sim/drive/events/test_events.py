@@ -15,7 +15,6 @@ from mcap import records
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.bus.topics import decoded
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction
@@ -158,7 +157,7 @@ def test_the_window_of_a_restriction_is_told_with_its_begin_and_end() -> None:
     assert [(one.text.split(":")[0], one.time_ns) for one in events] == [
         ("restriction told", at_ns(20)), ("restriction begins", at_ns(60)), ("restriction ends", at_ns(100)),
     ]  # fmt: skip
-    place = "18 km/h, km 0.90 to 0.95" + decoded(one, Restriction).window_words()
+    place = "18 km/h, km 0.90 to 0.95" + decode_restriction(one, Restriction).window_words()
     assert all(event.text.endswith(place) for event in events)
 
 

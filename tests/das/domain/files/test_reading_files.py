@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +17,9 @@ from das.domain.files.load import catalogue, load_route
 from das.domain.files.reading import MOST_BYTES, MOST_ROWS, read_text, read_toml
 from das.domain.files.routes import MOST_POINTS, MOST_STOPS, read_journey, read_route
 from das.domain.files.vehicles import read_loss_map, read_vehicle
-from tests.das.domain.files.test_native import ROUTE, VEHICLE
-
-Read = Callable[[Path], object]
-
-
-def refused(read: Read, path: Path) -> str:
-    """The one line with which a file is refused."""
-    with pytest.raises(DasError) as caught:
-        read(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    assert message.isprintable()
-    assert len(message) <= MOST_OF_A_MESSAGE
-    return message
+from tests.das.domain.files.refusing import Read, refused
+from tests.das.domain.files.test_routes import ROUTE
+from tests.das.domain.files.test_vehicles import VEHICLE
 
 
 def test_a_curve_may_be_as_wide_as_it_likes(tmp_path: Path) -> None:
