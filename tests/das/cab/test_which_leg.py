@@ -64,10 +64,10 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early() -
 
 
 @pytest.mark.parametrize(
-    ("heard", "section"),
+    ("fixes", "section"),
     [
         ([(0, 0)], 0),
-        ([(4000, 20)], 1),  # heard first in the middle of the way: a node that was restarted
+        ([(4000, 20)], 1),  # first received in the middle of the way: a node that was restarted
         ([(2000, 20), (2960, 3)], 0),  # nearly at the stop, still moving
         ([(2000, 20), (2960, 0)], 1),  # standing there
         ([(2000, 20), (2960, 0), (2990, 2)], 1),  # departed again
@@ -79,9 +79,9 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early() -
         ([(7990, 0)], 2),
     ],
 )
-def test_the_section_follows_the_positions(heard: list[tuple[float, float]], section: int) -> None:
+def test_the_section_follows_the_positions(fixes: list[tuple[float, float]], section: int) -> None:
     made = journey()
-    for minute, (s, v) in enumerate(heard):
+    for minute, (s, v) in enumerate(fixes):
         for second in range(4):  # a standstill has to last
             made.set_position(PositionFix(time_ns=ns(60.0 * minute + second), s_m=s + v * second, speed_mps=v))
     assert made.legs.index == section
@@ -132,7 +132,7 @@ def test_a_timetable_that_departs_before_it_arrives_is_refused() -> None:
         journey([(0, 200), (190, 440), (480, 640)])
 
 
-def test_a_journey_told_again_does_not_send_a_train_off_that_rolls_past_its_mark() -> None:
+def test_a_repeated_journey_does_not_send_a_train_off_that_rolls_past_its_mark() -> None:
     made = journey()
     for second, (s_m, v_mps) in enumerate([(2000.0, 20.0), (3003.5, 1.1)]):
         made.set_position(PositionFix(time_ns=ns(100 + second), s_m=s_m, speed_mps=v_mps))
