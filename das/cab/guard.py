@@ -176,7 +176,7 @@ class Guard:
         return ""
 
     def _problem_by_itself(self, message: Heard) -> str:
-        """Why a message is of no use, whatever was received before; empty if it is of use."""
+        """Why a message has to be ignored without regard to earlier ones; empty if it does not."""
         kind, now_ns = kind_of(message), message.heard_ns
         if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message

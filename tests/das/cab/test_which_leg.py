@@ -9,26 +9,18 @@ import pytest
 
 from das.advice.advice import Timetable
 from das.advice.regimes import Regime
-from das.cab.fronts import Fronts
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop
-from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from tests.support.followed import after_a_second_mps
 from tests.support.making import flat, make_train
-from tests.support.small_trips import SmallTrip
+from tests.support.small_trips import FRONTS, SmallTrip, ns
 
-T0 = 1_800_000_000_000_000_000
 STOPS_M = (0.0, 3000.0, 6000.0, 8000.0)
 DUE_S = ((0, 200), (240, 440), (480, 640))
 
 
-def ns(seconds: float) -> int:
-    return T0 + round(seconds / NS)
-
-
-FRONTS = Fronts(threads=1)
 TRAIN = make_train(resistance=(1e3, 0.0, 5.0), power_w=2e6)
 STOPS = tuple(Stop(name=f"{s_m:.0f} m", position_m=s_m) for s_m in STOPS_M)
 LINE: Route = replace(flat(8000.0, 30.0), stops=STOPS)
