@@ -15,8 +15,8 @@ from das.bus.topics import Topic, topic_of
 from das.domain.errors import DasError
 
 CHANNELS: Final = "channel "
-"""Metadata whose name is this and a channel's number describe the channel a second time. Without that, the loss of the
-chunk that describes the channel would lose all later messages of it."""
+"""Metadata named "channel <number>" describe a channel a second time: if the chunk that describes it is lost, its later
+messages can still be read."""
 NUMBERED: Final = "numbered"
 """The entry of such metadata that marks a file of the recorder, which numbers all messages of the file."""
 RECOVERED: Final = "recovered"

@@ -28,7 +28,7 @@ MOST_NAMED = 3
 
 
 def ignored(kind: Kind, what: str) -> str:
-    """A message that the guard did not let in; `what` names it by what is wrong with it."""
+    """A message that the guard rejected; `what` names it by its fault."""
     return about(kind, f"{what} was ignored")
 
 
@@ -57,7 +57,7 @@ def dropped(count: int) -> str:
     return f"{count} messages were dropped: too many at once"
 
 
-# --- what is wrong with a message ------------------------------------------------------------------------------------
+# --- faults of a message ---------------------------------------------------------------------------------------------
 
 NOT_OF_ITS_KIND: Final = "a message that cannot be read"
 
@@ -306,7 +306,7 @@ def calibration_ignored(error: Exception) -> str:
 
 
 def front_found(start: str, end: str, source: Source, why: str) -> str:
-    """A leg whose front was found, its source, and why it was searched anew (empty: it was not)."""
+    """A leg whose front was found, its source, and why it was searched again (empty: it was the first time)."""
     how = "from a table" if source is Source.TABLE else "solved"
     return f"{start} – {end}: {how}" + (f" ({why})" if why else "")
 

@@ -53,10 +53,10 @@ class Guard:
 
     def __init__(self) -> None:
         self._newest_ns: dict[Kind, int] = {}
-        self._operators = Operators()
+        self._operators = {kind: Operator() for kind in STATES}
         self._publishers = {kind: Publishers() for kind in (Kind.POSITION, Kind.EFFORT)}
         self._in_force: list[Restriction] = []
-        self._early: dict[Kind, Heard] = {}
+        self._early: dict[Kind, StateHeard] = {}
         self._news: list[str] = []
         self._nodes: list[str] = []
         self.unheeded: str | None = None
@@ -64,20 +64,29 @@ class Guard:
 
     def counts(self, message: Heard) -> bool:
         """Whether the sender of a message is the publisher that counts for its kind; `take_news` reports the others."""
-        kind, before = kind_of(message), self._operators.source(kind_of(message))
-        if kind in STATES and message.source == UNSTAMPED:
+        kind, source = kind_of(message), message.source
+        operator = self._operators.get(kind)
+        if operator is None:
+            return True
+        if source == UNSTAMPED:
             self._refuse_unstamped(kind)
             return False
-        is_counted = self._operators.counts(message)
-        if before is not None and self._operators.source(kind) != before:
+        before, known = operator.source, operator.is_rival(source)
+        is_counted = operator.counts(message)
+        if before is not None and operator.source != before:
             # The times of a publisher that is gone say nothing about the age of this one's messages.
             self._newest_ns.pop(kind, None)
             self._early.pop(kind, None)
+            if is_counted:
+                self._news.append(event_wording.takes_over(kind, operator.source, before, joined=operator.joined))
+        elif not is_counted and not known and operator.is_rival(source):
+            self._news.append(event_wording.not_heeded(kind, source, before))
         return is_counted
 
     def see(self, seen: PublisherSeen) -> Heard | None:
         """Take note of a publisher that came or went; returns the message that counts now because of that, if any."""
-        return self._operators.see(seen)
+        operator = self._operators.get(seen.kind)
+        return operator.see(seen) if operator is not None else None
 
     def see_node(self, seen: NodeSeen) -> None:
         """Take note of another node of this train that came or went; of very many, only the first are remembered."""
@@ -93,7 +102,7 @@ class Guard:
     def take_news(self) -> list[str]:
         """The texts about publishers since this was last asked."""
         news, self._news = self._news, []
-        return news + self._operators.take_news()
+        return news
 
     def problem(self, message: Heard) -> str:
         """Why a message has to be ignored; empty if it is accepted."""
@@ -109,19 +118,15 @@ class Guard:
             found = self._replayed(message)
         return event_wording.ignored(kind, found) if found else ""
 
-    def due(self, now_ns: int) -> list[Heard]:
+    def due(self, now_ns: int) -> list[StateHeard]:
         """The messages that were ahead of the clock and no longer are; the caller has to judge them again.
 
         A sender does not repeat its message, so the newest of each kind waits here until the clock has reached it.
         """
-        there = [
-            (kind, one)
-            for kind, one in self._early.items()
-            if isinstance(one, StateHeard) and _ahead_s(one, now_ns) <= AHEAD_S
-        ]
-        for kind, _ in there:
-            del self._early[kind]
-        return [one for _, one in there]
+        due = [one for one in self._early.values() if _ahead_s(one, now_ns) <= AHEAD_S]
+        for one in due:
+            del self._early[kind_of(one)]
+        return due
 
     def rivals(self, now_ns: int) -> str:
         """The two publishers that both state where the train is, so that one of them is wrong; else empty."""
@@ -138,7 +143,9 @@ class Guard:
 
     def rival_operators(self) -> str:
         """The two publishers that state different restrictions; else empty."""
-        return self._operators.contested()
+        operator = self._operators[Kind.RESTRICTION]
+        other = operator.contradiction()
+        return event_wording.two_operators(operator.source, other) if other is not None else ""
 
     def lose_restrictions(self, why: str) -> None:
         """Treat the restrictions in force as unknown until a list is received that can be used."""
@@ -169,7 +176,7 @@ class Guard:
         return ""
 
     def _problem_by_itself(self, message: Heard) -> str:
-        """Why a message is of no use, whatever was received before; empty if it is of use."""
+        """Why a message has to be ignored without regard to earlier ones; empty if it does not."""
         kind, now_ns = kind_of(message), message.heard_ns
         if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message
@@ -201,8 +208,12 @@ class Guard:
         if isinstance(message, RestrictionsHeard):
             if len(message.restrictions) > MOST_RESTRICTIONS:
                 return event_wording.too_many_restrictions(len(message.restrictions), MOST_RESTRICTIONS)
-            wrong = next((one for one in message.restrictions if not _is_restriction(one)), None)
-            return event_wording.impossible_restriction(wrong) if wrong is not None else ""
+            for one in message.restrictions:
+                try:
+                    judged(one)
+                except DasError:
+                    return event_wording.impossible_restriction(one)
+            return ""
         if isinstance(message, TargetsHeard):
             if len(message.targets) > MOST_TARGETS:
                 return event_wording.too_many(len(message.targets), "targets", MOST_TARGETS)
@@ -335,11 +346,6 @@ class Operator:
             self._rivals.pop(next(iter(self._rivals)))
         self._rivals[source] = message
 
-    @property
-    def remembered(self) -> tuple[int, int]:
-        """How many sessions wait, and how many are remembered although they are gone."""
-        return len(self._rivals), len(self._gone)
-
     def is_rival(self, source: str) -> bool:
         """Whether a message of this session waits."""
         return source in self._rivals
@@ -369,54 +375,6 @@ class Operator:
         return next((source for source, rival in self._rivals.items() if _places(rival) != places), None)
 
 
-class Operators:
-    """Decides which session counts for journey, restrictions and targets; feed it all messages and presences."""
-
-    def __init__(self) -> None:
-        self._of = {kind: Operator() for kind in STATES}
-        self._news: list[str] = []
-
-    def counts(self, message: Heard) -> bool:
-        """Whether a message counts; the first one of a session that does not count is reported (`take_news`)."""
-        kind = kind_of(message)
-        operator = self._of.get(kind)
-        if operator is None:
-            return True
-        known, before = operator.is_rival(message.source), operator.source
-        if operator.counts(message):
-            if before is not None and operator.source != before:
-                self._news.append(event_wording.takes_over(kind, operator.source, before, joined=operator.joined))
-            return True
-        if not known and operator.is_rival(message.source):
-            self._news.append(event_wording.not_heeded(kind, message.source, before))
-        return False
-
-    def source(self, kind: Kind) -> str | None:
-        """The session that counts for a state; None while there is none."""
-        operator = self._of.get(kind)
-        return operator.source if operator is not None else None
-
-    def remembered(self, kind: Kind) -> tuple[int, int]:
-        """How many sessions of a state wait, and how many are remembered although they are gone."""
-        return self._of[kind].remembered
-
-    def see(self, seen: PublisherSeen) -> Heard | None:
-        """Take note of a publisher that came or went; returns the message that counts now because of that, if any."""
-        operator = self._of.get(seen.kind)
-        return operator.see(seen) if operator is not None else None
-
-    def contested(self) -> str:
-        """The two publishers that state different restrictions, so that nobody can tell which hold; else empty."""
-        operator = self._of[Kind.RESTRICTION]
-        other = operator.contradiction()
-        return event_wording.two_operators(operator.source, other) if other is not None else ""
-
-    def take_news(self) -> list[str]:
-        """The texts about sessions since this was last asked."""
-        news, self._news = self._news, []
-        return news
-
-
 def _places(message: Heard | None) -> list[tuple[float, ...]] | None:
     """The sorted figures of a message's restrictions; None for another message."""
     return sorted(one.figures for one in message.restrictions) if isinstance(message, RestrictionsHeard) else None
@@ -424,11 +382,3 @@ def _places(message: Heard | None) -> list[tuple[float, ...]] | None:
 
 def _ahead_s(message: StateHeard, now_ns: int) -> float:
     return float((message.time_ns - now_ns) * NS)
-
-
-def _is_restriction(one: Restriction) -> bool:
-    try:
-        judged(one)
-    except DasError:
-        return False
-    return True

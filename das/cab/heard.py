@@ -15,7 +15,7 @@ from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix
 
 UNSTAMPED: Final = "a sender without time stamps"
-"""The source of a message that its sender did not stamp: nobody can tell whether two senders are behind it."""
+"""The source of a message without its sender's time stamp; two such senders cannot be told apart."""
 
 
 class Kind(StrEnum):
@@ -30,7 +30,7 @@ class Kind(StrEnum):
 
 
 STATES = (Kind.JOURNEY, Kind.RESTRICTION, Kind.TARGET)
-"""Kinds whose message holds until the next one: an older one must not undo a newer, and one publisher sends them."""
+"""Kinds whose message holds until the next one: an older message never replaces a newer, and one publisher counts."""
 
 
 class OrderedStop(NamedTuple):
@@ -108,7 +108,7 @@ class StateHeard(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class JourneyHeard(StateHeard):
-    """The journey that the train has to make. An empty text stands for what the cab was started with."""
+    """The journey that the train has to make; an empty text stands for the value at the start of the cab."""
 
     kind: ClassVar[Kind] = Kind.JOURNEY
     route_id: str

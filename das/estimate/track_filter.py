@@ -43,7 +43,7 @@ class Track(NamedTuple):
 
 
 def begin(s_m: float, position_sd_m: float, v_mps: float, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
-    """Return the state after a first fix, all of whose error may be of the kind that wanders."""
+    """Return the state after a first fix; all of its position error may be a wandering one."""
     var = position_sd_m**2
     return Track(
         s_m, v_mps, 0.0, 0.0, var, 0.0, 0.0, -var, speed_sd_mps**2, 0.0, 0.0, acceleration_sd_mps2**2, 0.0, var

@@ -1,4 +1,4 @@
-"""What is found of the train while driving may make its braking curve lower, never higher."""
+"""Estimates made while driving may lower the braking curve, never raise it."""
 
 from __future__ import annotations
 
@@ -26,8 +26,7 @@ def test_the_braking_curve_never_rises(mass: float, resistance: float) -> None:
     # Curves between nodes of two grids differ by a little, most where a limit ends.
     allowed, curve = ([one.allowed_mps(s_m) for s_m in at_m] for one in (before, after))
     assert all(curve[i] <= max(allowed[i : i + 3]) + 0.02 for i in range(len(at_m)))
-    run = fastest(calibrated)
-    assert run.feasible
+    assert fastest(calibrated).feasible
 
 
 def test_a_heavier_train_brakes_earlier() -> None:

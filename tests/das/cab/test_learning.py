@@ -1,4 +1,4 @@
-"""What is said of what was learned while driving."""
+"""Reports of the estimates made while driving."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.support.driven_node import START_NS, S
 
 
 def found(mass_ratio: float, doubt: ForceDoubt | None = None, *, usable: bool = True) -> Calibrator:
-    """A calibrator that has found a mass."""
+    """A calibrator with an estimate of the mass."""
     estimates = Estimates(
         mass_ratio=mass_ratio,
         mass_sd=0.01,
@@ -34,9 +34,9 @@ BOTH = ("another train than planned", "the force sensor is wrong")
 @pytest.mark.parametrize("mass_ratio", [0.55, 0.69, 1.41, 1.59])
 def test_a_strange_mass_is_never_called_usable_without_both_explanations(mass_ratio: float) -> None:
     learning = Learning(found(mass_ratio))
-    said = learning.report(START_NS)
-    assert said is not None
-    assert (said.usable, said.doubt) == (True, ForceDoubt.FAR_MASS)
+    reported = learning.report(START_NS)
+    assert reported is not None
+    assert (reported.usable, reported.doubt) == (True, ForceDoubt.FAR_MASS)
     text = learning.news(START_NS)
     assert all(words in text for words in BOTH)
     assert learning.news(START_NS + 60 * S) == ""
@@ -53,9 +53,9 @@ def test_it_is_never_on_again_without_both_explanations() -> None:
 
 
 @pytest.mark.parametrize("calibrator", [found(0.71), found(1.39), found(1.5, usable=False)])
-def test_a_mass_near_the_planned_one_or_not_used_is_not_spoken_of(calibrator: Calibrator) -> None:
+def test_a_mass_near_the_planned_one_or_not_used_is_not_reported(calibrator: Calibrator) -> None:
     learning = Learning(calibrator)
     assert learning.news(START_NS) == ""
-    said = learning.report(START_NS)
-    assert said is not None
-    assert said.doubt == ""
+    reported = learning.report(START_NS)
+    assert reported is not None
+    assert reported.doubt == ""

@@ -1,4 +1,4 @@
-"""A site that says how its drivers brake: all advice plans with that, and what is safe stays what the train can do."""
+"""The braking of a site's drivers: all advice plans with it, and the safe speeds stay those of the train."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Restrictions with a window of time: when the advice keeps to them, and that what cannot be a window withdraws it."""
+"""Restrictions with a window of time: when the advice keeps to them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import pytest
 
 from das.bus import das_pb2
 from das.bus.topics import RESTRICTION
-from das.cab.guard import Guard
-from das.cab.heard import RestrictionsHeard, ToldRestriction
 from das.cab.situation import Situation
 from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
 from tests.support.driven_node import START_NS, DrivenNode, S
@@ -38,9 +36,9 @@ def test_a_restriction_that_is_still_to_begin_counts_soon_enough_to_brake(begins
     made.set_restrictions([slow(from_s=begins_s)])
     counts = begins_s - COUNTS_BEFORE_S <= 60.0
     assert at(made, 60, 2000.0, 24.0).limit_mps == (10.0 if counts else 30.0)
-    told = at(made, 61, 2024.0, 24.0)
-    assert told.limit_mps == told.advised_speed_mps == 10.0
-    assert told.advised_force_n < -5e4
+    advice = at(made, 61, 2024.0, 24.0)
+    assert advice.limit_mps == advice.advised_speed_mps == 10.0
+    assert advice.advised_force_n < -5e4
 
 
 def test_one_of_tomorrow_does_not_slow_the_train_of_today() -> None:
@@ -59,7 +57,7 @@ def test_a_clock_that_is_set_back_brings_a_restriction_back() -> None:
     assert made.leg.planner.limit_mps(2020.0) == 10.0
 
 
-def test_before_anybody_has_said_what_time_it_is_every_restriction_counts() -> None:
+def test_while_the_time_is_not_known_every_restriction_counts() -> None:
     made = SmallTrip(Situation(route=LINE, vehicle=TRAIN), FRONTS)
     made.set_restrictions([slow(until_s=70.0), slow(from_s=86_400.0)])
     assert made.legs.situation.at(0).restrictions == (slow(), slow())
@@ -67,24 +65,10 @@ def test_before_anybody_has_said_what_time_it_is_every_restriction_counts() -> N
     assert made.legs.situation.at(ns(90)).restrictions == ()
 
 
-def test_a_node_keeps_to_windows_of_a_list_that_is_told_only_once() -> None:
+def test_a_node_keeps_to_windows_of_a_list_that_is_sent_only_once() -> None:
     node = DrivenNode()
     window = {"valid_from_ns": START_NS, "valid_until_ns": START_NS + 60 * S}
     one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=6_000.0, limit_mps=10.0, **window)
     node.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS + S, restrictions=[one]))
     assert node.tick(50).limit_mps == 10.0
     assert node.tick(60 + COUNTS_AFTER_S).limit_mps > 40.0
-
-
-def test_a_window_that_cannot_be_is_not_heeded_and_another_one_is_another_restriction() -> None:
-    guard = Guard()
-
-    def problem(second: int, *window: int) -> str:
-        told = (ToldRestriction(0.0, 1.0, 5.0, *window),)
-        return guard.problem(RestrictionsHeard(time_ns=ns(second), heard_ns=ns(0), restrictions=told))
-
-    assert problem(0, 9, 3)
-    assert guard.unheeded == "one of 5 m/s from 0 to 1 m, valid from 9 to 3 ns"
-    assert problem(1, 3, 9) == ""
-    assert problem(0, 3, 10)  # an older list that says otherwise
-    assert "said otherwise" in str(guard.unheeded)

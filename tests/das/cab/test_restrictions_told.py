@@ -26,8 +26,8 @@ def test_a_node_that_was_told_nothing_of_restrictions_does_not_advise_until_it_i
     silent = cab.tick(50)
     assert (silent.mode, silent.cause) == (das_pb2.MODE_NONE, Cause.RESTRICTIONS_UNTOLD)
     assert silent.reason.startswith("no list of restrictions has been heard yet")
-    said = cab.sink.of(STATUS)[-1]
-    assert (said.state, said.cause, said.reason) == (
+    sent = cab.sink.of(STATUS)[-1]
+    assert (sent.state, sent.cause, sent.reason) == (
         *(das_pb2.Status.STATE_WITHDRAWN, Cause.RESTRICTIONS_UNTOLD, silent.reason),
     )
     assert silent.reason in cab.sink.events()
@@ -52,7 +52,7 @@ def test_a_site_without_restrictions_says_so_and_a_list_is_heeded_all_the_same()
     assert cab.tick(52).limit_mps == 10.0
 
 
-def test_what_was_told_holds_for_the_next_journey() -> None:
+def test_a_list_holds_for_the_next_journey() -> None:
     cab = DrivenNode(told=False)
     cab.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
     for second in (50, 60):
@@ -88,6 +88,27 @@ def test_the_option_of_a_site_without_restrictions_over_the_bus() -> None:
     with node("--clock", "bus", "--no-restrictions", journey=a_journey()) as (bus, child):
         until(bus, status(das_pb2.Status.STATE_READY), child)
         assert asked(bus, child, tick=1).mode != das_pb2.MODE_NONE
+
+
+@pytest.mark.parametrize(
+    ("places", "text"),
+    [
+        ([(20e3, 21e3)], "restriction: one of 10 m/s from 20000 to 21000 m is off the route (0 to 6000 m)"),
+        ([(-900.0, -100.0)], "restriction: one of 10 m/s from -900 to -100 m is off the route"),
+        ([(20e3, 21e3), (1e3, 2e3), (6e3, 7e3)], "one of 10 m/s from 20000 to 21000 m and 1 more is off the route"),
+        ([(5.9e3, 7e3)], ""),
+        ([(-100.0, 10.0)], ""),
+        ([], ""),
+    ],
+)
+def test_a_restriction_wholly_off_the_route_is_an_event(places: list[tuple[float, float]], text: str) -> None:
+    driven = DrivenNode()
+    them = [das_pb2.Restrictions.Restriction(start_m=a, end_m=b, limit_mps=10.0) for a, b in places]
+    driven.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS + S, restrictions=them))
+    advice = driven.tick(2)
+    assert advice.mode != das_pb2.MODE_NONE
+    assert text in driven.sink.events()
+    assert ("off the route" in driven.sink.events()) is bool(text)
 
 
 # --- times of a journey ------------------------------------------------------------------------------------------

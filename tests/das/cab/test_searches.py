@@ -1,7 +1,8 @@
-"""While fronts are looked for: what holds meanwhile, what of searches that fail or come too late."""
+"""Searches for fronts: the advice meanwhile, and searches that fail or come too late."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from threading import Event
 
 import numpy as np
@@ -21,7 +22,7 @@ from tests.support.small_trips import DUE, LINE, SmallTrip, at, broken, highest,
 
 
 class HeldFronts(Fronts):
-    """Fronts that come when they are let."""
+    """Fronts that are found while `go` is set."""
 
     def __init__(self) -> None:
         super().__init__(threads=1)
@@ -33,72 +34,76 @@ class HeldFronts(Fronts):
         return super().find(section, s_m)
 
 
-def when_solved(made: SmallTrip, second: float, s_m: float, v_mps: float) -> Advice:
+Held = tuple[HeldFronts, SmallTrip]
+
+
+@pytest.fixture
+def held() -> Iterator[Held]:
+    """Held fronts, and a trip that searches for them in the background."""
+    fronts = HeldFronts()
+    made = trip(fronts, background=True)
+    yield fronts, made
+    fronts.go.set()
+    made.close()
+
+
+def when(made: SmallTrip, wanted: Callable[[Advice], bool], second: float, s_m: float, v_mps: float) -> Advice:
+    """The first advice that is wanted, at one moment of the trip."""
     for _ in range(3000):
         advice = at(made, second, s_m, v_mps)
-        if advice.source is not Source.FALLBACK:
+        if wanted(advice):
             return advice
         Event().wait(0.01)
-    return pytest.fail("was never solved")
+    return pytest.fail("never came")
 
 
-def test_meanwhile_the_plan_of_before_holds_below_what_is_new() -> None:
-    fronts = HeldFronts()
-    made = trip(fronts, background=True)
-    try:
-        before = when_solved(made, 60, 1500.0, 24.0)
-        fronts.go.clear()
-        one = Restriction(start_m=2000.0, end_m=2600.0, limit_mps=12.0)
-        made.set_restrictions([one])
-        advice = at(made, 60, 1500.0, 24.0)
-        assert advice.source is Source.FALLBACK
-        assert advice.reason == "restriction set: as before, no faster than is allowed now"
-        assert advice.advised_speed_mps == pytest.approx(before.advised_speed_mps, abs=0.3)
-        for s_m, speed in highest(advice):
-            if one.start_m + 1 < s_m < one.end_m:
-                assert speed <= 12.0 + 1e-6
-        # Nowhere faster than the plan of before, at the same places.
-        was = list(highest(before))
-        for s_m, speed in highest(advice):
-            assert speed <= np.interp(s_m, [x for x, _ in was], [v for _, v in was]) + 0.3
-        fronts.go.set()
-        after = when_solved(made, 61, 1524.0, 24.0)
-        assert after.source is Source.SOLVED
-        assert after.reason.startswith("least energy")
-    finally:
-        fronts.go.set()
-        made.close()
+def when_solved(made: SmallTrip, second: float, s_m: float, v_mps: float) -> Advice:
+    return when(made, lambda advice: advice.source is not Source.FALLBACK, second, s_m, v_mps)
 
 
-def test_with_no_plan_before_it_advises_the_fastest_safe_run() -> None:
-    fronts = HeldFronts()
+def test_meanwhile_the_plan_of_before_holds_below_what_is_new(held: Held) -> None:
+    fronts, made = held
+    before = when_solved(made, 60, 1500.0, 24.0)
     fronts.go.clear()
-    made = trip(fronts, background=True)
-    try:
-        advice = at(made, 60, 1500.0, 24.0)
-        assert (advice.source, advice.mode) == (Source.FALLBACK, Regime.FULL_TRACTION)
-        assert advice.reason == "solving: the fastest safe run"
-        assert max(speed for _, speed in highest(advice)) <= 30.0 + 1e-9
-    finally:
-        fronts.go.set()
-        made.close()
+    one = Restriction(start_m=2000.0, end_m=2600.0, limit_mps=12.0)
+    made.set_restrictions([one])
+    advice = at(made, 60, 1500.0, 24.0)
+    assert advice.source is Source.FALLBACK
+    assert advice.reason == "restriction set: as before, no faster than is allowed now"
+    assert advice.advised_speed_mps == pytest.approx(before.advised_speed_mps, abs=0.3)
+    for s_m, speed in highest(advice):
+        if one.start_m + 1 < s_m < one.end_m:
+            assert speed <= 12.0 + 1e-6
+    # Nowhere faster than the plan of before, at the same places.
+    was = list(highest(before))
+    for s_m, speed in highest(advice):
+        assert speed <= np.interp(s_m, [x for x, _ in was], [v for _, v in was]) + 0.3
+    fronts.go.set()
+    after = when_solved(made, 61, 1524.0, 24.0)
+    assert after.source is Source.SOLVED
+    assert after.reason.startswith("least energy")
+
+
+def test_with_no_plan_before_it_advises_the_fastest_safe_run(held: Held) -> None:
+    fronts, made = held
+    fronts.go.clear()
+    advice = at(made, 60, 1500.0, 24.0)
+    assert (advice.source, advice.mode) == (Source.FALLBACK, Regime.FULL_TRACTION)
+    assert advice.reason == "solving: the fastest safe run"
+    assert max(speed for _, speed in highest(advice)) <= 30.0 + 1e-9
 
 
 def test_a_search_that_fails_withdraws_with_the_reason() -> None:
-    class Broken(Fronts):
-        def find(self, section: Section, s_m: float | None = None) -> Found:
-            raise MemoryError("no room")
-
-    advice = at(trip(Broken()), 60, 1500.0, 24.0)
+    advice = at(trip(Flaky(room=False)), 60, 1500.0, 24.0)
     assert (advice.mode, advice.reason) == (Regime.NONE, "solving failed (MemoryError: no room)")
 
 
 class Flaky(Fronts):
-    """Fronts that come as long as there is room."""
+    """Fronts that are found while there is `room`; `asked` counts the searches."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, room: bool = True) -> None:
         super().__init__(threads=1)
-        self.room, self.asked = True, 0
+        self.room, self.asked = room, 0
 
     def find(self, section: Section, s_m: float | None = None) -> Found:
         self.asked += 1
@@ -107,9 +112,8 @@ class Flaky(Fronts):
         return super().find(section, s_m)
 
 
-def test_a_search_that_failed_is_made_again_after_a_while() -> None:
-    fronts = Flaky()
-    fronts.room = False
+def test_a_search_that_failed_is_repeated_after_a_while() -> None:
+    fronts = Flaky(room=False)
     made = trip(fronts)
     silent, asked = at(made, 60, 1500.0, 24.0), fronts.asked
     assert silent.mode is Regime.NONE
@@ -126,24 +130,28 @@ def test_a_search_that_failed_is_made_again_after_a_while() -> None:
     assert fronts.asked == asked
 
 
-def test_a_search_that_failed_is_made_again_when_anything_is_told() -> None:
-    elsewhere = Restriction(start_m=8900.0, end_m=8950.0, limit_mps=20.0)
-    for tell in (
-        lambda made: made.set_restrictions([elsewhere]),
+ELSEWHERE = Restriction(start_m=8900.0, end_m=8950.0, limit_mps=20.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda made: made.set_restrictions([ELSEWHERE]),
         lambda made: made.set_targets([Target(stop="C", arrival_ns=ns(600))]),
         lambda made: made.set_conditions(Conditions()),
         lambda made: made.begin(LINE.stops, DUE),
-    ):
-        fronts = Flaky()
-        fronts.room = False
-        made = trip(fronts)
-        assert at(made, 60, 1500.0, 24.0).mode is Regime.NONE
-        fronts.room = True
-        tell(made)
-        assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
+    ],
+)
+def test_a_search_that_failed_is_repeated_after_any_change(change: Callable[[SmallTrip], None]) -> None:
+    fronts = Flaky(room=False)
+    made = trip(fronts)
+    assert at(made, 60, 1500.0, 24.0).mode is Regime.NONE
+    fronts.room = True
+    change(made)
+    assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
 
 
-def test_a_point_whose_search_failed_is_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_search_for_a_point_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     made = trip()
     with monkeypatch.context() as patch:
         patch.setattr(PassingFronts, "solve", broken)
@@ -154,7 +162,7 @@ def test_a_point_whose_search_failed_is_looked_for_again(monkeypatch: pytest.Mon
     assert at(made, 61 + TRY_AGAIN_S, 1720.0, 20.0).reason.startswith("pass km 3.5")
 
 
-def test_a_section_that_cannot_be_driven_is_not_looked_for_again() -> None:
+def test_a_section_that_cannot_be_driven_is_not_searched_again() -> None:
     class Never(Flaky):
         def find(self, section: Section, s_m: float | None = None) -> Found:
             self.asked += 1
@@ -169,31 +177,21 @@ def test_a_section_that_cannot_be_driven_is_not_looked_for_again() -> None:
     assert fronts.asked == asked
 
 
-def test_a_search_for_the_section_before_is_given_up() -> None:
-    """Nobody would take its answer, and the node would answer ever after as if it had just come."""
-    fronts = HeldFronts()
-    made = trip(fronts, background=True)
-    try:
-        when_solved(made, 299, 4990.0, 0.0)
-        fronts.go.clear()
-        made.set_restrictions([Restriction(start_m=1000.0, end_m=1200.0, limit_mps=20.0)])
-        at(made, 300, 4999.0, 0.0)
-        assert made.searching
-        for second in range(301, 305):
-            at(made, second, 5000.0, 0.0)
-        assert made.legs.index == 1
-        fronts.go.set()
-        when_solved(made, 305, 5000.0, 0.0)
-        for _ in range(200):
-            if not made.searching:
-                break
-            Event().wait(0.01)
-            at(made, 305, 5000.0, 0.0)
-        assert not made.searching
-        assert not made.preparation.has_answer
-    finally:
-        fronts.go.set()
-        made.close()
+def test_a_search_for_the_section_before_is_given_up(held: Held) -> None:
+    """Nobody would take its answer, and the node would go on as if it had just come."""
+    fronts, made = held
+    when_solved(made, 299, 4990.0, 0.0)
+    fronts.go.clear()
+    made.set_restrictions([Restriction(start_m=1000.0, end_m=1200.0, limit_mps=20.0)])
+    at(made, 300, 4999.0, 0.0)
+    assert made.searching
+    for second in range(301, 305):
+        at(made, second, 5000.0, 0.0)
+    assert made.legs.index == 1
+    fronts.go.set()
+    when_solved(made, 305, 5000.0, 0.0)
+    when(made, lambda _: not made.searching, 305, 5000.0, 0.0)
+    assert not made.preparation.has_answer
 
 
 def test_a_point_that_was_passed_stays_passed_in_a_dropout() -> None:
@@ -208,21 +206,14 @@ def test_a_point_that_was_passed_stays_passed_in_a_dropout() -> None:
     assert fronts.asked == asked
 
 
-def test_while_it_is_solved_for_a_moved_point_the_fronts_of_the_old_one_are_not_used() -> None:
-    fronts = HeldFronts()
-    made = trip(fronts, background=True)
-    try:
-        made.set_targets([Target(s_m=2000.0, earliest_ns=ns(160))])
-        at(made, 60, 1000.0, 20.0)
-        for _ in range(3000):
-            if at(made, 60, 1000.0, 20.0).reason.startswith("pass km 2.0"):
-                break
-            Event().wait(0.01)
-        fronts.go.clear()
-        made.set_targets([Target(s_m=3000.0, earliest_ns=ns(200))])
-        meanwhile = at(made, 60, 1000.0, 20.0)
-        assert meanwhile.mode is not Regime.NONE
-        assert meanwhile.reason.startswith("least energy")
-    finally:
-        fronts.go.set()
-        made.close()
+def test_while_a_moved_point_is_solved_the_fronts_of_the_old_one_are_not_used(
+    held: tuple[HeldFronts, SmallTrip],
+) -> None:
+    fronts, made = held
+    made.set_targets([Target(s_m=2000.0, earliest_ns=ns(160))])
+    when(made, lambda advice: advice.reason.startswith("pass km 2.0"), 60, 1000.0, 20.0)
+    fronts.go.clear()
+    made.set_targets([Target(s_m=3000.0, earliest_ns=ns(200))])
+    meanwhile = at(made, 60, 1000.0, 20.0)
+    assert meanwhile.mode is not Regime.NONE
+    assert meanwhile.reason.startswith("least energy")

@@ -1,9 +1,10 @@
-"""Tables on board: used where they are of the section and whole, else solved."""
+"""Tables on board are used if they are sound and made for the section; otherwise it is solved."""
 
 from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,8 +65,8 @@ def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) 
     made = trip(Fronts(tables, threads=1))
     made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
     at(made, 60, 1500.0, 24.0)
-    (said,) = (news.text for news in made.take_news() if news.bad)
-    assert said == f"{tables / 'a-b'}: not the table of {made.leg.section.name}: other line; solved instead"
+    (text,) = (news.text for news in made.take_news() if news.bad)
+    assert text == f"{tables / 'a-b'}: not the table of {made.leg.section.name}: other line; solved instead"
 
 
 def cut(path: Path) -> None:
@@ -87,35 +88,36 @@ def pipe(path: Path) -> None:
     os.mkfifo(path)
 
 
-def huge_shape(path: Path) -> None:
+def entry(value: Any, *keys: str) -> Callable[[Path], None]:
+    """Damage that gives an entry of a manifest another value, sealed with a right checksum."""
+
     def change(manifest: dict[str, Any]) -> None:
-        manifest["arrays"]["value_j"]["shape"] = [10**9, 10**9, 10**9]
+        for key in keys[:-1]:
+            manifest = manifest[key]
+        manifest[keys[-1]] = value
 
-    seal_anew(path.parent, change)
-
-
-def null_facts(path: Path) -> None:
-    def change(manifest: dict[str, Any]) -> None:
-        manifest["section"]["start_m"] = None
-
-    seal_anew(path.parent, change)
+    return lambda path: seal_anew(path.parent, change)
 
 
-def other_code_hash(path: Path) -> None:
-    def change(manifest: dict[str, Any]) -> None:
-        manifest["inputs_sha256"]["code"] = "0" * 64
-
-    seal_anew(path.parent, change)
+SHAPE = ("arrays", "value_j", "shape")
 
 
 @pytest.mark.parametrize(
-    ("name", "damage", "said"),
+    ("name", "damage", "text"),
     [
-        ("manifest.json", huge_shape, "value_j.shape = [1000000000, 1000000000, 1000000000]: expected ["),
-        ("manifest.json", null_facts, "section.start_m = None: expected a finite number; not used"),
+        (
+            "manifest.json",
+            entry([10**9] * 3, *SHAPE),
+            f"value_j.shape = {[10**9] * 3}: expected [",
+        ),
+        (
+            "manifest.json",
+            entry(None, "section", "start_m"),
+            "section.start_m = None: expected a finite number",
+        ),
         ("manifest.json", pipe, "manifest.json: is not a regular file; not used"),
         ("value_j.npy", pipe, "value_j.npy: is not a regular file; not used"),
-        ("manifest.json", other_code_hash, "a-b: made by other solver code; solved instead"),
+        ("manifest.json", entry("0" * 64, "inputs_sha256", "code"), "a-b: made by other solver code; solved instead"),
         ("value_j.npy", cut, "was it cut?; not used"),
         ("value_j.npy", alter, "was altered since it was written; solved instead"),
         ("grid.npy", alter, "grid.npy: was altered since it was written; solved instead"),
@@ -125,12 +127,12 @@ def other_code_hash(path: Path) -> None:
     ],
 )
 def test_a_table_that_cannot_be_trusted_is_refused_and_solved_instead(
-    tables: Path, name: str, damage: Any, said: str
+    tables: Path, name: str, damage: Any, text: str
 ) -> None:
     damage(tables / "a-b" / name)
     made = trip(Fronts(tables, threads=1))
     assert at(made, 60, 1500.0, 24.0).source is Source.SOLVED
-    assert any(news.bad and said in news.text for news in made.take_news())
+    assert any(news.bad and text in news.text for news in made.take_news())
 
 
 def test_a_table_damaged_while_in_use_cannot_reach_the_advice(tables: Path) -> None:

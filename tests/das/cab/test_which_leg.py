@@ -9,26 +9,18 @@ import pytest
 
 from das.advice.advice import Timetable
 from das.advice.regimes import Regime
-from das.cab.fronts import Fronts
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop
-from das.domain.units import NS
 from das.estimate.fix import PositionFix
 from tests.support.followed import after_a_second_mps
 from tests.support.making import flat, make_train
-from tests.support.small_trips import SmallTrip
+from tests.support.small_trips import FRONTS, SmallTrip, ns
 
-T0 = 1_800_000_000_000_000_000
 STOPS_M = (0.0, 3000.0, 6000.0, 8000.0)
 DUE_S = ((0, 200), (240, 440), (480, 640))
 
 
-def ns(seconds: float) -> int:
-    return T0 + round(seconds / NS)
-
-
-FRONTS = Fronts(threads=1)
 TRAIN = make_train(resistance=(1e3, 0.0, 5.0), power_w=2e6)
 STOPS = tuple(Stop(name=f"{s_m:.0f} m", position_m=s_m) for s_m in STOPS_M)
 LINE: Route = replace(flat(8000.0, 30.0), stops=STOPS)
@@ -64,10 +56,10 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early() -
 
 
 @pytest.mark.parametrize(
-    ("heard", "section"),
+    ("fixes", "section"),
     [
         ([(0, 0)], 0),
-        ([(4000, 20)], 1),  # heard first in the middle of the way: a node that was restarted
+        ([(4000, 20)], 1),  # first received in the middle of the way: a node that was restarted
         ([(2000, 20), (2960, 3)], 0),  # nearly at the stop, still moving
         ([(2000, 20), (2960, 0)], 1),  # standing there
         ([(2000, 20), (2960, 0), (2990, 2)], 1),  # departed again
@@ -79,9 +71,9 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early() -
         ([(7990, 0)], 2),
     ],
 )
-def test_the_section_follows_the_positions(heard: list[tuple[float, float]], section: int) -> None:
+def test_the_section_follows_the_positions(fixes: list[tuple[float, float]], section: int) -> None:
     made = journey()
-    for minute, (s, v) in enumerate(heard):
+    for minute, (s, v) in enumerate(fixes):
         for second in range(4):  # a standstill has to last
             made.set_position(PositionFix(time_ns=ns(60.0 * minute + second), s_m=s + v * second, speed_mps=v))
     assert made.legs.index == section
@@ -132,7 +124,7 @@ def test_a_timetable_that_departs_before_it_arrives_is_refused() -> None:
         journey([(0, 200), (190, 440), (480, 640)])
 
 
-def test_a_journey_told_again_does_not_send_a_train_off_that_rolls_past_its_mark() -> None:
+def test_a_repeated_journey_does_not_send_a_train_off_that_rolls_past_its_mark() -> None:
     made = journey()
     for second, (s_m, v_mps) in enumerate([(2000.0, 20.0), (3003.5, 1.1)]):
         made.set_position(PositionFix(time_ns=ns(100 + second), s_m=s_m, speed_mps=v_mps))

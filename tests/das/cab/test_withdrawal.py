@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from das.advice import wording
-from das.advice.cause import OF_PROBLEM, Cause
+from das.advice.cause import OF_PROBLEM, Cause, Withdrawal
 from das.cab.withdrawal import LegFacts, Trust, decide
 from das.estimate.estimate import Estimate, Problem, ProblemKind
 from tests.support.making import REPOSITORY
@@ -80,10 +81,23 @@ def test_a_leg_without_a_timetable_is_no_journey() -> None:
     assert found.cause is Cause.NO_JOURNEY
 
 
-def test_every_problem_of_a_position_has_a_cause_and_words() -> None:
+WITHOUT_A_FIGURE = {ProblemKind.NO_POSITION, ProblemKind.MARKED_UNUSABLE, ProblemKind.NOT_A_NUMBER}
+
+
+@pytest.mark.parametrize("kind", ProblemKind)
+def test_every_problem_of_a_position_has_words_with_its_figure_and_a_cause(kind: ProblemKind) -> None:
+    """The words hold the figure where the kind has one: 36 m, 36 s, or 36 m/s as 130 km/h."""
+    words = wording.problem(Problem(kind, 36.0))
+    assert ("36" in words or "130" in words or "129.6" in words) == (kind not in WITHOUT_A_FIGURE)
+    assert wording.withdrawal(Withdrawal(OF_PROBLEM[kind], problem=Problem(kind, 36.0))) == words
+    assert math.isnan(Problem(kind).value)
+    assert kind not in WITHOUT_A_FIGURE or "nan" not in wording.problem(Problem(kind))
+
+
+def test_the_problems_of_a_position_have_different_words_and_all_causes_of_a_position() -> None:
+    assert len({wording.problem(Problem(kind, 36.0)) for kind in ProblemKind}) == len(ProblemKind)
     assert set(OF_PROBLEM) == set(ProblemKind)
-    for kind in ProblemKind:
-        assert wording.problem(Problem(kind, 1.0))
+    assert set(OF_PROBLEM.values()) == {cause for cause in FACTS if "problem" in FACTS[cause].get("here", {})}
 
 
 def test_the_documentation_lists_every_cause() -> None:

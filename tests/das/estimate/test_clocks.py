@@ -35,7 +35,7 @@ class Drive:
     def judged(self) -> Iterator[tuple[bool, float]]:
         """At each second from 20 s on: whether the estimate is usable, and its error in stated deviations.
 
-        Fixes come 0.05 s before the seconds. What the node knows of its own clock it says to the localisation.
+        Fixes come 0.05 s before the seconds. The node passes steps of its own clock on to the localisation.
         """
         random, localisation = np.random.default_rng(4), Localisation(TRAIN)
         keep, off_m, was_set = math.exp(-1 / self.hz / WANDER_S), 0.0, False
@@ -119,7 +119,7 @@ def test_single_messages_that_were_held_up_do_not_count() -> None:
 
 
 def test_a_clock_that_stands_still_between_ticks_is_no_difference() -> None:
-    """A simulation hears the positions of a second by the clock of the second before."""
+    """A simulation receives the positions of a second by the clock of the second before."""
     clock = ClockDifference(LOCALISATION.clock)
     for second in range(1, 20):
         clock.receive(ns(second), ns(second - 1))

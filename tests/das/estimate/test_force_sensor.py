@@ -1,4 +1,4 @@
-"""A force sensor that is wrong: by a gain, by other gains in traction and in braking, by forces that nobody has."""
+"""A wrong force sensor: a gain, different gains in traction and braking, and forces that the train cannot have."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.support.crossing import crossed
 
 
 def with_gain(states: States, traction: float, braking: float | None = None) -> States:
-    """A run as a sensor with these gains measures it."""
+    """A drive as a sensor with these gains measures it."""
     back = traction if braking is None else braking
     return tuple(
         s._replace(
@@ -28,7 +28,7 @@ def with_gain(states: States, traction: float, braking: float | None = None) -> 
 
 
 def planned(calibrator: Calibrator, states: States, seed: int) -> list[Conditions]:
-    """All conditions that are planned with on a run."""
+    """All conditions that the plans of a drive use."""
     recalibration, found = Recalibration(), []
     for state in feed(calibrator, states, seed):
         conditions = recalibration.due(calibrator.estimates, ns(state.time_s))
@@ -38,7 +38,7 @@ def planned(calibrator: Calibrator, states: States, seed: int) -> list[Condition
 
 
 @pytest.mark.parametrize(("gain", "leg"), crossed([0.5, 0.65, 0.75, 0.9, 1.1, 1.25, 1.5], [THALWIL, ZUG]))
-def test_a_gain_is_told_and_nothing_is_planned_with_it(gain: float, leg: tuple[float, float, float]) -> None:
+def test_a_gain_is_noticed_and_no_plan_uses_it(gain: float, leg: tuple[float, float, float]) -> None:
     for seed in SEEDS:
         calibrator = fresh()
         found = planned(calibrator, with_gain(driven(leg=leg), gain), seed)

@@ -1,4 +1,4 @@
-"""Localisation: what becomes of every fault of a sensor."""
+"""Localisation: the consequence of every fault of a sensor."""
 
 from __future__ import annotations
 
@@ -20,12 +20,19 @@ from das.estimate.settings import LOCALISATION, OVERSPEED_RATIO, STALE_AFTER_S
 from das.estimate.track_filter import WANDER_S
 from tests.support.fixes import SD_M, T0, TRAIN, at, fixes, heard, ns, truth
 
-# --- dropouts, old and repeated fixes ----------------------------------------------------------------------------
+
+def taken(localisation: Localisation, fix: PositionFix) -> Estimate:
+    """The estimate at the time of a fix that it takes first."""
+    localisation.take(fix)
+    return localisation.at(fix.time_ns)
 
 
-def said(problem: Problem | None) -> str:
-    """A problem in words; nothing where there is none."""
+def words(problem: Problem | None) -> str:
+    """A problem in words; empty where there is none."""
     return wording.problem(problem) if problem is not None else ""
+
+
+# --- dropouts, old and repeated fixes ----------------------------------------------------------------------------
 
 
 def test_the_uncertainty_grows_in_a_dropout_until_the_estimate_is_too_old() -> None:
@@ -37,7 +44,7 @@ def test_the_uncertainty_grows_in_a_dropout_until_the_estimate_is_too_old() -> N
     assert np.all(np.diff([x.speed_sd_mps for x in (before, *carried)]) > 0)
     assert abs(carried[-1].s_m - truth(83.0)[0]) < 4 * carried[-1].position_sd_m
     lost = localisation.at(ns(84.2))
-    assert (lost.usable, said(lost.problem)) == (False, "the position is 4.2 s old")
+    assert (lost.usable, words(lost.problem)) == (False, "the position is 4.2 s old")
     for fix in fixes(95.0, from_s=95.0):
         localisation.take(fix)
     back = localisation.at(ns(95.0))
@@ -46,11 +53,10 @@ def test_the_uncertainty_grows_in_a_dropout_until_the_estimate_is_too_old() -> N
     assert back.position_sd_m > before.position_sd_m
 
 
-def test_after_a_long_dropout_the_state_is_what_the_next_fix_says() -> None:
+def test_after_a_long_dropout_the_state_is_that_of_the_next_fix() -> None:
     localisation = heard(80.0)
     time_s = 80.0 + LOCALISATION.restart.silence_s + 1.0
-    localisation.take(at(time_s, 2_000.0, 7.0))
-    found = localisation.at(ns(time_s))
+    found = taken(localisation, at(time_s, 2_000.0, 7.0))
     assert (found.s_m, found.speed_mps, found.position_sd_m) == (2_000.0, 7.0, SD_M)
 
 
@@ -67,21 +73,19 @@ def test_repeated_late_and_disordered_fixes_change_nothing() -> None:
 
 
 def test_a_source_too_slow_is_not_used_and_let_go_by_turns() -> None:
-    """Every 5 s: once it is taken for a dropout, then the advice does not come and go with every fix."""
+    """With a fix every 5 s, the first gap is a dropout; after that, advice does not come and go with each fix."""
     localisation, usable = Localisation(TRAIN), []
     for second in range(60):
         if second % 5 == 0:
             localisation.take(at(second, 20.0 * second, 20.0))
-        found = localisation.at(ns(second))
-        usable.append(found.usable)
+        usable.append(localisation.at(ns(second)).usable)
     assert usable == [True] * 4 + [False] + [True] * 4 + [False] * 51
     localisation.take(at(60.0, 1_200.0, 20.0))
-    assert said(localisation.at(ns(60.0)).problem) == "positions come every 5.0 s only"
-    localisation.take(at(61.0, 1_220.0, 20.0))
-    assert localisation.at(ns(61.0)).usable
+    assert words(localisation.at(ns(60.0)).problem) == "positions come every 5.0 s only"
+    assert taken(localisation, at(61.0, 1_220.0, 20.0)).usable
 
 
-# --- fixes that cannot be ----------------------------------------------------------------------------------------
+# --- impossible fixes ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -99,7 +103,7 @@ def test_a_source_too_slow_is_not_used_and_let_go_by_turns() -> None:
         ({"quality": Quality.INVALID}, "the position is marked unusable"),
     ],
 )
-def test_one_fix_that_cannot_be_is_rejected_and_the_estimate_goes_on(
+def test_one_impossible_fix_is_rejected_and_the_estimate_goes_on(
     change: dict[str, float | Quality], reason: str
 ) -> None:
     localisation, plain = heard(80.0), heard(80.0)
@@ -108,14 +112,12 @@ def test_one_fix_that_cannot_be_is_rejected_and_the_estimate_goes_on(
     localisation.take(replace(fix, **wrong))
     found = localisation.at(ns(81.0))
     assert found.usable
-    assert said(found.rejection).startswith(reason)
+    assert words(found.rejection).startswith(reason)
     assert replace(found, rejected=0, rejection=None) == plain.at(ns(81.0))
     assert found.rejected == 1
     later = localisation.at(ns(83.5))
-    assert (later.usable, said(later.problem)) == (False, said(found.rejection))
-    (fix,) = fixes(84.0, from_s=84.0)
-    localisation.take(fix)
-    assert localisation.at(ns(84.0)).usable
+    assert (later.usable, words(later.problem)) == (False, words(found.rejection))
+    assert taken(localisation, *fixes(84.0, from_s=84.0)).usable
 
 
 def test_an_emergency_brake_is_no_jump() -> None:
@@ -124,15 +126,14 @@ def test_an_emergency_brake_is_no_jump() -> None:
     for second in range(1, 21):
         v = max(speed_mps - 1.5 * second, 0.0)
         way_m = (speed_mps**2 - v**2) / 3.0
-        localisation.take(at(80.0 + second, s_m + way_m, v))
-        found = localisation.at(ns(80.0 + second))
+        found = taken(localisation, at(80.0 + second, s_m + way_m, v))
         assert abs(found.speed_mps - v) < 0.3
     assert found.rejected == 0
     assert found.speed_mps == pytest.approx(0.0, abs=1e-3)
 
 
 def test_where_rejected_fixes_agree_the_state_begins_anew_there() -> None:
-    """A wrong start: heard 3 km too far first."""
+    """The first fix was 3 km too far."""
     localisation = Localisation(TRAIN)
     localisation.take(at(70.0, truth(70.0)[0] + 3_000.0, 30.0))
     for i in range(LOCALISATION.restart.fixes):
@@ -159,27 +160,24 @@ def test_a_jump_that_lasts_withdraws_or_restarts_and_one_that_ends_does_neither(
 def test_rejected_fixes_that_disagree_never_move_the_state() -> None:
     localisation = heard(80.0)
     for second in range(81, 100):
-        localisation.take(at(second, truth(second)[0] + (2_000.0 if second % 2 else -2_000.0), 30.0))
-        found = localisation.at(ns(second))
+        found = taken(localisation, at(second, truth(second)[0] + (2_000.0 if second % 2 else -2_000.0), 30.0))
     assert (found.usable, found.restarts) == (False, 0)
-    assert said(found.problem).startswith("the position jumped")
+    assert words(found.problem).startswith("the position jumped")
 
 
 def test_doubts_do_not_outlast_a_dropout() -> None:
     localisation = heard(80.0)
     localisation.take(at(81.0, 9_000.0, 30.0))
     time_s = 82.0 + LOCALISATION.restart.silence_s
-    localisation.take(at(time_s, *truth(time_s)))
-    found = localisation.at(ns(time_s))
+    found = taken(localisation, at(time_s, *truth(time_s)))
     assert (found.usable, found.restarts, found.rejected) == (True, 0, 1)
 
 
 def test_a_train_that_rolls_back_is_not_advised() -> None:
-    """Its speed is not negative, its positions go back: they agree with no train."""
+    """Its speed is positive while its positions go back, which no train can do."""
     localisation = heard(80.0)
     for second in range(1, 60):
-        localisation.take(at(80.0 + second, truth(80.0)[0] - 20.0 * second, 20.0))
-        found = localisation.at(ns(80.0 + second))
+        found = taken(localisation, at(80.0 + second, truth(80.0)[0] - 20.0 * second, 20.0))
         assert found.usable == (second <= STALE_AFTER_S)
     assert found.restarts == 0
 
@@ -190,48 +188,44 @@ def test_a_frozen_sensor_is_noticed() -> None:
     localisation = heard(79.0)
     localisation.take(last)
     for second in range(81, 140):
-        localisation.take(replace(last, time_ns=ns(second)))
-        found = localisation.at(ns(second))
+        found = taken(localisation, replace(last, time_ns=ns(second)))
         assert found.usable == (second <= 83)
-        assert said(found.rejection) == f"the position is frozen at {last.s_m:.0f} m"
-    assert said(found.problem) == said(found.rejection)
+        assert words(found.rejection) == f"the position is frozen at {last.s_m:.0f} m"
+    assert words(found.problem) == words(found.rejection)
 
 
 @pytest.mark.parametrize("frozen_s", [15.0, 25.0, 80.0])
 @pytest.mark.parametrize("sd_m", [math.nan, SD_M])
 def test_a_receiver_that_freezes_beside_an_odometer_that_lives_is_noticed(frozen_s: float, sd_m: float) -> None:
-    """The speeds go on and differ from each other, the place does not."""
+    """The speeds go on and vary, but the position stays."""
     localisation = heard(frozen_s)
     place_m = truth(frozen_s)[0] + 1.0
     for second in range(int(frozen_s) + 1, int(frozen_s) + 30):
         off_mps = 0.05 if second % 2 else -0.05
-        localisation.take(at(second, place_m, truth(second)[1] + off_mps, uncertainty_m=sd_m))
-        found = localisation.at(ns(second))
+        found = taken(localisation, at(second, place_m, truth(second)[1] + off_mps, uncertainty_m=sd_m))
         way_m = truth(second)[0] - place_m
         assert found.restarts == 0
         assert not found.usable or way_m < 60.0 or second - frozen_s <= 2 * STALE_AFTER_S
     assert not found.usable
-    assert said(found.problem).startswith("the position")
+    assert words(found.problem).startswith("the position")
 
 
 def test_fixes_that_stay_while_the_train_runs_do_not_agree() -> None:
     """Each agrees with the one before within its noise, but not all of them with the first."""
     localisation = heard(80.0, noise_m=10.0)
     for second in range(81, 100):
-        localisation.take(at(second, 500.0, truth(second)[1], uncertainty_m=10.0))
-        assert localisation.at(ns(second)).restarts == 0
+        assert taken(localisation, at(second, 500.0, truth(second)[1], uncertainty_m=10.0)).restarts == 0
     assert not localisation.at(ns(99)).usable
 
 
 def test_a_coarse_receiver_is_not_frozen() -> None:
-    """Places in steps of 10 m, a train that stands for long and creeps off."""
+    """It measures in steps of 10 m, while a train stands for long and creeps off."""
     localisation = Localisation(TRAIN)
     for second in range(400):
         speed_mps = 0.0 if second < 300 else min(0.1 * (second - 300), 1.5)
         place_m = 0.0 if second < 300 else 0.05 * min(second - 300, 15) ** 2 + 1.5 * max(second - 315, 0)
-        said_mps = abs(speed_mps + (0.04 if second % 2 else -0.04))
-        localisation.take(at(second, 10.0 * round(place_m / 10.0), said_mps, uncertainty_m=5.0))
-        found = localisation.at(ns(second))
+        measured_mps = abs(speed_mps + (0.04 if second % 2 else -0.04))
+        found = taken(localisation, at(second, 10.0 * round(place_m / 10.0), measured_mps, uncertainty_m=5.0))
         assert found.usable
         assert abs(found.s_m - place_m) < 12.0
 
@@ -239,18 +233,16 @@ def test_a_coarse_receiver_is_not_frozen() -> None:
 def test_the_same_place_after_a_silence_is_not_frozen() -> None:
     localisation = Localisation(TRAIN)
     for second in (0, 1_000):
-        localisation.take(at(second, 1_000.0, 20.0))
-        assert localisation.at(ns(second)).usable
+        assert taken(localisation, at(second, 1_000.0, 20.0)).usable
 
 
 def test_a_sensor_slower_than_its_messages_is_not_frozen() -> None:
-    """Measured at 1 Hz, told at 20 Hz with new time stamps: the repetitions are left out."""
+    """It measures at 1 Hz and sends at 20 Hz with new time stamps: the repetitions are left out."""
     localisation = heard(30.0)
     for i in range(31 * 20, 100 * 20):
         second = i / 20
         s_m, speed_mps = truth(math.floor(second))
-        localisation.take(at(second, s_m, speed_mps))
-        found = localisation.at(ns(second))
+        found = taken(localisation, at(second, s_m, speed_mps))
         assert found.usable
         assert abs(found.s_m - truth(second)[0]) < 20.0
 
@@ -261,14 +253,13 @@ def test_a_sensor_slower_than_its_messages_is_not_frozen() -> None:
 def test_without_speeds_they_follow_from_the_positions() -> None:
     localisation, first_s = Localisation(TRAIN), None
     for fix in fixes(118.0, from_s=62.0, hz=2.0):
-        localisation.take(replace(fix, speed_mps=math.nan))
-        found = localisation.at(fix.time_ns)
+        found = taken(localisation, replace(fix, speed_mps=math.nan))
         if found.usable and first_s is None:
             first_s = (fix.time_ns - T0) * NS
         if found.usable:
             assert abs(found.speed_mps - 30.0) < 4 * found.speed_sd_mps
         else:
-            assert said(found.problem).startswith("the speed is uncertain by ")
+            assert words(found.problem).startswith("the speed is uncertain by ")
     assert first_s is not None
     assert 2.0 <= first_s - 62.0 <= 12.0
     assert found.speed_mps == pytest.approx(30.0, abs=1.0)
@@ -282,14 +273,13 @@ def test_without_positions_the_way_is_reckoned_and_ever_less_certain() -> None:
         true_m = truth(62.0)[0] + 30.0 * (second - 62)
         assert abs(found.s_m - true_m) < 3 * found.position_sd_m
         usable.append(found.usable)
-    assert said(found.problem).startswith("the position is uncertain by ")
+    assert words(found.problem).startswith("the position is uncertain by ")
     assert 150 < sum(usable) < 180
     assert usable == sorted(usable, reverse=True)
     # It has to be well below the limit before it is used again.
     sds, used = [], []
     for second in range(400, 440):
-        localisation.take(at(second, true_m + 30.0 * (second - 399), 30.0, uncertainty_m=45.0))
-        found = localisation.at(ns(second))
+        found = taken(localisation, at(second, true_m + 30.0 * (second - 399), 30.0, uncertainty_m=45.0))
         sds.append(found.position_sd_m)
         used.append(found.usable)
     assert LOCALISATION.use.largest_position_sd_m > sds[0] > 0.7 * LOCALISATION.use.largest_position_sd_m
@@ -299,9 +289,9 @@ def test_without_positions_the_way_is_reckoned_and_ever_less_certain() -> None:
 
 def test_nothing_but_speeds_is_no_position() -> None:
     localisation = Localisation(TRAIN)
-    assert said(localisation.at(ns(0)).problem) == "no position yet"
+    assert words(localisation.at(ns(0)).problem) == "no position yet"
     localisation.take(at(0, math.nan, 20.0))
-    assert said(localisation.at(ns(0)).problem) == "the position is not a number"
+    assert words(localisation.at(ns(0)).problem) == "the position is not a number"
 
 
 # --- standstill --------------------------------------------------------------------------------------------------
@@ -314,14 +304,13 @@ def test_a_standing_train_stays_where_it_is_while_fixes_wander(speed_noise_mps: 
     places, speeds = [], []
     for second in range(600):
         off_m = math.exp(-1 / WANDER_S) * off_m + 2.0 * random.standard_normal()
-        said_mps = abs(speed_noise_mps * random.standard_normal())
-        localisation.take(at(second, 1_000.0 + off_m, said_mps, **more))
-        found = localisation.at(ns(second))
+        measured_mps = abs(speed_noise_mps * random.standard_normal())
+        found = taken(localisation, at(second, 1_000.0 + off_m, measured_mps, **more))
         assert found.usable
         if second > 5:
             places.append(found.s_m)
             speeds.append(found.speed_mps)
-    # The fixes wander over 30 m and more; a speed that looks like setting off lets a new one have its say.
+    # The fixes wander over 30 m and more; a speed that looks like setting off lets one fix count.
     assert np.ptp(places) < (8.0 if speed_noise_mps else 1e-9)
     assert np.mean(np.array(speeds) < 0.3) > 0.98
 
@@ -381,14 +370,12 @@ def test_a_standing_train_whose_speed_fails_is_still_followed() -> None:
 # --- clocks ------------------------------------------------------------------------------------------------------
 
 
-def test_a_state_from_the_future_is_said_and_forgotten() -> None:
+def test_a_state_from_the_future_is_reported_and_forgotten() -> None:
     localisation = heard(80.0)
     localisation.take(at(500.0, 2_000.0, 20.0))
     found = localisation.at(ns(81.0))
-    assert (found.usable, said(found.problem)) == (False, "the position is 419.0 s ahead of the clock")
-    (fix,) = fixes(82.0, from_s=82.0)
-    localisation.take(fix)
-    assert localisation.at(ns(82.0)).usable
+    assert (found.usable, words(found.problem)) == (False, "the position is 419.0 s ahead of the clock")
+    assert taken(localisation, *fixes(82.0, from_s=82.0)).usable
 
 
 @pytest.mark.parametrize("jump_s", [-1e6, -10.0, 10.0, 1e6])
@@ -398,8 +385,7 @@ def test_a_clock_that_jumps_is_bridged(jump_s: float) -> None:
     localisation.at(ns(80.0))
     for second in (81, 82):
         s_m, speed_mps = truth(second)
-        localisation.take(at(second + jump_s, s_m, speed_mps))
-        found = localisation.at(ns(second + jump_s))
+        found = taken(localisation, at(second + jump_s, s_m, speed_mps))
     if jump_s == 10.0:  # as a dropout in which the train hardly moved: a jump of the position
         for second in (83, 84, 85):
             localisation.take(at(second + jump_s, *truth(second)))
@@ -418,7 +404,7 @@ def test_a_small_skew_is_not_extrapolated_backwards() -> None:
 def test_a_train_that_slows_down_has_its_last_speed_still_where_the_clocks_differ(
     off_s: float, *, slowed: bool
 ) -> None:
-    """Positions heard late, or a clock that is behind: nobody knows whether the train has slowed down since."""
+    """Positions come late, or their clock is behind: the train may or may not have slowed down since."""
     localisation = Localisation(TRAIN)
     for fix in fixes(140.0, from_s=100.0):
         localisation.take(fix)
@@ -489,8 +475,7 @@ def test_garbage_in_between_never_moves_a_train_further_than_it_can(wrong: dict[
         if i in wrong:
             localisation.take(replace(wrong[i], time_ns=ns(60.0 + (i - 0.5) / hz)))
         (fix,) = fixes(60.0 + i / hz, from_s=60.0 + i / hz)
-        localisation.take(fix)
-        found = localisation.at(fix.time_ns)
+        found = taken(localisation, fix)
         check(found)
         if before is not None and before.usable and found.usable and before.restarts == found.restarts:
             way_m, span_s = found.s_m - before.s_m, (found.time_ns - before.time_ns) * NS

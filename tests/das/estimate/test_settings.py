@@ -1,4 +1,4 @@
-"""The settings of the localisation: each of them is used."""
+"""Every setting of the localisation is used."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def shifted(fix: PositionFix, **by: float) -> PositionFix:
 
 
 Fault = Callable[[PositionFix, PositionFix], PositionFix | None]
-"""What becomes of a fix, given the one before; None: it is lost."""
+"""Turns a fix, given the one before, into a faulty one; None: it is lost."""
 
 
 def stating(**fault: Any) -> Fault:
@@ -116,7 +116,7 @@ def eventful() -> tuple[PositionFix, ...]:
     return tuple(found)
 
 
-def heard_with(settings: LocalisationSettings) -> list[Estimate]:
+def estimates_with(settings: LocalisationSettings) -> list[Estimate]:
     localisation, found = Localisation(TRAIN, settings), []
     for fix in eventful():
         localisation.take(fix)
@@ -125,13 +125,13 @@ def heard_with(settings: LocalisationSettings) -> list[Estimate]:
 
 
 @cache
-def heard_as_usual() -> list[Estimate]:
-    return heard_with(LocalisationSettings())
+def estimates_as_usual() -> list[Estimate]:
+    return estimates_with(LocalisationSettings())
 
 
-# Those of the clock need times of hearing: test_clocks.py.
+# Those of the clock need times of reception: test_clocks.py.
 @pytest.mark.parametrize("path", [path for path in paths(LocalisationSettings()) if not path.startswith("clock.")])
 def test_every_setting_of_the_localisation_is_used(path: str) -> None:
     """A figure that is a tenth of the usual, or ten times as large, changes some estimate."""
     settings = LocalisationSettings()
-    assert any(repr(heard_with(changed(settings, path, by))) != repr(heard_as_usual()) for by in (0.1, 10.0))
+    assert any(repr(estimates_with(changed(settings, path, by))) != repr(estimates_as_usual()) for by in (0.1, 10.0))

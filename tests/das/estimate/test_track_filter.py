@@ -93,15 +93,15 @@ def test_errors_are_as_large_as_stated(dt: float, steps: int) -> None:
         for _ in range(steps):
             true = f @ true + root @ random.standard_normal(4)
             x = track_filter.predict(x, dt, q, SD_M)
-            said_mps = true[1] + SD_MPS * random.standard_normal()
+            measured_mps = true[1] + SD_MPS * random.standard_normal()
             variance = x.vv + SD_MPS**2
-            off = (said_mps - x.v) / math.sqrt(variance)
-            x = track_filter.with_speed(x, said_mps, SD_MPS**2)
-            said_m = true[0] + true[3] + SD_M * random.standard_normal()
-            nis += [off**2, (said_m - x.s - x.b) ** 2 / (track_filter.position_variance(x) + SD_M**2)]
+            off = (measured_mps - x.v) / math.sqrt(variance)
+            x = track_filter.with_speed(x, measured_mps, SD_MPS**2)
+            measured_m = true[0] + true[3] + SD_M * random.standard_normal()
+            nis += [off**2, (measured_m - x.s - x.b) ** 2 / (track_filter.position_variance(x) + SD_M**2)]
             products.append(last * off)
             last = off
-            x = track_filter.with_position(x, said_m, SD_M**2)
+            x = track_filter.with_position(x, measured_m, SD_M**2)
         error = true - np.array(x[:4])
         nees.append(error @ np.linalg.solve(covariance(x), error))
     assert np.mean(nees) == pytest.approx(4.0, abs=4 * math.sqrt(8.0 / runs))

@@ -20,7 +20,7 @@ from das.bus.access import LISTENERS, write_bus_folder
 from das.bus.config import BusFile
 from das.bus.session import Bus, Presence, Presences, endpoint, free_ports
 from das.bus.topics import ADVICE, EVENT, JOURNEY, POSITION, RESTRICTION, TARGET, Received, Topic, decoded
-from das.cab.guard import MOST_GONE, MOST_RIVALS, Operators
+from das.cab.guard import MOST_GONE, MOST_RIVALS, Operator
 from das.cab.heard import Kind, PublisherSeen, RestrictionsHeard
 from tests.support import node_process
 from tests.support.driven_node import START_NS, TRAIN, DrivenNode, S, journey, restrictions
@@ -200,21 +200,21 @@ def test_without_word_of_who_is_there_the_first_publisher_counts(cab: Told) -> N
 
 
 def test_sessions_without_end_are_not_kept_without_end() -> None:
-    operators, seen = Operators(), partial(PublisherSeen, kind=Kind.RESTRICTION)
+    operator, seen = Operator(), partial(PublisherSeen, kind=Kind.RESTRICTION)
 
     def message(source: str) -> RestrictionsHeard:
         return RestrictionsHeard(time_ns=1, restrictions=(), source=source)
 
-    assert operators.counts(message("first"))
+    assert operator.counts(message("first"))
     for i in range(3 * MOST_GONE):
-        assert not operators.counts(message(f"rival {i}"))
-    assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, 0)
-    assert operators.see(seen(source="first", there=False)) is not None
+        assert not operator.counts(message(f"rival {i}"))
+    assert (len(operator._rivals), len(operator._gone)) == (MOST_RIVALS, 0)
+    assert operator.see(seen(source="first", there=False)) is not None
     for i in range(3 * MOST_GONE):
-        operators.see(seen(source=f"other {i}", there=False))
-    assert operators.remembered(Kind.RESTRICTION) == (MOST_RIVALS, MOST_GONE)
-    assert operators.counts(message("next"))  # It is not forgotten that the first one is gone.
-    assert not operators.contested()
+        operator.see(seen(source=f"other {i}", there=False))
+    assert (len(operator._rivals), len(operator._gone)) == (MOST_RIVALS, MOST_GONE)
+    assert operator.counts(message("next"))  # It is not forgotten that the first one is gone.
+    assert operator.contradiction() is None
 
 
 def test_a_session_is_gone_when_its_last_token_is() -> None:
