@@ -57,15 +57,14 @@ def run_day(
 ) -> SimulatedDay:
     """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
 
-    `scenario` is a bundled scenario's name or a TOML file. `seed` draws what happens on the day and how the driver is;
+    `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
     the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable", "human", or a class
     of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms", "four-mode",
     "vector" or "coach"), `level` how losses are modelled (the default is the vehicle's own). `participant` is the
     number of a human driver of the default population, who is the same on every day; the seed then draws the day alone.
     Nothing is recorded: `das-sim run` does that.
 
-    Raises InputError for a word that there is not, DasError for a scenario that is unusable or a train that does not
-    arrive.
+    Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 
         >>> import sim
         >>> day = sim.run_day("clear-day", driver="perfect", advice="vector")
@@ -94,13 +93,13 @@ def run_day(
 
 
 def _person(driver: DriverKind | OwnClass, number: int | None) -> Participant | None:
-    """The participant of a number; InputError for anything that is none, DasError where the driver is not human."""
+    """The participant with a number; InputError for an invalid number, DasError where the driver is not human."""
     if number is not None and (not isinstance(number, int) or isinstance(number, bool) or number < 0):
         raise InputError("run_day", "participant", number, "a whole number >= 0")
     return participant_of(driver, number, None)
 
 
 def _who(driver: DriverKind | str) -> DriverKind | OwnClass:
-    """The driver of a word, or of a class's name; InputError for anything else."""
+    """The driver that a word or the name of a class names; InputError for anything else."""
     named = named_driver("run_day: driver", driver) if isinstance(driver, str) and ":" in driver else None
     return named if isinstance(named, OwnClass) else chosen(DriverKind, "run_day", "driver", driver)

@@ -1,6 +1,6 @@
-"""Options of das-sim that packages below its commands keep as data; `sim.cli.options` has the others.
+"""Options of das-sim that packages below `sim.cli` use as data; `sim.cli.options` has the others.
 
-What a user says about a recorded trip and its replay is kept in groups.
+The options about a recorded trip and about its replay are groups.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ PopulationOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class NodeSaid:
-    """What a recording's node was started with, where the user says it, and where its tables are."""
+    """What the user says about the node of a recording: how it was started, and where its tables are."""
 
     node: Annotated[
         str | None,
@@ -86,7 +86,7 @@ SLOWEST, FASTEST = 0.01, 1e6
 
 
 def speed_factor(text: str) -> float | None:
-    """Times real time (`real` is 1); None for as fast as it goes."""
+    """Times real time (`real` is 1); None for as fast as possible. Raises DasError for any other text."""
     if text == "max":
         return None
     try:
@@ -100,10 +100,11 @@ def speed_factor(text: str) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class TripOptions:
-    """What is said about a trip besides its file; None means: as the recording says, or the default.
+    """What the user says about a trip besides its file; None means: as the recording says, or the default.
 
-    `reverse` None: nobody says in which direction the trip ran. Stops None: the route's first and last. `line` are
-    kilometre posts. `strict` refuses a trip of which points would be dropped, or that runs the other way.
+    Without `reverse`, the direction of the trip is not given. Without stops, the trip runs from the route's first stop
+    to its last. `line` is a file of kilometre posts. `strict` refuses a trip of which points would be dropped, or that
+    runs the other way.
     """
 
     route: RecordedRouteOption = None
@@ -128,7 +129,7 @@ class TripOptions:
 class ReplayOptions:
     """How a trip is replayed; None means: as the recording says, or the default.
 
-    `arrival_s` is the timetable's running time, `delay_s` by how much the trip departed late.
+    `arrival_s` is the timetable's running time, `delay_s` how late the trip departed.
     """
 
     trip: TripOptions = field(default_factory=TripOptions)

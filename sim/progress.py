@@ -1,4 +1,4 @@
-"""How far long work has come: a bar on a terminal, and a line every few seconds elsewhere."""
+"""The progress of long work: a bar on a terminal, a line every few seconds elsewhere."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from contextlib import contextmanager
 from das.command_line.printing import error_console
 
 Progressed = Callable[[float, float], None]
-"""Called with how much is done and with the whole."""
+"""Called with the amount done and the whole amount."""
 
 SAID_EVERY_S = 2.0
-"""Without a terminal, one line of progress is printed this often (s)."""
+"""Interval (s) of the lines of progress without a terminal."""
 
 
 @contextmanager
 def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
-    """A bar on a terminal, a line every few seconds elsewhere; `first` is shown until something is done.
+    """Show the progress as a bar on a terminal, as a line every few seconds elsewhere; `first` is shown at first.
 
-    The time that is left is estimated from what was done so far and is not shown before that. Yields what to call with
-    how much is done and the whole.
+    Yields the function to call with the amount done and the whole amount. The bar estimates the remaining time from
+    what has been done so far.
     """
     if not sys.stderr.isatty():
         yield _lines(title, first, unit)

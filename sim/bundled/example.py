@@ -1,4 +1,4 @@
-"""The files of the example: most are kept as they are; a recorded trip and its kilometre posts are made here."""
+"""The files of `das-sim example`: most are kept as files; a recorded trip and its kilometre posts are made here."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from sim.plant.kernels import PlantState
 from sim.plant.plant import Plant
 
 LOOK_S: Final = 0.2
-"""A driver looks and acts this often (s)."""
+"""A driver looks and acts at this interval (s)."""
 LOOKS_A_STATE: Final = 5
-"""One state is kept for this many looks: one a second."""
+"""One state is kept of this many looks, which is one a second."""
 LONGEST_S: Final = 7200.0
 """No trip of the example takes longer than this (s)."""
 
 
 def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -> list[PlantState]:
-    """Drive from standstill at the first stop to standstill at the last, without stopping between.
+    """Drive from standstill at the first stop to standstill at the last, without a stop between.
 
-    `arrival_s` is when the timetable wants the train there, counted from the departure. Returns one state a second and
-    the one in which the train has arrived; raises DasError if it does not get there.
+    `arrival_s` is the timetable's arrival, counted from the departure. Returns one state a second and the one in which
+    the train has arrived; raises DasError if it does not arrive.
     """
     stop_m = line.route.stops[-1].position_m
     state = plant.at(line.route.stops[0].position_m)
@@ -69,7 +69,7 @@ KEPT: Final = (
 )
 """Files of the example that are the same for every seed."""
 POSTS_EVERY_M: Final = 100.0
-"""Kilometre posts stand this far apart: lines between them keep within some metres of the curves."""
+"""Kilometre posts stand this far apart, so that straight lines between them keep within some metres of the curves."""
 DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
 """When the train of the recorded trip departs."""
 
@@ -81,11 +81,11 @@ class Receiver:
     position_sd_m: float = 3.0
     """Standard deviation (m) of the position, each to the north and to the east."""
     correlation_s: float = 20.0
-    """The error of the position wanders with this time constant (s)."""
+    """Time constant (s) with which the error of the position wanders."""
     speed_sd_mps: float = 0.08
     """Standard deviation (m/s) of the reported speed of a moving train."""
     standing_s: int = 20
-    """So many seconds before the departure and after the arrival are recorded as well."""
+    """Seconds of standing that are recorded before the departure and after the arrival."""
     earth_radius_m: float = 6_371_008.8
     """Mean radius of the Earth (m, IUGG), for errors in degrees."""
 

@@ -1,4 +1,4 @@
-"""Make a trip by simulation: a driver without advice on a simulated train, seen through a GPS receiver, as MCAP."""
+"""Makes the recording of a trip (MCAP): a simulated train and driver without advice, seen by a GPS receiver."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sim.world.lockstep import location
 
 POSITION_SIGMA_M, POSITION_CORRELATION_S = 3.0, 20.0
 SPEED_SIGMA_MPS = 0.08
-"""Noise of the receiver (assumed, and typical of a good GPS)."""
+"""Noise of the receiver (assumed; typical of a good GPS receiver)."""
 FIX_EVERY_S = 1.0
 STANDING_S = 5
 """Seconds of standing recorded before departure and after arrival."""
@@ -33,7 +33,7 @@ AT_STOP_M = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class TripPlan:
-    """The trip to make: a section, its timetable and the delay of the departure."""
+    """The trip to make: a section, its timetable, and the delay of the departure."""
 
     route: Route
     vehicle: Vehicle

@@ -1,4 +1,4 @@
-"""What a driver sees: his cab, and the advice as it is presented; what he can do, and what he notes of himself."""
+"""What a driver sees (the cab, and the advice on its display), what drives, and the diary of a driver's events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
 
 AT_STOP_M = 10.0
-"""A train that stands this near (m) to its stop is at it, with the doors at the platform; it does not creep on."""
+"""A train that stands this near (m) to its stop has arrived: its doors are at the platform; it does not creep on."""
 
 
 class Efforts(NamedTuple):
@@ -40,16 +40,17 @@ class Efforts(NamedTuple):
 class AdviceView:
     """Advice as the display shows it; what is not shown is NaN or empty.
 
-    Times are in s on the cab's clock, modes are those of the bus. `speed_mps` is the advised speed, in RMS the reduced
-    maximum, in FOUR_MODE the speed to hold, in COACH the speed to reach or to hold (`due_s`: the time until it is due,
-    `target_way_m`: the way to where it is reached; `next_speed_mps` and `next_effort_ratio`: speed and share of the
-    largest effort after the next change); `display_speed_mps` is the same in whole km/h, as the driver reads
-    it. A simulated driver goes by the former. In DEVIATION there is only `deviation_s`, how late the train is against
-    the planned run for its timetable (early < 0). `lever_ratio` is the advised effort on the controller's scale (see
-    `sim.plant.plant.lever`). Horizons have steps of 1 s; the first value is 1 s after `time_s`.
+    Times are in s on the cab's clock, modes are driving regimes by their numbers on the bus. `speed_mps` is the advised
+    speed: the top speed in RMS, the speed to hold in FOUR_MODE, the speed to reach or to hold in COACH.
+    `display_speed_mps` is the same speed in whole km/h, as it is written on the display. `lever_ratio` is the advised
+    effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
+    after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
+    change. In COACH, `due_s` is the time until the instruction is due, and `target_way_m` the way to where its speed is
+    reached. In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable
+    (early < 0).
 
-    With mode DEPART the display says to stand until the train is cleared, with the efforts and horizons of a train that
-    stands. The next change is the departure then, and `departure` is what a driver who is cleared reads.
+    Mode DEPART tells a standing train to wait until it is cleared; efforts and horizons are those of a standing train.
+    The next change is then the departure, and `departure` is what a driver reads when the train is cleared.
     """
 
     time_s: float
@@ -73,14 +74,14 @@ class AdviceView:
 
     @property
     def shown_speed_mps(self) -> float:
-        """The speed that is read off the display (m/s): as it is written there, or else as it is advised."""
+        """The speed that the driver reads (m/s): the one written on the display, or else the advised one."""
         return self.speed_mps if math.isnan(self.display_speed_mps) else self.display_speed_mps
 
     @property
     def departure(self) -> AdviceView:
-        """What a driver who is cleared reads of advice to depart: how to depart; any other advice is as it is.
+        """How to depart, as a driver reads it off advice to depart once the train is cleared; other advice unchanged.
 
-        A display that says nothing of how to drive, but a top speed at most, says nothing of how to depart either.
+        A display that does not say how to drive does not say how to depart either: its advice is unchanged, too.
         """
         if self.mode != Regime.DEPART or self.next_mode == Regime.NONE:
             return self
@@ -98,7 +99,7 @@ class AdviceView:
         )
 
     def foreseen_mps(self, now_s: float) -> float:
-        """The speed (m/s) for a later moment as the preview shows it; where there is none, the speed that is shown."""
+        """The speed (m/s) that the preview shows for a later moment; without a preview, the speed that is shown."""
         after = int(now_s - self.time_s)
         if not self.horizon_speed_mps or after < 1:
             return self.shown_speed_mps
@@ -106,11 +107,12 @@ class AdviceView:
 
 
 class CabView(NamedTuple):
-    """What the driver sees and has been told at a moment.
+    """What the driver sees and has been told at a moment (times in s on the cab's clock).
 
-    That is the clock (s), the position by the line's marks (m), speed and limit as displayed (m/s), the next timetabled
-    stop (m) and when to arrive there. The train may not leave before `departure_s`, nor before `may_depart` (doors
-    closed, signal clear). `signal_m` is a signal at danger ahead. `advice` is None if nothing is shown.
+    `s_m` is the position by the marks of the line, `speed_mps` and `limit_mps` are those displayed. `stop_m` is the
+    next timetabled stop, due at `arrival_s`. From `departure_s` on the train may leave, if it `may_depart` (doors
+    closed, signal clear). `signal_m` is the next signal at danger in sight (inf: none). `advice` is None if none is
+    shown.
     """
 
     time_s: float
@@ -132,7 +134,7 @@ class CabView(NamedTuple):
 
     @property
     def shall_stand(self) -> bool:
-        """Whether the train stands and is right to: at its halt, beyond it, or because it may not leave yet."""
+        """Whether the train stands and must go on standing: it is at or beyond its halt, or may not leave yet."""
         if self.speed_mps > 0:
             return False
         waiting = not self.may_depart or self.time_s < self.departure_s
@@ -146,7 +148,7 @@ class CabView(NamedTuple):
 
 
 class Driver(Protocol):
-    """Someone who drives; `command` is called at every look, a fraction of a second apart, in the order of time."""
+    """Whoever drives: `command` is called at every look, a fraction of a second apart, in the order of time."""
 
     def command(self, cab: CabView) -> Command:
         """What the controller is set to until the next look."""
@@ -158,7 +160,7 @@ def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
 
 
 def whole_kmh_mps(speed_mps: float) -> float:
-    """A speed as a display writes it: the nearest speed in whole km/h."""
+    """The speed (m/s) that a display writes: the nearest whole km/h."""
     return round(speed_mps / KMH) * KMH
 
 
@@ -166,16 +168,16 @@ KINDS: Final = (
     *("glance", "noticed", "reaction", "followed", "refused"),
     *("acted", "lapse", "lever", "changed", "expected"),
 )
-"""What is kept, in the order of the numbers of `Decision.Kind` on the bus, which says what each means."""
+"""The kinds of events, in the order of `Decision.Kind` on the bus, which explains them."""
 
 
 class DriverEvent(NamedTuple):
-    """Something that the driver did or felt, at a time (s on the cab's clock), and a number that goes with it.
+    """Something that a driver did or noticed: the time (s on the cab's clock), the kind (one of `KINDS`), and a number.
 
-    What it is (one of `KINDS`), and the number: `glance`, `noticed`, `followed`, `refused` and `changed` (mode of the
-    advice, 0 for none), `reaction` (its length in s), `acted` (1: follows the advice), `lapse` (its length as drawn, in
-    s), `lever` (the new setting of a controller that had stood still), `expected` (before `reaction`: what was noticed
-    had been announced, and the share of a reaction that it takes therefore).
+    The number is, for `glance`, `noticed`, `followed`, `refused` and `changed`: the mode of the advice (0: none); for
+    `reaction` and `lapse`: its length as drawn (s); for `acted`: 1 where he follows the advice; for `lever`: the new
+    setting of a controller that had stood still; for `expected`, which comes before `reaction`: the share of a reaction
+    time that the announced change takes.
     """
 
     time_s: float
@@ -184,7 +186,7 @@ class DriverEvent(NamedTuple):
 
 
 class Diary:
-    """The events of one driver, in the order in which they were noticed."""
+    """The events of one driver, in the order in which he noted them."""
 
     def __init__(self) -> None:
         self.events: list[DriverEvent] = []
@@ -195,5 +197,5 @@ class Diary:
 
 
 def kept_by(driver: object) -> Sequence[DriverEvent]:
-    """The events of a driver so far; none of a driver who keeps no diary."""
+    """The events that a driver has noted so far; empty for a driver who keeps no diary."""
     return getattr(driver, "events", ())

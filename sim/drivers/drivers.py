@@ -31,7 +31,7 @@ class FastDriver:
         return stand(cab) or self._drive(cab, self.foresight.outlook(cab), math.inf)
 
     def _drive(self, cab: CabView, outlook: Outlook, top_mps: float, roll_mps: float = 0.0) -> Command:
-        """Drive under the ceiling and a top speed; up to `roll_mps` above the top without brakes."""
+        """Drive under the ceiling and a top speed, without braking up to `roll_mps` above the top speed."""
         stopping = stop_at(cab, outlook, cab.halt_m, self.foresight.habit.braking_mps2)
         if stopping is not None:
             return stopping
@@ -43,9 +43,9 @@ class FastDriver:
 
 
 class RmsDriver(FastDriver):
-    """Holds one reduced maximum speed: the display's, or one that is judged at departure to keep the timetable.
+    """Keeps to one top speed: the display's, or his own estimate at departure of what keeps the timetable.
 
-    When it is lowered, the train rolls down to it, unless a limit or a stop ahead asks for brakes.
+    When the top speed is lowered, the train rolls down to it, unless a limit or a stop ahead asks for brakes.
     """
 
     def __init__(self, line: LineKnowledge, habit: Habit = EASY_BRAKING) -> None:
@@ -60,12 +60,12 @@ class RmsDriver(FastDriver):
         rolled_mps = self._roll_off.speed_mps(top_mps, cab.speed_mps)
         if rolled_mps is None:
             return self._drive(cab, outlook, top_mps)
-        # The speed to which it has come down is a top speed as well, to be held downhill; there is no traction.
+        # The speed that the train has come down to is the top speed now: braked for downhill, without traction.
         return self._drive(cab, outlook, rolled_mps)._replace(high_n=0.0)
 
 
 class TimetableDriver(FastDriver):
-    """Keeps time without advice: judges the highest speed anew every while, and lets the train roll above it."""
+    """Keeps time without advice: estimates the top speed anew now and then, and lets the train roll above it."""
 
     def __init__(self, line: LineKnowledge, habit: Habit = EASY_BRAKING) -> None:
         super().__init__(line, habit)
@@ -77,7 +77,7 @@ class TimetableDriver(FastDriver):
 
 
 def shown_cap(cab: CabView) -> float | None:
-    """The reduced maximum speed (m/s) on the display; None if it shows none."""
+    """The top speed (m/s) on the display; None if it shows none."""
     view = cab.shown
     if view is None or presenter_of(view.presentation).speed_is(view.mode) is not SpeedIs.HIGHEST:
         return None
@@ -85,7 +85,7 @@ def shown_cap(cab: CabView) -> float | None:
 
 
 class PerfectDriver:
-    """Does what a display that says enough for it says; with any other, or without advice, keeps time as it can."""
+    """Does exactly what the display says if that is enough to drive by; otherwise keeps time as `TimetableDriver`."""
 
     def __init__(self, line: LineKnowledge) -> None:
         self._alone, self._minding = TimetableDriver(line), FastDriver(line)
@@ -105,13 +105,13 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """The driver who follows a presentation exactly, the same on every section; None where it says too little."""
+        """The follower of a presentation, the same one until the next departure; None where it says too little."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]
 
     def _depart(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
-        """Set the train in motion as the advice says, now that it is cleared."""
+        """Set the cleared train in motion as the advice says."""
         target = min(view.speed_mps, cab.limit_mps)
         if math.isnan(view.lever_ratio):
             return hold(cab, outlook, target)
@@ -119,7 +119,7 @@ class PerfectDriver:
         return hold(cab, outlook, target, high_n=max(most_n, 0.0))
 
     def _must_mind(self, cab: CabView) -> bool:
-        """Whether the train is near the highest speed that a restriction or signal allows; the advice may not know."""
+        """Whether the train is near the highest speed under restrictions and signals, which the advice may not know."""
         soon_m = cab.s_m + cab.speed_mps * RULE.anticipation_s
         return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
 
@@ -135,8 +135,8 @@ def make_driver(
 ) -> Driver:
     """Make a driver for a line.
 
-    Only the human driver uses the parameters, the friction policy and the stream (one per driver of a seed). A class of
-    the user's is given the seed as well. Raises DasError for a class that cannot be used.
+    Only the human driver uses the parameters, the friction policy and the stream (the number of the driver's own random
+    numbers); he and a class of the user's are given the seed. Raises DasError for a class that cannot be used.
     """
     if isinstance(kind, OwnClass):
         return OwnDriver(kind, line, seed)

@@ -1,6 +1,6 @@
-"""How a human driver holds a speed, brakes and moves the controller, with the settings that all of them share.
+"""How a human driver holds a speed, brakes and moves the controller, with the settings that all drivers share.
 
-What differs from driver to driver, and what a scenario can set, is in `parameters`.
+What differs from driver to driver, and what a scenario can set, is in `sim.drivers.parameters`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sim.plant.kernels import TrainNumbers
 
 @dataclass(frozen=True, kw_only=True)
 class HumanSettings:
-    """Handling that all human drivers share. All values are assumptions, chosen so that the runs look like driving."""
+    """Handling that all human drivers share. All values are assumptions, chosen so that the drives look realistic."""
 
     gain_per_s: float = 0.1
     """A driver corrects this share of a speed error per second."""
@@ -37,32 +37,32 @@ class HumanSettings:
     """A driver keeps the brakes applied on a descent where the train would gain the dead band again within this time
     (s)."""
     eased_s: float = 6.0
-    """A driver brakes a speed above a limit away within about this time (s)."""
+    """A driver brakes away the excess over a limit within about this time (s)."""
     nearest_m: float = 0.3
     """Nearer to the mark than this (m), and beyond it, the driver brakes with the planned deceleration."""
     missed_m: float = 0.5 * AT_STOP_M
-    """A driver takes a mark to be at most this (m) off. His braking adds to it, and further off than `AT_STOP_M` the
-    train would not count as being at its stop."""
+    """A driver misjudges the place of a mark by at most this (m). His braking adds an error of its own, and a train
+    further off than `AT_STOP_M` has not arrived."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeedingSettings:
-    """What every human driver makes of limits and of what he is shown. All values are assumptions."""
+    """How every human driver heeds limits and advice. All values are assumptions."""
 
     warning_mps: float = 1.5
     """The train warns its driver when it is this much (m/s) above the braking curve; the warning ends any lapse."""
     watched_mps: float = 1.5
-    """Within this distance (m/s) of the highest allowed speed the driver minds that speed, whatever is advised."""
+    """Within this margin (m/s) below the highest allowed speed the driver minds that speed, whatever is advised."""
     eased_off_s: float = 1.5
     """A driver who accelerates to a speed eases off this much (s) before the train reaches it."""
     expected_within_s: float = 5.0
-    """A change of the advice within this time (s) of when it was announced for is the one that was announced."""
+    """A change of the advice within this time (s) of an announced one counts as announced."""
     made_good_s: float = 20.0
-    """A driver who is told that he is this much (s) late drives as fast as allowed, and this much early just in
+    """A driver who is shown to be this much (s) late drives as fast as allowed; this much early, he drives just in
     time."""
     least_effort_s: float = 4.0
-    """A driver does not begin an acceleration that would be over within this time (s), he holds the speed instead; nor
-    such a brake, he lets the train roll instead."""
+    """A driver does not begin an acceleration that would be over within this time (s), but holds the speed; he does not
+    begin a brake as short as that, but lets the train roll."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,11 +70,11 @@ class HandSettings:
     """How every human driver moves the controller. All values are assumptions."""
 
     waits_s: float = 5.0
-    """A driver who has set the controller waits so long (s) to see what comes of it before he changes it a little. The
+    """A driver who has set the controller waits this long (s) to see the effect before he makes a small change. The
     effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
     waits_ratio: float = 0.3
-    """A change by this share of the controller's scale is not a little one: a step and a half of effort as it is
-    read."""
+    """A change by this share of the controller's scale is not small: it is a step and a half of effort as a display
+    shows it."""
     end_stop_ratio: float = 0.99
     """An effort above this share of the controller's scale is set at the end of the scale, where the hand feels a
     stop."""
@@ -98,7 +98,7 @@ class Wander:
 
 
 class Errors:
-    """How far a driver's speed and effort are off what he means, wandering slowly."""
+    """The errors of a driver's speed and effort, which wander slowly."""
 
     def __init__(self, human: HumanParameters, speed: np.random.Generator, force: np.random.Generator) -> None:
         self._human = human
@@ -111,24 +111,24 @@ class Errors:
 
     @property
     def speed_mps(self) -> float:
-        """By how much the speed that he drives at is above the one that he means."""
+        """By how much (m/s) the speed that he drives at is above the one that he means to drive at."""
         return self._human.speed_error_mps * self._speed.value
 
     @property
     def force_ratio(self) -> float:
-        """What an effort that he sets is of the one that he means (1: exactly it; never below 0)."""
+        """The effort that he sets as a share of the one that he means to set (1: no error; never below 0)."""
         return max(1.0 + self._human.force_error_ratio * self._force.value, 0.0)
 
 
 class StopMark:
-    """Where the driver takes the mark of the next halt to be: drawn once for each halt, never beyond a signal."""
+    """Where the driver believes the mark of the next halt to be: drawn once for each halt, never beyond a signal."""
 
     def __init__(self, human: HumanParameters, settings: HumanSettings, random: np.random.Generator) -> None:
         self._human, self._settings, self._random = human, settings, random
         self._for_m, self._off_m = math.nan, 0.0
 
     def at_m(self, cab: CabView) -> float:
-        """The position (m) of the mark."""
+        """The position (m) where he believes the mark to be."""
         if cab.halt_m != self._for_m:
             self._for_m = cab.halt_m
             most_m = self._settings.missed_m
@@ -139,7 +139,7 @@ class StopMark:
 
 
 class SpeedHold:
-    """Holding a speed with the driver's dead band: what he is correcting is remembered from look to look."""
+    """Holds a speed with the driver's dead band; remembers from look to look whether he is correcting an error."""
 
     def __init__(self, human: HumanParameters, settings: HumanSettings) -> None:
         self._human, self._settings = human, settings
@@ -150,9 +150,9 @@ class SpeedHold:
         self._correcting = False
 
     def push_n(self, error_mps: float, mass_kg: float) -> float:
-        """The wheel force (N) that takes an error of the speed (wanted − actual, m/s) away.
+        """The wheel force (N) that corrects an error of the speed (wanted − actual, m/s).
 
-        One within the dead band is left, one that is being corrected is corrected nearly to the end.
+        A new error within the dead band is left; a correction that has begun goes on until the error is nearly gone.
         """
         human, settings = self._human, self._settings
         if abs(error_mps) > human.dead_band_mps:
@@ -164,12 +164,12 @@ class SpeedHold:
     def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
         """The wheel force (N) for an error of the speed (wanted − actual, m/s); the speed itself needs `needed_n`.
 
-        A small excess is rolled off. `crawls`: the train is about to stop.
+        For a small excess he lets the train roll. `crawls`: the train is about to stop.
         """
         settings = self._settings
         force_n = needed_n + self.push_n(error_mps, mass_kg)
-        # Downhill the driver brakes until the speed is right, then lets the train roll; otherwise he would brake every
-        # few seconds.
+        # Downhill the driver brakes until the speed is right and then lets the train roll, because he would otherwise
+        # brake every few seconds.
         if not self._correcting or error_mps > 0 or crawls:
             self._restraining = False
         elif error_mps <= -settings.roll_mps:
@@ -178,7 +178,7 @@ class SpeedHold:
 
 
 class Handling:
-    """Holding a speed and braking, with the driver's dead band and errors."""
+    """Holds speeds and brakes, with the driver's dead band and errors."""
 
     def __init__(
         self,
@@ -194,10 +194,10 @@ class Handling:
         self._hold, self._ceiling = SpeedHold(human, settings), SpeedHold(human, settings)
         self._braking = False
         self.brakes_hard = False
-        """Whether he brakes for a limit or a stop so hard that the brakes cannot wait."""
+        """Whether the braking for a limit or a stop is so hard that his hand must not wait."""
         self._roll_off = RollOff()
         self.efforts = Efforts.at(0.0, train)
-        """What the train can do at the present speed."""
+        """The largest efforts of the train at the present speed."""
 
     @property
     def needs_brakes(self) -> bool:
@@ -211,15 +211,15 @@ class Handling:
         self._ceiling.stand()
 
     def friction_ratio(self, *, follows_effort: bool) -> float:
-        """The share of a braking effort that he asks of the friction brake though the motors could give it."""
+        """The share of a braking effort that he asks of the friction brake although the motors could give it."""
         by_advice = self._friction is FrictionPolicy.BY_ADVICE and follows_effort
         electric = by_advice or self._friction is FrictionPolicy.ELECTRIC_FIRST
         return 0.0 if electric else self._human.friction_ratio
 
     def under_top(self, cab: CabView, outlook: Outlook, top_mps: float, allowed_mps: float, *, rolls: bool) -> float:
-        """The setting that holds a top speed, or what is allowed if that is less.
+        """The setting that holds a top speed, or the allowed speed if that is lower.
 
-        When the top speed is lowered, the driver lets the train roll down to it, if he `rolls`.
+        `rolls`: when the top speed is lowered, the driver lets the train roll down to it.
         """
         rolled_mps = self._roll_off.speed_mps(top_mps if rolls else math.inf, cab.speed_mps)
         if rolled_mps is None:
@@ -227,7 +227,7 @@ class Handling:
         return min(self.held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
 
     def held(self, cab: CabView, outlook: Outlook, speed_mps: float, *, ceiling: bool = False) -> float:
-        """The setting that holds a speed: the one he means to drive at, or a `ceiling` over advice on effort."""
+        """The setting that holds a speed: the one that he means to drive at, or a `ceiling` above advice on effort."""
         error = speed_mps + min(self._errors.speed_mps, self._human.below_limit_mps) - cab.speed_mps
         needed_n, mass_kg = outlook.resisting_n(cab.s_m, cab.speed_mps), outlook.train.inertial_mass_kg
         crawls = cab.speed_mps <= TRACKING.stopping_mps
@@ -237,12 +237,12 @@ class Handling:
         )
 
     def corrected(self, cab: CabView, outlook: Outlook, speed_mps: float) -> float:
-        """By how much he sets the controller off an advised effort (−1 … 1), because the train is not at its speed."""
+        """By how much (−1 … 1) he corrects an advised effort because the train is not at the advised speed."""
         error = speed_mps + self._errors.speed_mps - cab.speed_mps
         return self.efforts.lever_ratio(self._hold.push_n(error, outlook.train.inertial_mass_kg))
 
     def needed_braking(self, cab: CabView, outlook: Outlook, reach_s: float) -> float | None:
-        """The deceleration for what lies ahead (m/s²), from shortly before it is needed until it is done; else None.
+        """The deceleration (m/s²) for the limits and stops ahead; None while he does not brake for any.
 
         `reach_s` is the time in which the hand gets the controller back from traction.
         """
@@ -259,7 +259,7 @@ class Handling:
             self._braking = True
         elif needed < settings.released_ratio * human.braking_mps2:
             rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
-            # On a descent that would bring the speed back at once, the brake is eased and kept, not given up.
+            # On a descent on which the train would speed up at once, he eases the brake but does not release it.
             steep = rolls_mps2 * settings.regained_s > human.dead_band_mps
             settled_mps = -human.dead_band_mps if steep else settings.settled_mps
             self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)
@@ -267,7 +267,7 @@ class Handling:
         return needed if self._braking else None
 
     def braked(self, cab: CabView, outlook: Outlook, needed_mps2: float) -> float:
-        """The setting for a deceleration, which is at most twice the one that he plans with."""
+        """The setting for a deceleration (m/s²), which he limits to twice the planned one."""
         rate = min(max(needed_mps2, 0.0), 2.0 * self._human.braking_mps2)
         force_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * rate
         return self.efforts.lever_ratio(force_n * self._errors.force_ratio)
@@ -276,9 +276,8 @@ class Handling:
 class Hand:
     """The setting of the controller (−1 … 1), moved as fast as a hand moves it.
 
-    A driver who has set the controller waits to see what comes of it: small changes are made again only after a while,
-    unless they are urgent or he has something else to do (another `task`). Traction or brakes are given up without a
-    wait if they have lasted that long.
+    A driver who has set the controller waits to see the effect: he makes the next small change only after a while,
+    unless it is urgent or for another `task`. He ends traction or braking without a wait if it has lasted that long.
     """
 
     def __init__(self, human: HumanParameters, diary: Diary) -> None:
@@ -315,7 +314,7 @@ class Hand:
         self._begun_s = now_s if moved and before * self.setting <= 0 else self._begun_s
 
     def _by_notches(self, wanted: float, now_s: float) -> float:
-        """One notch at a time; each takes its time."""
+        """Move by one notch at a time, each of which takes its time."""
         human = self._human
         notch, aim = round(self.setting * human.notches), round(wanted * human.notches)
         if aim != notch and now_s - self._notched_s >= human.notch_s:
@@ -324,7 +323,7 @@ class Hand:
         return notch / human.notches
 
     def _by_percent(self, wanted: float, span_s: float) -> float:
-        """Any setting, at the hand's rate; small changes are left undone."""
+        """Move to any setting at the hand's rate; very small changes are not made."""
         human, before = self._human, self.setting
         small = abs(wanted - before) < human.lever_least_ratio and abs(wanted) not in (0.0, 1.0)
         if small and not self._moving:

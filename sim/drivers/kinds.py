@@ -1,4 +1,4 @@
-"""Names of drivers and of displays; this module imports nothing heavy, because command lines need it."""
+"""The names of drivers, presentations and friction policies; imports nothing heavy, because command lines need them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from das.domain.errors import DasError
 
 
 class DriverKind(StrEnum):
-    """The driver of a simulated train."""
+    """The bundled drivers of a simulated train."""
 
     PERFECT = "perfect"
     FAST = "fast"
@@ -57,9 +57,9 @@ def named_driver(option: str, text: str) -> DriverName:
 
 
 class Presentation(StrEnum):
-    """How much of the same advice the display shows: the list of the presentations.
+    """The presentations: how much of the same advice the display shows.
 
-    A new presentation takes one line here and a module of its name in `sim/drivers/presentations`, with all else.
+    A new presentation takes one line here, and a module of its name in `sim/drivers/presentations` for all the rest.
     """
 
     NONE = "none"
@@ -79,8 +79,8 @@ class FrictionPolicy(StrEnum):
     """Which brake a human driver uses where the motors could brake: a habit, or a rule of the railway."""
 
     AS_MEASURED = "as-measured"
-    """A share of the braking effort (`friction_ratio`) by friction, whatever the display shows."""
+    """The share `friction_ratio` of the braking effort by friction, whatever the display shows."""
     ELECTRIC_FIRST = "electric-first"
     """Friction only where the motors cannot give what is asked."""
     BY_ADVICE = "by-advice"
-    """As measured, but electric first while the driver follows advice on effort: advice changes the habit."""
+    """As measured, but electric first while the driver follows advice on effort: the advice changes the habit."""

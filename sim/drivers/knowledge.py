@@ -1,4 +1,7 @@
-"""What a driver knows by heart: the line, the train, and what both mean for the way to the next halt."""
+"""What a driver knows by heart: line and train, and what they mean for the way to the next halt.
+
+The kernels work on grids of even cells; w is v² at the nodes between them.
+"""
 
 from __future__ import annotations
 
@@ -27,17 +30,14 @@ CAP_HALVINGS = 14
 _LEAST_BRAKING_MPS2 = 0.02
 """A train is assumed to brake at least this much (m/s²), because the ceiling would otherwise rise without end."""
 _CRAWL_MPS = 0.5
-"""A train in front of something that it cannot climb is assumed to crawl at this speed."""
+"""A train in front of a gradient that it cannot climb is assumed to crawl at this speed (m/s)."""
 
 
 @kernel
-def ceiling(
-    step: float, limit: Floats, line_n: Floats, tunnel: Floats, supply: Floats, braking: float, reserve: float,
-    p: TrainNumbers,
-) -> Floats:  # fmt: skip
-    """w at the nodes from which limits ahead and the end's standstill are kept with the planned deceleration.
+def ceiling(step, limit, line_n, tunnel, supply, braking, reserve, p):  # type: ignore[no-untyped-def]
+    """The greatest w at each node from which planned braking keeps the limits ahead and ends in a standstill.
 
-    Planned: at most `braking` (m/s²), and at most a share `reserve` of what the brakes can do at the faster end.
+    Planned braking is at most `braking` (m/s²), and at most the share `reserve` of what the brakes can do.
     """
     n = limit.size
     w = np.zeros(n + 1)
@@ -45,7 +45,7 @@ def ceiling(
         cap = min(limit[i], limit[max(i - 1, 0)]) ** 2
         w1 = min(w[i + 1], cap)
         v = math.sqrt(min(w1 + 2.0 * step * braking, cap))
-        # Without motors only what does not need the line is left.
+        # Without supply only the friction brake is left.
         effort = brake_effort(v, 1.0, p) if supply[i] >= 0.0 else min(p.friction_force_n, brake_effort(v, 1.0, p))
         can = (reserve * effort + running_resistance(v, 0.0, tunnel[i], p) + line_n[i]) / p.inertial_mass_kg
         w[i] = min(cap, w1 + 2.0 * step * max(min(braking, can), _LEAST_BRAKING_MPS2))
@@ -53,10 +53,10 @@ def ceiling(
 
 
 @kernel
-def needed_braking(step: float, first: float, w: Floats, s: float, v: float, least_way: float) -> float:
+def needed_braking(step, first, w, s, v, least_way):  # type: ignore[no-untyped-def]
     """The least steady deceleration (m/s²) from v at s that keeps under w everywhere ahead; negative: none is needed.
 
-    Excess right ahead is given `least_way` (m) to go. `first` is the position of w's first node.
+    It is reckoned over a way of at least `least_way` (m). `first` is the position of the first node of w.
     """
     needed = -math.inf
     i = max(int((s - first) / step) + 1, 0)
@@ -64,17 +64,14 @@ def needed_braking(step: float, first: float, w: Floats, s: float, v: float, lea
         way = max(first + step * i - s, least_way)
         needed = max(needed, (v * v - w[i]) / (2.0 * way))
         if v * v / (2.0 * way) < needed:
-            break  # further on not even a standstill needs more
+            break  # not even a standstill further on needs more
         i += 1
     return needed
 
 
 @kernel
-def run_time(
-    step: float, top: Floats, cap: float, line_n: Floats, tunnel: Floats, supply: Floats, start: int, w0: float,
-    p: TrainNumbers,
-) -> float:  # fmt: skip
-    """Time (s) of the fastest run from node `start`, where it has w0, under a ceiling `top` and a cap (w)."""
+def run_time(step, top, cap, line_n, tunnel, supply, start, w0, p):  # type: ignore[no-untyped-def]
+    """Time (s) of the fastest trajectory from node `start`, where w is w0, under a ceiling `top` and a cap of w."""
     w = min(w0, top[start], cap)
     v = math.sqrt(w)
     total = 0.0
@@ -90,11 +87,8 @@ def run_time(
 
 
 @kernel
-def cap_for_time(
-    step: float, top: Floats, line_n: Floats, tunnel: Floats, supply: Floats, start: int, w0: float, wanted: float,
-    fastest_mps: float, slowest_mps: float, halvings: int, p: TrainNumbers,
-) -> float:  # fmt: skip
-    """The one highest speed (m/s) with which the run from node `start` takes the wanted time (s), by bisection."""
+def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_mps, slowest_mps, halvings, p):  # type: ignore[no-untyped-def]
+    """The one top speed (m/s) with which the way from node `start` takes the wanted time (s), by bisection."""
     low = slowest_mps
     high = fastest_mps
     for _ in range(halvings):
@@ -108,10 +102,10 @@ def cap_for_time(
 
 @dataclass(frozen=True, kw_only=True)
 class Habit:
-    """How close to what is allowed someone drives.
+    """How close to what is allowed a driver drives.
 
     He plans to brake with `braking_mps2`, and with at most `reserve_ratio` of what the brakes can do. He keeps
-    `below_mps`, and at most a tenth, below limits.
+    `below_mps` below limits, but at most a tenth of them.
     """
 
     braking_mps2: float
@@ -121,15 +115,15 @@ class Habit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LineKnowledge:
-    """Route and train as the driver learned them (those of the plan, not the day's)."""
+    """Route and train as the driver learned them: those of the plan, not of the day."""
 
     route: Route
     vehicle: Vehicle
     train: TrainNumbers = field(init=False)
     line_limits_mps: Stretches = field(init=False)
-    """The limit of the line over the train by the position of its head."""
+    """The limit of the line over the whole train, by the position of its head."""
     limits_mps: Stretches = field(init=False)
-    """What a driver keeps: the limit of the line, and the train's own top speed."""
+    """The limit that a driver keeps: the lower of the limit of the line and the train's own top speed."""
     supply: Stretches = field(init=False)
 
     def __post_init__(self) -> None:
@@ -142,7 +136,7 @@ class LineKnowledge:
 
 
 class _Lists(NamedTuple):
-    """What is looked up one by one many times a second, as plain lists: they are faster than arrays there."""
+    """Values that are looked up one by one many times a second; lists are faster than arrays there."""
 
     allowed_w: list[float]
     """Square of the highest speed (m²/s²) at each node."""
@@ -155,7 +149,7 @@ class _Lists(NamedTuple):
 class Outlook:
     """The way to the next halt as a driver with a certain habit of braking foresees it.
 
-    It is asked for positions up to the halt; before its first cell and beyond its last it goes on as there.
+    It holds for positions up to the halt. Before the first cell and beyond the last, the values of those cells hold.
     """
 
     def __init__(self, line: LineKnowledge, cab: CabView, habit: Habit) -> None:
@@ -178,13 +172,13 @@ class Outlook:
         self._lists = _Lists(self._top.tolist(), self._line_n.tolist(), self._tunnel.tolist())
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) from which everything known ahead is kept, braking as planned."""
+        """The highest speed (m/s) from which the driver keeps everything that he knows of ahead, braking as planned."""
         if s_m >= self.halt_m:
             return 0.0
         return self._root(self._lists.allowed_w, s_m)
 
     def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
-        """The steady deceleration (m/s²) that keeps what is allowed ahead; excess right ahead is given a way to go."""
+        """The steady deceleration (m/s²) that keeps the speeds allowed ahead, over a way of at least `least_way_m`."""
         return float(needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
 
     def resisting_n(self, s_m: float, speed_mps: float) -> float:
@@ -195,7 +189,7 @@ class Outlook:
         return self._lists.line_n[i] + train.c0_n + speed_mps * (train.c1_n_per_mps + quadratic * speed_mps)
 
     def cap_for(self, time_s: float, s_m: float, speed_mps: float) -> float:
-        """The reduced maximum speed with which the halt is reached in a time (s) from here."""
+        """The top speed (m/s) with which the train reaches the halt in a time (s) from here."""
         return float(
             cap_for_time(
                 CELL_M, self._top, self._line_n, self._tunnel, self._supply, self._cell(s_m)[0], speed_mps**2, time_s,
@@ -214,7 +208,7 @@ class Outlook:
 
 
 class Foresight:
-    """Keeps the outlook of a driver, and makes it anew when the halt or the restrictions change."""
+    """The outlook of a driver, made anew when the halt or the restrictions change."""
 
     def __init__(self, line: LineKnowledge, habit: Habit) -> None:
         self.line, self.habit = line, habit

@@ -1,4 +1,4 @@
-"""The cab and the controller as messages of the bus, and back; every number stays the same to the last bit."""
+"""Cab and controller as messages of the bus, and back; every number stays the same to the last bit."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _FIELDS: Final = {
     **{name: name for name in ("valid_until_s", "display_speed_mps", "next_change_s", "next_speed_mps")},
     **{name: name for name in ("next_effort_ratio", "due_s", "target_way_m", "deviation_s")},
 }
-"""The figures of advice as it is presented, with their names in the message; they are NaN while nothing is shown."""
+"""The figures of `AdviceView` with their names in the message, where they are NaN while nothing is shown."""
 _WORDS: Final = ("mode", "next_mode", "reason")
-"""What the message has of advice beside figures, by the same names."""
+"""The fields of `AdviceView` other than figures; the message has them under the same names."""
 
 
 class CabLook(NamedTuple):
-    """A look of the driver: the time (ns since 1970), the cab, what the controller is set to, and the look's number.
+    """A look of the driver: its time (ns since 1970), the cab, the command in force, and the number of the look.
 
-    The number is 0 where no external driver is asked.
+    The number is 0 where the look does not ask an external driver.
     """
 
     time_ns: int
@@ -45,13 +45,13 @@ class CabLook(NamedTuple):
 
 
 def cab_message(look: CabLook, line: LineKnowledge) -> Message:
-    """The message `Cab` of a look; what is ahead is in it only where an external driver is asked."""
+    """The message `Cab` of a look; only one that asks an external driver contains horizons and the limits ahead."""
     cab, asked = look.cab, look.number > 0
     message = das_pb2.Cab(
         time_ns=look.time_ns,
         limit_mps=cab.limit_mps,
         signal_m=cab.signal_m if math.isfinite(cab.signal_m) else math.nan,
-        # The controller's setting that asks what the last command asks.
+        # The setting of the controller that asks for the same force as the last command.
         lever_ratio=lever_ratio(demanded(look.command, 0.0, cab.speed_mps, line.train), cab.speed_mps, line.train),
         friction_ratio=look.command.friction_ratio,
         look=look.number,
@@ -71,7 +71,7 @@ def cab_message(look: CabLook, line: LineKnowledge) -> Message:
 
 
 def cab_view(message: Any) -> CabView:
-    """The cab as its message shows it."""
+    """The cab of a message `Cab`."""
     return CabView(
         time_s=message.clock_s,
         s_m=message.s_m,
@@ -88,9 +88,9 @@ def cab_view(message: Any) -> CabView:
 
 
 def recorded_view(message: Any) -> AdviceView | None:
-    """The advice that a recorded cab showed; None for nothing, or for a presentation that is not known."""
+    """The advice that a recorded cab showed; None where it showed none, or a presentation that is not known."""
     view = _advice_view(message)
-    # The shown speed is 0 in a recording that is older than the field, and than the stop in the same message.
+    # In a recording older than the fields of shown speed and stop, both are 0.
     older = view is not None and not view.display_speed_mps and not message.stop_m
     return replace(view, display_speed_mps=math.nan) if view is not None and older else view
 
@@ -112,7 +112,7 @@ def controls_message(look: int, command: Command) -> Message:
 def command_of(message: Any, time_s: float) -> Command:
     """The command that a message `Controls` asks for at a moment (s on the cab's clock).
 
-    Raises DasError where it asks for nothing, or with a number that is NaN or out of range.
+    Raises DasError where it asks for nothing, or where a number is NaN or out of range.
     """
     who, law = "--driver external", message.WhichOneof("set")
     if law is None:
@@ -156,7 +156,7 @@ def _advice_view(message: Any) -> AdviceView | None:
 
 
 def _limits_ahead(cab: CabView, line: LineKnowledge) -> list[tuple[float, float]]:
-    """Positions (m) and limits (m/s) of the line that begin between the train's head and the next stop."""
+    """Starts (m) and values (m/s) of the limits that begin between the train's head and the next stop."""
     limits = line.limits_mps
     ahead = (limits.start_m > cab.s_m) & (limits.start_m < cab.stop_m)
     return list(zip(limits.start_m[ahead].tolist(), limits.value[ahead].tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""A driver of the user's own: a class named `package.module:Class`, found, made, and checked at every answer."""
+"""A driver of the user's own: a class named `package.module:Class`; how it is found, made and checked."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class OwnDriver:
 
     @property
     def events(self) -> Sequence[DriverEvent]:
-        """The events that the user's class has noted, if it keeps a diary as the bundled human driver does."""
+        """The events that the user's class has noted, if it keeps them as the bundled human driver does."""
         return kept_by(self._driver)
 
     def command(self, cab: CabView) -> Command:
-        """What the user's class answers, checked."""
+        """The checked answer of the user's class."""
         try:
             answer = self._driver.command(cab)
         except (Exception, SystemExit) as error:
@@ -50,9 +50,9 @@ class OwnDriver:
 
 
 def load_class(own: OwnClass) -> type:
-    """The class that the user named; raises DasError where it is not there or is no driver.
+    """The class that the user named; raises DasError where it does not exist or is no driver.
 
-    Modules are looked for among the installed packages and in the current folder.
+    Its module may be in an installed package or in the current folder.
     """
     found = getattr(_module(own), own.name, None)
     if found is None:
@@ -70,7 +70,7 @@ def load_class(own: OwnClass) -> type:
 def driver_versions(driver: DriverName) -> dict[str, str]:
     """The hash of the source file of a user's class, as `driver_sha256`; empty for other drivers.
 
-    Raises DasError where the class is not there or is no driver.
+    Raises DasError where the class does not exist or is no driver.
     """
     if not isinstance(driver, OwnClass):
         return {}
@@ -79,7 +79,7 @@ def driver_versions(driver: DriverName) -> dict[str, str]:
 
 
 def source_of(own: OwnClass) -> Path:
-    """The file of the module that has the class; DasError where there is none."""
+    """The file of the module that has the class; DasError where the module has no file."""
     module = _module(own)
     if not getattr(module, "__file__", None):
         raise DasError(f"--driver {own}: {own.module} is not a module with a file")
@@ -122,7 +122,7 @@ def _made(own: OwnClass, driver: type, line: LineKnowledge, seed: int) -> Any:
 
 
 def _takes(called: Any, *arguments: Any, **named: Any) -> bool:
-    """Whether something can be called with these arguments."""
+    """Whether `called` accepts these arguments."""
     try:
         inspect.signature(called).bind(*arguments, **named)
     except (TypeError, ValueError):
@@ -138,33 +138,29 @@ def _raised(own: OwnClass, error: BaseException, when: str = "") -> DasError:
 
 
 def _place(error: BaseException) -> str:
-    """File and line of the user's code that is nearest to where an exception was raised."""
+    """File and line of the user's code nearest to where an exception was raised."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith("<")]
     own = [frame for frame in frames if not _of_others(Path(frame.filename))] or frames[-1:]
     return f"{own[-1].filename}, line {own[-1].lineno}, " if own else ""
 
 
 def _of_others(file: Path) -> bool:
-    """Whether a file is this program's, Python's, or an installed package's."""
+    """Whether a file belongs to this program, to Python, or to an installed package."""
     ours = [Path(__file__).parents[2] / package for package in ("das", "precompute", "sim")]
     installed = [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
     return any(file.is_relative_to(folder) for folder in (*ours, *installed))
 
 
-MOST_SPEED_MPS: Final = 200.0
-MOST_RATE_MPS2: Final = 10.0
-MOST_GAIN_PER_S: Final = 100.0
-
 _VALUES: Final = {
     FORCE: ("the wheel force", -NO_LIMIT_N, NO_LIMIT_N, "N"),
     LEVER: ("the lever's ratio", -1.0, 1.0, ""),
-    SPEED: ("the speed to hold", 0.0, MOST_SPEED_MPS, "m/s"),
+    SPEED: ("the speed to hold", 0.0, 200.0, "m/s"),
 }
 """For each law of a command: the name, the range and the unit of its value."""
 
 
 def checked(answer: Any, who: str, time_s: float) -> Command:
-    """The answer of a driver at a moment (s on the cab's clock), its numbers as plain floats.
+    """The answer of a driver at a time (s on the cab's clock), with its numbers as plain floats.
 
     Raises DasError for anything but a Command, and for numbers that are NaN or out of range; `who` begins the message.
     """
@@ -179,9 +175,9 @@ def checked(answer: Any, who: str, time_s: float) -> Command:
     return Command(
         answer.law,
         _within(answer.value, where, name, (low, high, unit)),
-        _within(answer.rate_mps2, where, "rate_mps2", (-MOST_RATE_MPS2, MOST_RATE_MPS2, "m/s²")),
+        _within(answer.rate_mps2, where, "rate_mps2", (-10.0, 10.0, "m/s²")),
         _within(answer.force_n, where, "force_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
-        _within(answer.gain_per_s, where, "gain_per_s", (0.0, MOST_GAIN_PER_S, "1/s")),
+        _within(answer.gain_per_s, where, "gain_per_s", (0.0, 100.0, "1/s")),
         _within(answer.low_n, where, "low_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
         _within(answer.high_n, where, "high_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
         _within(answer.friction_ratio, where, "friction_ratio", (0.0, 1.0, "")),
@@ -197,7 +193,7 @@ def _within(value: Any, where: str, name: str, limits: tuple[float, float, str])
 
 
 def _short(value: Any) -> str:
-    """A value as Python writes it, shortened; the name of its type if a user's own type cannot be written."""
+    """The repr of a value, shortened; the name of its type where the repr of a user's type fails."""
     try:
         text = repr(value)
     except Exception:

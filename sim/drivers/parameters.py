@@ -1,4 +1,9 @@
-"""What makes a human driver: every parameter with its unit, range and source, validated, and as a table."""
+"""The parameters of human drivers, and the populations in which they differ.
+
+A population gives distributions of parameters, from which every participant is drawn once. The values are dependent as
+in a Gaussian copula: normal numbers with the correlations of the file, each turned into the distribution of its
+parameter, cut off at the parameter's range. The format: docs/reference/populations.md.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +35,7 @@ REASON = (
 
 
 def _parameter(default: float, unit: str, low: float, high: float, meaning: str, source: str = ASSUMPTION) -> Any:
-    """Make a field, with what a reader must know about it."""
+    """A field of `HumanParameters` with its unit, range, meaning and source."""
     return field(
         default=default, metadata={"unit": unit, "low": low, "high": high, "meaning": meaning, "source": source}
     )
@@ -119,7 +124,7 @@ class HumanParameters:
             raise InputError("human driver", "glance_mean_s", self.glance_mean_s, "at least glance_least_s")
 
     def after(self, trips: float) -> HumanParameters:
-        """The same driver after so many trips with this train, line and display: x·(l + (1 − l)·exp(−n/n₀))."""
+        """The same driver after n trips with this train, line and display: x·(l + (1 − l)·exp(−n/n₀))."""
         if not trips >= 0:
             raise InputError("human driver", "trips", trips, "a number >= 0")
         left = self.learned_ratio + (1.0 - self.learned_ratio) * math.exp(-trips / self.learning_trips)
@@ -154,11 +159,11 @@ DEFAULT: Final = "default"
 """Name of the bundled population."""
 NORMAL: Final = NormalDist()
 MOST_CERTAIN: Final = 1e-12
-"""Probabilities are kept this far from 0 and 1, where the normal distribution has no value."""
+"""Probabilities are kept this far from 0 and 1, where the normal distribution has no finite value."""
 
 
 class Shape(StrEnum):
-    """A distribution: of what it is normal, and what its file must give."""
+    """The distribution of a parameter: what of it is normally distributed."""
 
     FIXED = "fixed"
     NORMAL = "normal"
@@ -177,7 +182,7 @@ KEYS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """How one parameter differs from driver to driver: a distribution within `low` and `high`, and where it is from.
+    """How one parameter differs from driver to driver: a distribution within `low` and `high`, and its source.
 
     `middle` is the median (of NORMAL the mean), in the parameter's unit; `sd` is the standard deviation of the value,
     of its logarithm or of its logit.
@@ -219,7 +224,7 @@ class Spread:
 
 
 class Correlation(NamedTuple):
-    """How two parameters go together: the correlation of their normal numbers, and where it is from."""
+    """The correlation of the normal numbers of two parameters, and its source."""
 
     one: str
     other: str
@@ -258,15 +263,15 @@ class Participant:
 
 
 def stream_of(who: Participant | None) -> int:
-    """Number of a driver's streams of chance on a day; 0 is the driver that the day's seed draws."""
+    """The number of a driver's random numbers on a day; 0 for the driver whom the seed of the day draws."""
     return 0 if who is None else who.number + 1
 
 
 def participant_of(driver: DriverName, number: int | None, population: str | None) -> Participant | None:
-    """The participant that the user asked for, None without a number.
+    """The participant that the user asked for; None without a number.
 
-    Raises DasError for a population that cannot be used, for one without a participant, and for a driver who is not
-    human.
+    Raises DasError for a population that cannot be used, for a population without a number, and for a number of a
+    driver who is not human.
     """
     if number is None:
         if population is not None:
@@ -278,7 +283,7 @@ def participant_of(driver: DriverName, number: int | None, population: str | Non
 
 
 def bundled_populations() -> dict[str, Path]:
-    """The file of each population that comes with the program, by name."""
+    """The files of the bundled populations, by name."""
     return bundled_files("sim.drivers", "populations")
 
 
@@ -380,6 +385,6 @@ def _triangle(path: Path, spreads: Sequence[Spread], correlations: Sequence[Corr
 
 
 def _normal(participant: int, name: str) -> float:
-    """The number from the standard normal distribution of a participant's parameter, by the parameter's name."""
+    """A standard normal number that belongs to a participant and the name of a parameter."""
     stream = np.random.SeedSequence(participant, spawn_key=(zlib.crc32(name.encode()),))
     return float(np.random.default_rng(stream).standard_normal())

@@ -1,4 +1,4 @@
-"""The driver's display between the advice and the driver: how often it refreshes, how long what it shows stands."""
+"""The display between advice and driver: how often it refreshes, and for how long it keeps what it shows."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from sim.drivers.presentations.presenter import Shown
 ROUNDING_S: Final = 1e-6
 """Times of ticks are compared with this margin."""
 LONGEST_S: Final = 600.0
-"""Longest interval and hold time (s): a display that is slower than this advises nobody."""
+"""Longest update interval and hold time (s); a slower display would advise nobody."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScreenSettings:
-    """What a display does with the advice that it is given once a second; the defaults show all of it at once.
+    """What a display does with the advice that it receives once a second; by default it shows all of it at once.
 
-    `update_interval_s`: the display takes new advice only this often. `hold_s`: what is read off the display stands for
-    at least this long before something else takes its place, unless it is advice to brake. `preview_s`: of what comes
-    later, only what comes within this time is shown. `reason`: whether the reason of the advice is shown.
+    `update_interval_s`: the display takes new advice only this often. `hold_s`: what the driver reads stays for at
+    least this long, unless advice to brake replaces it. `preview_s`: how far ahead the display shows what comes.
+    `reason`: whether it shows the reason of the advice.
     """
 
     update_interval_s: float = 0.0
@@ -45,9 +45,9 @@ class ScreenSettings:
 class Screen:
     """What is on the display, tick by tick; `show` is to be called in the order of time.
 
-    Advice that is withdrawn goes off the display at once. A train that stands is shown everything at once, because the
-    advice of the stop before would otherwise be on the display at the departure; for the same reason advice to depart
-    does not stay on the display of a train that moves.
+    Withdrawn advice leaves the display at once. While the train stands, the display shows everything at once, because
+    old advice would otherwise still be there at the departure. Likewise, advice to depart does not stay on the display
+    of a moving train.
     """
 
     def __init__(self, settings: ScreenSettings | None = None) -> None:
@@ -56,7 +56,7 @@ class Screen:
         self._refreshed_s = self._since_s = -math.inf
 
     def show(self, view: AdviceView | None, now_s: float, *, stands: bool) -> AdviceView | None:
-        """What is on the display when it is given `view` at a time (s on the cab's clock)."""
+        """What is on the display once it has received `view` at a time (s on the cab's clock)."""
         view = None if view is None else self._cut(view)
         departs = self._shown is not None and self._shown.mode == Regime.DEPART
         if view is None or self._shown is None or stands or departs:
@@ -66,12 +66,12 @@ class Screen:
             if self._may_change(view, now_s):
                 self._take(view, now_s)
         if view is not None and self._shown is not None and self._shown is not view:
-            # The on-board system still stands behind what is held: it is as valid as the advice that is held back.
+            # The held advice stays valid for as long as the advice that is held back.
             self._shown = replace(self._shown, valid_until_s=view.valid_until_s)
         return self._shown
 
     def _may_change(self, view: AdviceView, now_s: float) -> bool:
-        """Whether advice may be shown: it reads as before, it is advice to brake, or the old has stood."""
+        """Whether new advice may be shown: it reads as before, it is to brake, or the old was shown long enough."""
         assert self._shown is not None
         stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
         reading = Shown.of(view)
@@ -84,7 +84,7 @@ class Screen:
         self._shown, self._refreshed_s = view, now_s
 
     def _cut(self, view: AdviceView) -> AdviceView:
-        """The advice without what the display does not show."""
+        """The advice without the parts that the display does not show."""
         settings = self._settings
         if not settings.reason and view.reason:
             view = replace(view, reason="")
@@ -102,13 +102,13 @@ class Screen:
 
 
 ALL: Final = "all"
-"""The preview of a display that shows everything that comes."""
+"""How the metadata write an unlimited preview."""
 SHOWN: Final = "shown"
 HIDDEN: Final = "hidden"
 
 
 def screen_metadata(screen: ScreenSettings) -> dict[str, str]:
-    """The settings by their keys of the metadata; times in s."""
+    """The settings as metadata of a recording; times in s."""
     return {
         "screen_update_interval_s": f"{screen.update_interval_s:.12g}",
         "screen_hold_s": f"{screen.hold_s:.12g}",
@@ -118,7 +118,7 @@ def screen_metadata(screen: ScreenSettings) -> dict[str, str]:
 
 
 def recorded_screen(metadata: Mapping[str, str]) -> ScreenSettings:
-    """The settings that metadata name; what they do not name is shown in full. Raises DasError for other texts."""
+    """The settings in the metadata of a recording, defaults for missing ones; raises DasError for other texts."""
     usual = screen_metadata(ScreenSettings())
     said = {key: metadata.get(key, text) for key, text in usual.items()}
     preview, reason = said["screen_preview_s"], said["screen_reason"]

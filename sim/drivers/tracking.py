@@ -1,4 +1,4 @@
-"""Driving under a ceiling and stopping at a mark: what every simulated driver can do with a controller."""
+"""What every simulated driver can do: keep under a ceiling, hold a speed, stop at a mark, keep time."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from sim.plant.plant import COAST, force, speed
 
 @dataclass(frozen=True, kw_only=True)
 class RuleSettings:
-    """How the drivers by rule drive and keep time. All values are assumptions."""
+    """How the drivers by rule brake and keep time. All values are assumptions."""
 
     late_braking_mps2: float = 0.9
     """Deceleration (m/s²) of a driver who brakes late: full service braking of a passenger train."""
     easy_braking_mps2: float = 0.5
     """Deceleration (m/s²) of a driver who brakes comfortably."""
     anticipation_s: float = 0.8
-    """A practised driver acts this much (s) earlier: dead time and half the build-up of an effort."""
+    """A practised driver acts this much (s) early: the dead time and half the build-up of an effort."""
     judged_every_s: float = 15.0
-    """A driver who keeps time compares clock and timetable this often (s)."""
+    """A driver who keeps time compares the clock with the timetable at this interval (s)."""
     spare_s: float = 2.0
-    """He means to arrive this much (s) early, because the last metres take longer than one thinks."""
+    """A driver who keeps time means to arrive this much (s) early: the last metres take longer than one thinks."""
     roll_mps: float = 8.0 * KMH
-    """He lets the train roll up to this much (m/s) above the speed that would do, before he brakes."""
+    """A driver who keeps time lets the train roll up to this much (m/s) above his top speed before he brakes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingSettings:
-    """How a controller keeps to a speed and stops at a mark; chosen so that it neither hunts nor creeps."""
+    """How drivers keep to a speed and stop at a mark; chosen so that trains neither hunt nor creep."""
 
     ahead_s: float = 0.2
-    """The slope of a ceiling is taken over this time (s): one look."""
+    """The slope of a ceiling is taken over the way of this time (s): one look."""
     gain_per_s: float = 0.5
-    """This share of a speed error is driven away per second."""
+    """This share of a speed error is corrected per second."""
     stopping_mps: float = 10.0
-    """Below this speed (m/s) a train that brakes for its halt is braked by what the rest of the way needs."""
+    """Below this speed (m/s) a train brakes for its halt with the deceleration that the rest of the way needs."""
     stopping_ratio: float = 0.85
-    """It is braked so from this share of the planned deceleration on."""
+    """Such braking begins when the rest of the way needs this share of the planned deceleration."""
     last_m: float = 0.05
     """Nearer to the halt (m) than this, and beyond it, the planned deceleration is used."""
     last_mps: float = 0.02
@@ -52,21 +52,21 @@ class TrackingSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FollowingSettings:
-    """How the perfect follower follows the advice. All values are assumptions."""
+    """How a perfect driver follows the advice. All values are assumptions."""
 
     stopping_s: float = 10.0
-    """When the advice ends in a standstill within this time (s), the follower brakes for the mark itself."""
+    """When the advice ends in a standstill within this time (s), the driver brakes for the mark by himself."""
     minded_mps: float = 1.0
-    """This near (m/s) to what a restriction or a signal allows, he leaves the advice."""
+    """This near (m/s) to the speed that a restriction or a signal allows, the driver leaves the advice."""
     least_braking_mps2: float = 0.05
-    """Nobody brakes less (m/s²) than this for the mark: there is still a way to drive, after a signal short of it."""
+    """A halt that needs less deceleration (m/s²) than this is still far away: the driver drives on by himself."""
     creeping_mps: float = 0.3
     """A speed to brake to that is lower than this is a halt."""
     rolling_mps: float = 0.3
-    """A train that is to coast is let roll above a limit by up to this (m/s): so well he reads the display."""
+    """A coasting train may roll above a limit by up to this (m/s), the precision to which the display is read."""
     motors_ratio: float = 1.08
-    """The friction brake is not taken where all needs no more than this times what the motors give: it lets go slowly,
-    and at a lower speed the motors give more."""
+    """The friction brake stays off while the braking needs no more than this times the force of the motors: it releases
+    slowly, and at a lower speed the motors give more."""
     release_s: float = 0.4
     """An effort is given up this much (s) before it is due: half the time it takes to fall."""
 
@@ -77,7 +77,7 @@ FOLLOWING: Final = FollowingSettings()
 
 
 class RollOff:
-    """A train that is above a top speed that was lowered rolls down to it: no traction, and no brakes for that speed.
+    """Lets a train roll down to a top speed that was lowered: no traction, and no brakes for that speed.
 
     `speed_mps` is to be called at every look.
     """
@@ -86,7 +86,7 @@ class RollOff:
         self._top_mps = self._slowest_mps = math.inf
 
     def speed_mps(self, top_mps: float, speed_mps: float) -> float | None:
-        """The speed that the train has come down to, so that it does not speed up again; None if it does not roll."""
+        """The lowest speed since the train began to roll, which it must not exceed again; None if it does not roll."""
         lowered, self._top_mps = top_mps < self._top_mps, top_mps
         if speed_mps <= top_mps:
             self._slowest_mps = math.inf
@@ -96,7 +96,7 @@ class RollOff:
 
 
 class TimeRule:
-    """Experience with the line: the one highest speed with which the rest of the way takes the time that is left."""
+    """Experience with the line: the one top speed with which the rest of the way takes the time that is left."""
 
     def __init__(self, every_s: float = math.inf) -> None:
         self._every_s = every_s
@@ -104,7 +104,7 @@ class TimeRule:
         self._judged_s, self._cap_mps = -math.inf, math.inf
 
     def cap_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """That speed (m/s), judged at departure for a stop and then every while, but not towards a signal at danger."""
+        """The top speed (m/s), estimated at departure and every `every_s`, but not towards a signal at danger."""
         journey = (cab.stop_m, cab.arrival_s)
         due = journey != self._journey or cab.time_s - self._judged_s >= self._every_s
         if due and cab.signal_m >= cab.stop_m:
@@ -115,7 +115,7 @@ class TimeRule:
 
 
 def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n: float = math.inf) -> Command:
-    """Keep to the highest speed allowed here and where a changed effort will have built up."""
+    """Keep to the highest speed that is allowed here and at the place where a changed effort will have built up."""
     v, s = cab.speed_mps, cab.s_m
     soon_m = s + v * anticipation_s
     coming = outlook.allowed_mps(soon_m)
@@ -125,7 +125,7 @@ def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n:
 
 
 def hold(cab: CabView, outlook: Outlook, speed_mps: float, rate_mps2: float = 0.0, high_n: float = math.inf) -> Command:
-    """Hold a speed, or one that changes, with the force it is known to need here."""
+    """Hold a speed that may change by `rate_mps2`, with the force that it is known to need here."""
     needed_n = outlook.train.inertial_mass_kg * rate_mps2 + outlook.resisting_n(cab.s_m, cab.speed_mps)
     return speed(speed_mps, rate_mps2=rate_mps2, force_n=needed_n, gain_per_s=TRACKING.gain_per_s, high_n=high_n)
 
@@ -139,7 +139,7 @@ def needed_braking_mps2(cab: CabView, mark_m: float) -> float:
 def stop_at(cab: CabView, outlook: Outlook, mark_m: float, planned_mps2: float) -> Command | None:
     """The command that stops the train at the mark; None while it is too early for that.
 
-    It is asked for at every look, so that errors in force and resistance are corrected until the train stands.
+    To be called at every look, so that errors in force and resistance are corrected until the train stands.
     """
     if cab.speed_mps <= 0 or cab.speed_mps > TRACKING.stopping_mps:
         return None
@@ -154,5 +154,5 @@ def stop_at(cab: CabView, outlook: Outlook, mark_m: float, planned_mps2: float) 
 
 
 def stand(cab: CabView) -> Command | None:
-    """The command of a driver whose train rightly stands, held by its brakes; None if it does not."""
+    """The command that holds a train which must go on standing; None for any other train."""
     return COAST if cab.shall_stand else None

@@ -1,4 +1,4 @@
-"""The runs of a batch: which they are, the identity of each, how one is made, and the table of them all.
+"""The runs of a batch: which runs there are, the identity of each, how it is made, and the table of all.
 
 The table is Parquet, one row a run (docs/reference/batch-table.md).
 """
@@ -37,18 +37,18 @@ from sim.world.service import lay_out, make_day, scenario_files
 MOST_SEEDS = 1_000_000
 """Most seeds in one range; a larger range is taken for a typing error."""
 STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
-"""Figures of the stops, as lists in the order in which the train comes to them."""
+"""Figures of the stops: lists in the order in which the train comes to the stops."""
 _services = ServiceMemory()
-"""A worker is a process: this is its memory between jobs."""
+"""The services that a worker, which is a process, keeps between jobs."""
 _SEEDS = re.compile(r"(\d{1,9})(?:-(\d{1,9}))?")
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchJob:
-    """One run to be made.
+    """One run of a batch.
 
-    `scenario` is its file, `versions` are the program and the files that it is made with, `record` is where its
-    recording goes.
+    `versions` are those of the program and the hashes of the input files; `record` is the file of its recording (None:
+    it is not recorded).
     """
 
     name: str
@@ -65,14 +65,14 @@ class BatchJob:
 
     @property
     def inputs_sha256(self) -> str:
-        """The hash of everything that decides the result; a run with an equal hash need not be made again."""
+        """The hash of everything that decides the result; a run with the same hash need not be made again."""
         level = None if self.level is None else str(self.level)
         decides = [self.name, str(self.friction), level, sorted(self.versions)]
         return hashlib.sha256(json.dumps(decides).encode()).hexdigest()
 
     @property
     def row(self) -> dict[str, Any]:
-        """What is known of the run before it is made."""
+        """The columns that are known before the run is made."""
         person = self.participant
         return {
             "scenario": self.scenario_id,
@@ -105,7 +105,7 @@ class BatchJob:
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What the user asked for: every scenario with every driver, presentation and seed.
+    """The runs that the user asked for: every scenario with every driver, presentation and seed.
 
     With `participants`, the human driver is each of these persons in turn.
     """
@@ -121,7 +121,7 @@ class Batch:
     folder: Path
 
     def jobs(self) -> Iterator[BatchJob]:
-        """The runs in the order of the table; raises DasError for scenarios that cannot be run or share a name."""
+        """The runs in the order of the table; raises DasError for scenarios that cannot be run or share an id."""
         read = [load_scenario(name) for name in self.scenarios]
         ids = [scenario.id for scenario in read]
         who = {driver: driver_versions(driver) for driver in self.drivers}
@@ -172,7 +172,7 @@ def parse_seeds(text: str, option: str = "--seeds") -> list[int]:
 
 
 def make_run(job: BatchJob) -> JobResult:
-    """Make a run and find its figures; raises DasError where it cannot be made."""
+    """Make a run; returns the row of its figures, raises DasError where the run cannot be made."""
     day = make_day(_services.of(read_scenario(job.scenario), job.level), job.seed, job.participant)
     how = How(driver=job.driver, friction=job.friction, advice=job.advice, train="train-1", command=job.command)
     run = drive_day(day, day.driver(job.driver, job.friction), how, job.record)

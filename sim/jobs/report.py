@@ -1,6 +1,6 @@
 """The results of a batch by scenario, driver and presentation: means over the seeds, and what advice saves.
 
-A saving is split by what saves it: the parts of paired runs, which sum to the difference.
+A saving is split into its causes: parts of the differences between paired runs, which sum to the saving.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LEGEND: Final = {
     "loss, run, fric, lost, comf": "shares (%) of the energy that went to losses of the train, running resistance, "
     "friction brakes, brake resistors, comfort systems",
 }
-"""What is said below the table."""
+"""The legend below the table."""
 SPLIT_LEGEND: Final = {
     "saved": "energy saved against the same driver without advice on the same days, with its 95 % interval",
     "times": "because other running times have another optimum",
@@ -45,7 +45,7 @@ SPLIT_LEGEND: Final = {
     "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
     "track": "by keeping to that profile (–: no perfect driver in this batch, or none who follows this advice)",
 }
-"""What is said below the table of savings."""
+"""The legend below the table of savings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class SplitSaving:
 
 
 def savings(rows: Sequence[Row]) -> list[SplitSaving]:
-    """The savings of every presentation over none, for each scenario and driver that has both; failed runs left out.
+    """The savings of every presentation over none, for each scenario and driver with both; without failed runs.
 
     A pair is the same day with the same person (column `participant`, where there is one).
     """
@@ -90,7 +90,7 @@ def savings(rows: Sequence[Row]) -> list[SplitSaving]:
 
 
 class _Pair(NamedTuple):
-    """What two runs that are compared have in common: the day and the person."""
+    """What two compared runs have in common: the day and the person."""
 
     seed: int
     participant: int | None
@@ -130,8 +130,7 @@ def _saving(
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means over the seeds of each scenario, driver and presentation; failed runs are counted but left out of the
-    means."""
+    """Means over the seeds, for each scenario, driver and presentation; failed runs are only counted."""
     groups: dict[tuple[str, str, str], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["scenario"], row["driver"], row["advice"]), []).append(row)
@@ -179,7 +178,7 @@ def _table(title: str, names: Sequence[str]) -> Table:
 
 
 def print_savings(found: Sequence[SplitSaving]) -> None:
-    """Print what advice saved, split by what saved it; nothing where no run was without advice."""
+    """Print what advice saved, split into its causes; nothing where no run was without advice."""
     if not found:
         return
     table = _table("saved against no advice, split (kWh)", ("n", *SPLIT_LEGEND))

@@ -1,7 +1,7 @@
-"""Runs many jobs into a folder: what is not finished yet, on all workers; a command that was stopped goes on there.
+"""Runs many jobs into a folder on all workers; a command that was stopped goes on with what is not finished.
 
-A job has an identity: the hash of everything that its result depends on. What came of it is one row of the folder's
-journal, and perhaps files. Results do not depend on the number of workers, nor on where they work.
+A job has an identity: the hash of everything on which its result depends. Its result is one row in the journal of the
+folder, and perhaps files. Results do not depend on the number or the place of the workers.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ Rows = Mapping[str, Mapping[str, Any]]
 
 
 class JobRecording(NamedTuple):
-    """Where a job's drive is recorded, and the command that the recording names, with the hash of the job's inputs."""
+    """The file in which a job's drive is recorded, and the command in its metadata, with the hash of the inputs."""
 
     file: Path
     command: str
 
     @property
     def is_whole(self) -> bool:
-        """Whether the recording is there, not cut off, and made from the job's inputs."""
+        """Whether the recording exists, is not cut off, and was made from the job's inputs."""
         try:
             with self.file.open("rb") as file:
                 return any(one.metadata.get("command") == self.command for one in make_reader(file).iter_metadata())
@@ -58,19 +58,19 @@ class JobRecording(NamedTuple):
 
 
 class RunnerJob(Protocol):
-    """What the runner asks of a job."""
+    """What the runner needs of a job."""
 
     @property
     def inputs_sha256(self) -> str:
-        """The hash of everything that decides the result; a job with an equal hash need not be made again."""
+        """The hash of everything that decides the result; a job with the same hash need not be made again."""
 
     @property
     def row(self) -> dict[str, Any]:
-        """What the journal says of the job before it is made, with `inputs_sha256`."""
+        """The entries of the job's row that are known before it is made, with `inputs_sha256`."""
 
     @property
     def kept_files(self) -> Sequence[str]:
-        """The files that are in the folder when the job is finished, without its recording."""
+        """The files that a finished job has in the folder, besides its recording."""
 
     @property
     def recording(self) -> JobRecording | None:
@@ -83,14 +83,14 @@ AnyResult = TypeVar("AnyResult")
 
 
 class JobResult(NamedTuple):
-    """What comes of a job: entries of its row, and the contents of its files by their paths within the folder."""
+    """The result of a job: entries of its row, and the contents of its files by their paths within the folder."""
 
     row: dict[str, Any]
     files: Mapping[str, bytes]
 
 
 class JobWords(NamedTuple):
-    """What a command calls itself and its jobs, and what it does with them."""
+    """The words in messages for a command, its jobs, and what it does with them."""
 
     command: str
     jobs: str
@@ -100,9 +100,8 @@ class JobWords(NamedTuple):
 class Journal:
     """The finished rows in a folder, by the hash of their inputs; use with `with`.
 
-    Only one command may use a folder at a time; `holds` names it in the message of the second one's error.
-
-    Every line carries the hash of its row, so that a row that was cut off or altered is not taken for a result.
+    Only one command may use a folder at a time; the error of a second one names the first by `holds`. Every line has
+    the hash of its row, so that a row that was cut off or altered is not taken for a result.
     """
 
     def __init__(self, folder: Path, *, holds: str = "another batch") -> None:
@@ -127,7 +126,7 @@ class Journal:
         self._held.__exit__(None, None, None)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Write a finished run to the disk at once."""
+        """Write the row of a finished job to the disk at once."""
         self.rows[row["inputs_sha256"]] = row
         try:
             line = _line(row)
@@ -138,7 +137,7 @@ class Journal:
             raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
 
     def _read(self) -> None:
-        """Read the rows that are there; lines that are not whole are dropped before the next one is appended."""
+        """Read the rows in the file; damaged lines are removed from it before the next one is appended."""
         if not self.path.exists():
             return
         lines = self.path.read_bytes().splitlines()
@@ -155,7 +154,7 @@ def _line(row: dict[str, Any]) -> bytes:
 
 
 def _row(line: bytes) -> dict[str, Any] | None:
-    """The row of a line; None if the line is not as it was written."""
+    """The row of a line; None if the line is damaged."""
     try:
         found = json.loads(line)
         row: dict[str, Any] = found["row"]
@@ -170,7 +169,7 @@ def _sha256(row: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Runner(Generic[Job]):
-    """Makes jobs into a folder by workers; `make` must be a function of a module."""
+    """Makes jobs into a folder on workers; `make` must be a function at the top of a module."""
 
     make: Callable[[Job], JobResult]
     folder: Path
@@ -180,7 +179,7 @@ class Runner(Generic[Job]):
     def run(self, jobs: Sequence[Job], write: Callable[[Rows, int], None]) -> int:
         """Make the jobs that are not finished, in their order; returns how many these were.
 
-        `write` is called in the end, even after an interruption, with the journal's rows and that number. Raises
+        `write` is called at the end, even after an interruption, with the journal's rows and that number. Raises
         DasError where another command has the folder, where files cannot be written, and as `Workers.made` does.
         """
         words = self.words
@@ -199,7 +198,7 @@ class Runner(Generic[Job]):
         return len(left)
 
     def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
-        """Make what is left; a job's files are written before the journal says that it is finished."""
+        """Make the jobs that are left; the files of a job are written before its row."""
         for job in left:
             if job.recording is not None:
                 if self.workers.scheduler is not None:
@@ -223,9 +222,9 @@ def made_with_progress(
     *,
     done: int = 0,
 ) -> Generator[Made[AnyJob, AnyResult]]:
-    """Yield what workers make of each job, as it ends, and show the progress; `done` of them were made before.
+    """Yield the result of each job as it ends, and show the progress; `done` jobs were made before.
 
-    `first` is shown until something is made. An interruption waits for the jobs that are under way on this machine.
+    `first` is shown until a job ends. An interruption waits for the jobs that are under way on this machine.
     """
     if not jobs:
         return
@@ -240,7 +239,7 @@ def made_with_progress(
 
 
 def attempted(make: Callable[[Job], JobResult], job: Job) -> JobResult:
-    """What comes of a job, with its whole row; if it fails, the row says why, because thousands of others wait."""
+    """The result of a job with its whole row. If the job fails, the row says why, so that other jobs can go on."""
     try:
         row, files = make(job)
         return JobResult(job.row | row, files)
@@ -255,7 +254,7 @@ def _failed(job: RunnerJob, why: str) -> JobResult:
 
 
 def is_finished(job: RunnerJob, folder: Path, rows: Rows) -> bool:
-    """Whether a job was made without fault and all that is kept of it is there; one that failed is tried again."""
+    """Whether a job was made without error and all its files exist; a failed job is made again."""
     row = rows.get(job.inputs_sha256)
     if row is None or row.get("error") is not None:
         return False
@@ -272,14 +271,14 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 class ServiceMemory:
-    """Keeps the last few services that a process has solved, because each holds fronts of a hundred megabytes."""
+    """Keeps only the last services that a process has solved, because each has fronts of a hundred megabytes."""
 
     def __init__(self, most: int = 1) -> None:
         self._most = most
         self._kept: list[tuple[Level | None, Service]] = []
 
     def of(self, scenario: Scenario, level: Level | None) -> Service:
-        """The scenario's service, planned with a level of losses [the vehicle's].
+        """The scenario's service, planned with a level of losses (None: the vehicle's default).
 
         Raises DasError for anything unusable, InfeasibleError where the train cannot run.
         """
@@ -293,9 +292,9 @@ class ServiceMemory:
 
 
 def drive_day(day: Day, driver: Driver, how: How, out: Path | None) -> Run:
-    """Let a driver drive a day in this process, or, where it is recorded in the file `out`, over the bus.
+    """Drive a day: in this process, or over the bus where it is recorded in the file `out`.
 
-    Raises DasError where the train does not get there, or where the recording lacks messages.
+    Raises DasError where the train does not arrive, or where the recording lacks messages.
     """
     if out is None:
         link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)

@@ -1,4 +1,4 @@
-"""How much the gap to the optimum changes with each parameter of the human driver, by one standard deviation of it."""
+"""How much the gap to the optimum changes with one standard deviation of each parameter of the human driver."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class VariedParameter:
     """The values of a parameter one standard deviation below and above its middle, in its own unit.
 
     `drawn` tells whether the population draws the parameter; otherwise its standard deviation is a fifth of the
-    default. `source` says where the middle is from.
+    default. `source` is the source of the middle.
     """
 
     name: str
@@ -44,7 +44,7 @@ class VariedParameter:
 
 @dataclass(frozen=True, kw_only=True)
 class SensitivityJob:
-    """One run: a day with one presentation and a driver with one parameter changed (`name` and `side`, ±1)."""
+    """One run: a day with one presentation, and a driver with the parameter `name` changed up or down (`side`, ±1)."""
 
     scenario: Path
     level: Level | None
@@ -127,7 +127,7 @@ def _variation(item: Field[Any], spread: Spread | None) -> VariedParameter:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What the user asks for: days, presentations, parameters (None: all), and how drivers differ."""
+    """The study that the user asks for: days, presentations, parameters (None: all), and the population."""
 
     scenario: Path
     level: Level | None
@@ -158,7 +158,7 @@ class Study:
 
 
 def drive(job: SensitivityJob) -> SensitivityRun:
-    """Drive a run in this process; raises DasError if it cannot be driven, or has no optimum to compare with."""
+    """Drive a run in this process; raises DasError where it cannot be driven or has no optimum to compare with."""
     day = replace(make_day(_services.of(read_scenario(job.scenario), job.level), job.seed), human=job.human)
     how = How(driver=DriverKind.HUMAN, friction=job.friction, advice=job.advice, train="train-1", command="")
     run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None)

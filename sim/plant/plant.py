@@ -1,8 +1,7 @@
-"""A simulated train with its own physics, which share no code with the solver so that they share no errors.
+"""A simulated train with physics of its own, which share no code with the solver so that they share no errors.
 
-m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md. Beyond
-that, forces take time (dead time, build-up, jerk), and wheels transmit only what the rail's adhesion at this place and
-time allows.
+m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md. Moreover,
+forces take time (dead time, build-up, jerk), and wheels transmit only what the adhesion at this place and time allows.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ SHORTEST_STEP_S, LONGEST_STEP_S = 0.02, 0.1
 NO_LIMIT_MPS2 = 1e6
 """An acceleration no train reaches (finite, so that products stay defined)."""
 DRAWN_AT_MPS = 1.0
-"""At this speed (m/s) the train moves: what it draws there beyond the losses of its chain are the auxiliaries."""
+"""At this speed (m/s) the power without effort, less the losses of the traction chain, is that of the auxiliaries."""
 
 
 def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
@@ -41,7 +40,7 @@ def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
 
 
 def lever(ratio: float, *, friction_ratio: float = 0.0) -> Command:
-    """Set the controller: 1 is full traction, −1 is both brakes fully, of what they can do at the present speed."""
+    """Set the controller to a share of the largest effort at the present speed: 1 is traction, −1 is both brakes."""
     return Command(kernels.LEVER, ratio, friction_ratio=friction_ratio)
 
 
@@ -54,30 +53,30 @@ def speed(
     low_n: float = -NO_LIMIT_N,
     high_n: float = NO_LIMIT_N,
 ) -> Command:
-    """Hold a speed that changes by `rate_mps2`; `force_n` is the force that holding it is expected to need."""
+    """Hold a speed that changes by `rate_mps2`; `force_n` is the force that this is expected to need."""
     return Command(kernels.SPEED, speed_mps, rate_mps2, force_n, gain_per_s, low_n, high_n)
 
 
 COAST = force(0.0)
-"""The command for no force; a train that stands stays where it is, held by its brakes."""
+"""The command for no force; a standing train stays where it is, held by its brakes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dynamics:
-    """How fast the forces of a train come and go, and the step in which its motion is integrated."""
+    """How fast the forces of a train build up and fall, and the step of the integration."""
 
     traction_dead_s: float = 0.2
     """Time (s) from the command until traction begins; assumption of a size usual with electronic control."""
     traction_rise_s: float = 1.0
-    """Time (s) in which traction rises from nothing to its largest force; assumption of a usual size."""
+    """Time (s) in which traction rises from zero to its largest force; assumption of a usual size."""
     traction_fall_s: float = 0.7
-    """Time (s) in which traction falls from its largest force to nothing; assumption of a usual size."""
+    """Time (s) in which traction falls from its largest force to zero; assumption of a usual size."""
     electric_dead_s: float = 0.2
     """Time (s) from the command until the electric brake begins; assumption of a usual size."""
     electric_rise_s: float = 1.0
     """Time (s) in which the electric brake rises to its largest force; assumption of a usual size."""
     electric_fall_s: float = 0.7
-    """Time (s) in which the electric brake falls from its largest force to nothing; assumption of a usual size."""
+    """Time (s) in which the electric brake falls from its largest force to zero; assumption of a usual size."""
     friction_dead_s: float = 0.5
     """Time (s) from the command until the friction brake begins; assumption."""
     friction_rise_s: float = 4.0
@@ -85,7 +84,7 @@ class Dynamics:
     friction_fall_s: float = 15.0
     """Time (s) in which the friction brake is released: air brake in position P, 15 to 20 s (UIC 540)."""
     jerk_mps3: float = 0.8
-    """Largest change of the acceleration (m/s³) by each force on its own: passengers stand; assumption."""
+    """Largest jerk (m/s³) that each force alone may cause, for the sake of standing passengers; assumption."""
     step_s: float = 0.05
     """Step (s) of the integration: 20 Hz, well below every time above."""
 
@@ -123,7 +122,7 @@ class Dynamics:
 
 @dataclass(frozen=True, kw_only=True)
 class Patch:
-    """A stretch of line during a time on which the rail is in another state or a wind blows.
+    """A stretch of line on which, for some time, the rail is in another state or a wind blows.
 
     `adhesion_ratio` multiplies the adhesion, `head_wind_mps` adds to the wind, both by the share of the train on the
     stretch (its axles are taken as spread evenly). Patches may overlap.
@@ -147,9 +146,9 @@ class Patch:
 class Plant:
     """A train on a route, stepped under commands.
 
-    `conditions` and `patches` are how the truth differs from the files of route and vehicle; a plan need not know it. A
-    wind belongs there and not into the vehicle's resistance. A train that brakes by policy FRICTION has its whole
-    braking force as friction brake; any other blends: electric first, friction for the rest.
+    `conditions` and `patches` tell how the truth differs from the files of route and vehicle, which a plan need not
+    know. A wind belongs there and not into the vehicle's resistance. A train with the brake policy FRICTION has only a
+    friction brake, of the whole braking force; any other train uses the electric brake first, friction for the rest.
 
     Raises DasError for losses that do not cover what the train can do here, and for conditions without data.
     """
@@ -182,7 +181,7 @@ class Plant:
         self._loss = _loss_numbers(chain)
 
     def at(self, s_m: float, speed_mps: float = 0.0, time_s: float = 0.0) -> PlantState:
-        """A state to begin with: no force acts."""
+        """A state to start from, without any force."""
         return PlantState(float(time_s), float(s_m), float(speed_mps))
 
     def step(self, state: PlantState, command: Command) -> PlantState:
@@ -193,7 +192,7 @@ class Plant:
         return after
 
     def advance(self, state: PlantState, command: Command, duration_s: float = 1.0) -> PlantState:
-        """The state after a time, a whole number of steps, under one command."""
+        """The state after a time under one command; DasError where the time is not a whole number of steps."""
         steps = round(duration_s / self.step_s)
         if steps < 1 or abs(steps * self.step_s - duration_s) > 1e-9:
             raise DasError(f"plant: {duration_s} s is not a whole number of steps of {self.step_s} s")
@@ -203,7 +202,7 @@ class Plant:
         return after
 
     def gradient_ratio(self, s_m: float) -> float:
-        """Gradient averaged over the train with its head at s."""
+        """Gradient averaged over the train with its head at `s_m`."""
         return float(kernels.line_means(self._line, float(s_m), 0.0)[0])
 
     def weather(self, state: PlantState) -> tuple[float, float]:
@@ -230,7 +229,7 @@ class Plant:
         )
 
     def _altitude_m(self, s_m: float) -> float:
-        """Altitude averaged over the train with its head at s: exact, it is a parabola between changes of gradient."""
+        """Altitude averaged over the train with its head at `s_m`; exact, because it is a parabola in each gradient."""
         length = self.vehicle.train_length_m
         if length == 0:
             return float(self.route.altitude_m(s_m))
@@ -296,9 +295,9 @@ def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> L
 
 
 def _under_train(quantity: Stretches, node_m: Floats, length_m: float) -> Floats:
-    """Value, slope and integral at each node (n, 3) of the mean over a train with its head there.
+    """Value, slope and integral (n, 3) of the mean of a quantity over a train with its head at each node.
 
-    A mean over a fixed length of something piecewise constant is linear between the breaks and the breaks + length.
+    The mean of a piecewise constant quantity over a fixed length is linear between the breaks and the breaks + length.
     """
     if length_m == 0:
         value, slope = quantity.at(node_m), np.zeros(len(node_m))
@@ -311,7 +310,7 @@ def _under_train(quantity: Stretches, node_m: Floats, length_m: float) -> Floats
 
 
 def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
-    """The additional v² coefficient along the line (N/(m/s)²); tunnels lie apart and in order."""
+    """The additional v² coefficient of tunnels along the line (N/(m/s)²)."""
     ends = [
         (t.start_m, t.start_m + t.length_m, vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)) for t in route.tunnels
     ]
@@ -330,7 +329,7 @@ def _loss_numbers(loss: LossModel) -> LossNumbers:
 
 
 def _check_covered(loss: LossModel, vehicle: Vehicle, route: Route) -> None:
-    """Raise DasError unless a loss map covers all that the train can do up to its highest speed here."""
+    """Raise DasError unless a loss map covers every effort of the train up to its highest speed on this route."""
     if not isinstance(loss, LossMap):
         return
     top_mps = min(float(route.limits_mps.value.max()), vehicle.max_speed_mps)

@@ -27,7 +27,7 @@ from sim.recording.opening import is_session, versions
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """How many messages there are, in how many a second they came, the usual and the longest time between two (s)."""
+    """How many messages a topic has, how many a second, and the usual and the longest interval between two (s)."""
 
     messages: int
     per_s: float
@@ -51,24 +51,24 @@ def rate_of(recording: Recording, topic: Topic) -> Rate | None:
 
 
 LATE_AFTER_S = 1.0
-"""An advice that is recorded later than this after its time has come late to the driver as well (s)."""
+"""An advice that is recorded later than this (s) after its time has reached the driver late as well."""
 SLOW_AFTER_S = 1.0
-"""An advice that takes longer than this to compute is later than the next one is due (s)."""
+"""An advice that takes longer than this (s) to compute comes later than the next one is due."""
 LONGEST_GAP_S = STALE_AFTER_S
-"""Without positions for longer than this the node withdraws its advice, and without advice the display shows none."""
+"""Longest gap (s): after it the node withdraws its advice for want of positions, and the display goes dark."""
 GAP_INTERVALS = 2.5
-"""What comes more rarely than once a second has a gap where so many of its usual intervals pass without it."""
+"""A topic slower than once a second has a gap where this many of its usual intervals pass without a message."""
 CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
-"""The topics that come all the time."""
+"""The topics with messages all the time."""
 OF_A_SESSION = (topics.JOURNEY, topics.RESTRICTION, topics.POSITION, topics.ADVICE, topics.STATUS)
 OF_A_TRIP = (topics.POSITION,)
-"""What a recording must hold: one of a node at work, and one of a trip without a node."""
+"""The topics that a recording of a node at work must have, and one of a trip without a node."""
 MOST_OF_A_KIND = 5
-"""So many gaps of one topic are told one by one."""
+"""Only this many gaps of a topic are told one by one."""
 
 
 class CheckKind(StrEnum):
-    """What can be wrong with a recording."""
+    """The kinds of findings about a recording."""
 
     DAMAGE = "damage"
     CUT_OFF = "cut-off"
@@ -89,7 +89,7 @@ class CheckKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class CheckFinding:
-    """Something that is wrong: what, in words, and when (ns since 1970; 0: it has no time)."""
+    """Something that is wrong: its kind, a sentence about it, and its time (ns since 1970; 0: it has no time)."""
 
     kind: CheckKind
     text: str
@@ -154,7 +154,7 @@ def _gaps(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def _disorder(recording: Recording) -> Iterator[CheckFinding]:
-    """Times that go back within what one sender says."""
+    """Times that go back within the messages of one sender."""
     for topic in (topics.POSITION, topics.CONTROL, topics.ADVICE):
         time_ns = times_of(recording, topic)
         back = np.nonzero(np.diff(time_ns) < 0)[0]
@@ -164,7 +164,7 @@ def _disorder(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def _unanswered(recording: Recording) -> Iterator[CheckFinding]:
-    """Ticks of a simulation that the node did not answer; the last Control asks for nothing."""
+    """Ticks of a simulation that the node did not answer; the last Control does not ask for an answer."""
     asked = recording.columns(topics.CONTROL, "tick", "time_ns", "command")
     ticks = asked["tick"][asked["command"] == 0]
     answered = set(recording.columns(topics.ADVICE, "tick")["tick"].tolist())
@@ -191,7 +191,7 @@ def _position_ages(recording: Recording) -> tuple[Any, Any]:
 
 
 def _expired(recording: Recording) -> Iterator[CheckFinding]:
-    """Advice that was not valid any more when the next one came: the display had nothing to show."""
+    """Advice that had expired before the next one came, so that the display had nothing to show."""
     data = recording.columns(topics.ADVICE, "time_ns", "valid_until_ns", "mode")
     late_s = (data["time_ns"][1:] - data["valid_until_ns"][:-1]) * NS
     expired = np.nonzero((data["mode"][:-1] != Regime.NONE) & (late_s > 0))[0]
@@ -211,7 +211,7 @@ def _late(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def to_recorder_s(recording: Recording) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """How long each advice took from its time to the recorder (s); none by the clock of a simulation, which stands."""
+    """How long each advice took from its time to the recorder (s); empty for a simulation, whose clock stands still."""
     if recording.of(topics.CONTROL):
         return np.zeros(0)
     data = recording.columns(topics.ADVICE, "time_ns")
@@ -246,7 +246,7 @@ RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checked:
-    """The result of a check: figures by name, the rate of each topic, what is wrong (`findings`), and other `notes`."""
+    """The result of a check: figures by name, the rate of each topic, what is wrong (`findings`), and `notes`."""
 
     recording: Recording
     figures: dict[str, str]
@@ -255,7 +255,7 @@ class Checked:
     notes: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """The same for JSON; times in ns since 1970."""
+        """The result for programs; times in ns since 1970."""
         return {
             "file": str(self.recording.path),
             "train": self.recording.train,
@@ -274,7 +274,7 @@ class Checked:
         }
 
     def rate_rows(self) -> list[tuple[str, str, str, str, str]]:
-        """Every topic: its messages, how many a second, the usual interval and the longest gap."""
+        """A row of texts for each topic, under `RATE_COLUMNS`."""
         rows = []
         for name, rate in self.rates.items():
             times = (rate.interval_s, rate.longest_gap_s)
@@ -284,7 +284,7 @@ class Checked:
         return rows
 
     def lines(self) -> list[str]:
-        """The notes and the findings in words, and at the end the number of findings."""
+        """The notes and the findings as sentences, and the number of findings at the end."""
         noted = [f"note: {note}" for note in self.notes]
         clock = DriveClock.of_recording(self.recording)
         wrong = [_line(one, clock) for one in self.findings]
@@ -293,13 +293,13 @@ class Checked:
 
 
 def check_file(path: Path, train: str | None = None) -> Checked:
-    """Check a recording; raises DasError for a file with no messages of a train, and where `read_contents` does."""
+    """Check a recording; raises DasError for a file without messages of a train, and where `read_contents` does."""
     contents = read_contents(path)
     return check_contents(contents, recording_of(contents, train))
 
 
 def check_contents(contents: Contents, recording: Recording) -> Checked:
-    """Check a recording that has been read: the contents of its file, and the recording of one train in it."""
+    """Check a recording that has been read: the contents of its file, and one train's recording in it."""
     found = {topic.name: rate_of(recording, topic) for topic in TOPICS}
     return Checked(
         recording=recording,
@@ -336,7 +336,7 @@ def _numbers(missing: int | None) -> str:
 
 
 def _speed_of_advice(recording: Recording) -> dict[str, str]:
-    """How long it took to solve, to advise and to reach the recorder, as far as these times were measured."""
+    """How long solving, advising and the way to the recorder took, as far as these times were measured."""
     status = recording.columns(topics.STATUS, "solve_s", "last_advice_s")
     rows = {}
     for name, values in (("solving a section", status["solve_s"]), ("computing an advice", status["last_advice_s"])):

@@ -1,4 +1,7 @@
-"""Where the train of a recording was, and how fast."""
+"""The course of a recorded drive, its clock, and the part of the recording between two times.
+
+The clock has one zero for every table, picture and page.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenCourse:
-    """Where the train was and how fast: the truth if it was recorded, else what its localisation reported."""
+    """Where the train was and how fast: the truth if it was recorded, else what localisation reported."""
 
     time_ns: Times
     s_m: Floats
@@ -42,12 +45,12 @@ class DrivenCourse:
         raise DasError(f"{recording.path}: holds no positions of train {recording.train}, so there is nothing to show")
 
     def trip_ns(self, time_ns: Times) -> Times:
-        """Time (ns) since the first position; earlier messages are at 0, because rerun draws no pictures before 0."""
+        """Time (ns) since the first position; 0 for earlier messages, because rerun draws nothing before 0."""
         since_ns: Times = np.maximum(time_ns - self.time_ns[0], 0)
         return since_ns
 
     def at(self, time_ns: Times, values: Floats) -> Floats:
-        """Values along the course (one per position) at other times; before and after it, those of its ends."""
+        """Values along the course (one per position) at other times; before and after the course, those of its ends."""
         return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)
 
 
@@ -73,11 +76,11 @@ class DriveClock:
 
     zero_ns: int
     zero_is: str = "the timetable's departure"
-    """What happens at zero, in words."""
+    """What happens at zero, as pages say it."""
 
     @classmethod
     def of_recording(cls, recording: Recording) -> DriveClock:
-        """The clock of any recording; without a timetable and positions, 0 is the first message."""
+        """The clock of any recording; without timetable and positions, its zero is the first message."""
         try:
             first_ns = int(DrivenCourse.of(recording).time_ns[0])
         except DasError:
@@ -105,11 +108,11 @@ class DriveClock:
         return minutes(self.since_s(time_ns))
 
     def of_day(self, time_ns: int) -> str:
-        """The time of day in UTC, "08:16:34"."""
+        """The time of day (UTC), "08:16:34"."""
         return f"{datetime.fromtimestamp(round(time_ns * NS), UTC):%H:%M:%S}"
 
     def moment_ns(self, text: str) -> int:
-        """The moment (ns since 1970) that a user's text names; DasError where it is none (see `FORMS`)."""
+        """The moment (ns since 1970) that a user's text names; DasError for any text that is not one of `FORMS`."""
         text = text.strip()
         for form in (_ON_CLOCK, _SECONDS):
             if found := form.fullmatch(text):
@@ -128,13 +131,13 @@ class DriveClock:
 
 
 def _seconds(parts: Mapping[str, str | None]) -> float:
-    """Seconds of the named parts of a time: its sign, hours, minutes and seconds, as far as there are any."""
+    """The seconds of a time from its sign, hours, minutes and seconds, as far as it has them."""
     hours, minute, second = (float(parts.get(name) or 0.0) for name in ("h", "m", "s"))
     return (HOUR_S * hours + MINUTE_S * minute + second) * (1.0 if parts["sign"] in ("", "+") else -1.0)
 
 
 def _of_date_ns(text: str) -> int:
-    """A date with a time of day (ISO 8601; UTC where it does not say otherwise) in ns since 1970."""
+    """A date with a time of day (ISO 8601; UTC unless it names a zone) in ns since 1970."""
     try:
         moment = datetime.fromisoformat(text)
         return round((moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() / NS)
@@ -152,7 +155,7 @@ def spell(time_s: float) -> str:
 
 
 def minutes(time_s: float) -> str:
-    """A time (s) as minutes and seconds, "12:34"; nothing for NaN."""
+    """A time (s) as minutes and seconds, "12:34"; empty for NaN."""
     if math.isnan(time_s):
         return ""
     whole = round(time_s)
@@ -160,7 +163,7 @@ def minutes(time_s: float) -> str:
 
 
 def utc(time_ns: int) -> str:
-    """A time (ns since 1970) as date and time of day (UTC), to the second."""
+    """A time (ns since 1970) as date and time of day (UTC) to the second."""
     try:
         return f"{datetime.fromtimestamp(time_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"
     except (OverflowError, ValueError, OSError):
@@ -178,15 +181,15 @@ def times_of(recording: Recording, topic: Topic) -> Times:
 
 
 WHOLE: Final = (topics.JOURNEY, topics.PLAN)
-"""Topics that keep all messages before the part: a journey holds for all of it, and so may the first plan."""
+"""Topics of which a part keeps all earlier messages: the journey holds for all of it, and so may the first plan."""
 HELD: Final = (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS)
-"""Topics of which the last message before the part still holds in it."""
+"""Topics of which a part keeps the last earlier message, because that still holds."""
 
 
 def part_of(recording: Recording, start: str | None, end: str | None) -> Recording:
-    """The part of a recording between two times as a user writes them (`sim.recording.course.FORMS`); None: its ends.
+    """The part of a recording between two times as a user writes them (see `FORMS`); None stands for its ends.
 
-    Raises DasError for a text that is no time, and where the train has no position in between.
+    Raises DasError for a text that is no time, and where the train has no position between the times.
     """
     if start is None and end is None:
         return recording
@@ -206,7 +209,7 @@ def part_of(recording: Recording, start: str | None, end: str | None) -> Recordi
 
 
 def _kept(entries: Sequence[Stamped], topic: Topic, from_ns: int, to_ns: int) -> tuple[Stamped, ...]:
-    """The messages of a topic that say something about the part, in their order."""
+    """The messages of a topic that a part from `from_ns` to `to_ns` keeps, in their order."""
     timed = [(stated_ns(entry), entry) for entry in entries]
     if topic in WHOLE:
         return tuple(entry for at_ns, entry in timed if at_ns <= to_ns)

@@ -1,9 +1,9 @@
-"""The input files of a run, and those that a recording brings along, put where programs of today can read them.
+"""The input files of a run, and those attached to a recording, written to where today's programs can read them.
 
-From them come the line, the train and the level with which a recorded drive was planned.
+Line, train and level of losses of a recorded drive come from them.
 
-A recording is data: what it brings along is read, and what it only names is not opened. A bundled file of a name counts
-as ours, not as one that the recording names.
+A recording is data: files that are attached to it are read, files that it only names are not opened. A bundled file
+counts as ours even if the recording names it.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ def sha256(path: Path) -> str:
 
 
 def input_files(route: str, vehicle: str) -> dict[str, Path]:
-    """The files of a route and a vehicle, by what they are; raises DasError if one is missing."""
+    """The files of a route and a vehicle by their kinds; raises DasError if one is missing."""
     return {"route": locate_route(route), **vehicle_files(vehicle)}
 
 
 def vehicle_files(vehicle: str) -> dict[str, Path]:
-    """The files of a vehicle, by what they are; raises DasError if one is missing."""
+    """The files of a vehicle by their kinds; raises DasError if one is missing."""
     file = locate_vehicle(vehicle)
     loss_map = _loss_map_of(file)
     return {"vehicle": file} if loss_map is None else {"vehicle": file, "loss_map": loss_map}
 
 
 def _loss_map_of(vehicle: Path) -> Path | None:
-    """The loss map (CSV) a vehicle file refers to."""
+    """The loss map (CSV) to which a vehicle file refers."""
     if vehicle.suffix.lower() != ".toml":
         return None
     losses = read_toml(vehicle).data.get("losses")
@@ -59,7 +59,7 @@ def _loss_map_of(vehicle: Path) -> Path | None:
 
 
 DEEP: Final = PurePosixPath("a/b/c/d")
-"""A vehicle may name its loss map in a folder above its own: the files are put this deep, so that it stays inside."""
+"""Files are put this deep, so that a loss map in a folder above its vehicle's is still in the private folder."""
 LOSS_MAP: Final = "loss_map"
 HASH: Final = "_sha256"
 """Ending of the metadata keys that hold the hash of an input file."""
@@ -68,10 +68,10 @@ _Input = TypeVar("_Input", Route, Vehicle)
 
 
 class AttachedFiles:
-    """The attached files of a recording by what its metadata call them; each is written when it is asked for."""
+    """The attached files of a recording by the kinds in its metadata; each is written when it is asked for."""
 
     def __init__(self, recording: Contents | Recording, folder: Path) -> None:
-        """`folder` is private; the files are put there under their bare names, each in a place of its own."""
+        """`folder` is private: the files are put there under their bare names, each in a folder of its own."""
         files = recording.attachments if isinstance(recording, Contents) else recording.attached
         self._path = recording.path
         self._run = recording.metadata.get("run", {})
@@ -79,32 +79,32 @@ class AttachedFiles:
         self._folder = folder
 
     def has(self, kind: str) -> bool:
-        """Whether the recording brings a file along: "route", "vehicle", "loss_map", "scenario", "true_vehicle" …"""
+        """Whether a kind of file is attached: "route", "vehicle", "loss_map", "scenario", "true_vehicle" …"""
         return self.sha256(kind) in self._attached
 
     def sha256(self, kind: str) -> str:
-        """The hash of a file as the metadata have it; nothing where they do not name it."""
+        """The hash of a kind of file in the metadata; empty where they do not name it."""
         return self._run.get(f"{kind}{HASH}", "")
 
     def others(self, but: Collection[str] = ()) -> list[records.Attachment]:
-        """All attached files but those of some hashes (SHA-256), in the order of the recording."""
+        """All attached files except those with the hashes `but` (SHA-256), in the order of the recording."""
         return [one for hashed, one in self._attached.items() if hashed not in but]
 
     def place(self, kind: str) -> Path:
-        """Where a file is, written now; DasError where it cannot be written."""
+        """The path of a kind of file, written now; DasError where it cannot be written."""
         return self._put(self.sha256(kind))
 
     def place_vehicle(self, kind: str = "vehicle", loss_map: str = LOSS_MAP) -> Path:
-        """Where a vehicle is, with its own loss map where its file says that it is.
+        """The path of a vehicle's file, written now with its loss map where the file says.
 
         Raises DasError where the file cannot be written, and where it names a loss map outside the private folder.
         """
         return self._put(self.sha256(kind), loss_map)
 
     def find(self, kind: str, identity: str, load: Callable[[Path], _Input]) -> tuple[_Input, str, str]:
-        """The route or vehicle (`kind`: "routes", "vehicles") of an identity, its name or path, and where it is from.
+        """The route or vehicle (`kind`: "routes", "vehicles") with an id, its name or path, and its origin in words.
 
-        It is the attached file of that identity, else the bundled one. Raises DasError where there is neither.
+        It is from the attached file with that id, else the bundled one. Raises DasError where there is neither.
         """
         bundled, tried = catalogue(kind).get(identity), []
         for hashed, one in self._attached.items():
@@ -126,7 +126,7 @@ class AttachedFiles:
         raise DasError(f"{self._path}: its {kind[:-1]} {identity!r} is neither in it nor bundled{why}")
 
     def _put(self, hashed: str, loss_map: str = "") -> Path:
-        """Write an attached file, and the loss maps that it names beside it."""
+        """Write an attached file, and the attached loss maps that it names, where it names them."""
         one, root = self._attached[hashed], self._folder / hashed
         path = put(root / DEEP / Path(one.name).name, one.data)
         for name in _maps_of(path):
@@ -166,7 +166,7 @@ def put(path: Path, content: bytes) -> Path:
 
 
 def _maps_of(path: Path) -> list[str]:
-    """The loss maps that a vehicle's file names; none of a file that is no TOML."""
+    """The loss maps that a vehicle's file names; none for a file that is not TOML."""
     return list(_paths_in(read_toml(path).data)) if path.suffix.lower() == ".toml" else []
 
 
@@ -180,7 +180,7 @@ def _paths_in(table: Mapping[str, Any]) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveInputs:
-    """The line as driven, the train as planned, the level of its losses, and where the three come from."""
+    """Line as driven, train as planned and level of losses of a drive, and where they come from (`source`)."""
 
     route: Route
     vehicle: Vehicle
@@ -189,7 +189,7 @@ class DriveInputs:
 
 
 def inputs_of(recording: Recording) -> DriveInputs:
-    """What a recorded drive was planned with; DasError where the recording does not say or holds it."""
+    """Line, train and level with which a recorded drive was planned; DasError where the recording lacks them."""
     journeys = [entry.message for entry in recording.of(topics.JOURNEY)]
     if not journeys:
         raise DasError(f"{recording.path}: holds no journey, so that nobody knows its line and train")
@@ -220,7 +220,7 @@ def inputs_of(recording: Recording) -> DriveInputs:
 
 
 def node_words(run: Mapping[str, str]) -> list[str]:
-    """The command line of the recording's node, where its metadata say it; else nothing."""
+    """The arguments of the recording's node; empty where the metadata do not give them."""
     try:
         words = json.loads(run.get(NODE_ARGUMENTS, "[]"))
     except ValueError:

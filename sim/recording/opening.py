@@ -1,7 +1,7 @@
-"""How every command opens a recording and writes one.
+"""How every command opens a recording and writes one, and the metadata that say how it was made.
 
-What is damaged is left out and said, and no train is chosen in silence. A new file is in its place only when it is
-whole.
+What is damaged is left out with a warning, and where there are several trains the user must name one. A new file
+appears in its place only when it is whole.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class WhatIfKind(StrEnum):
 
 
 def typed_command() -> str:
-    """The command as the user typed it."""
+    """The command line as the user typed it."""
     return shlex.join(["das-sim", *sys.argv[1:]])
 
 
@@ -50,16 +50,16 @@ _warned: set[str] = set()
 
 
 def open_recording(path: Path, train: str | None = None) -> Recording:
-    """Read a recording, without what is damaged in it; one line on standard error says each thing that is wrong.
+    """Read a recording without its damaged parts; a line on standard error tells each thing that is wrong with it.
 
-    `train` says which train of a recording that holds several. Raises DasError for a file that cannot be used, and for
-    one of several trains where none is named.
+    `train` names the train of a recording that holds several. Raises DasError for a file that cannot be used, and for
+    one with several trains where none is named.
     """
     return recording_of(open_contents(path), train)
 
 
 def open_contents(path: Path) -> Contents:
-    """All that a file holds, of all trains; what is damaged is left out and said as in `open_recording`."""
+    """The contents of a file, of all trains, without its damaged parts; warns as `open_recording` does."""
     contents = read_contents(path)
     for text in contents.health.warnings():
         line = f"{path}: {text}"
@@ -71,7 +71,7 @@ def open_contents(path: Path) -> Contents:
 
 @contextmanager
 def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
-    """A recording to write to; at the end of the block it is at `out`, and if that fails nothing is.
+    """A recording to write; it appears at `out` at the end of the block, and not at all where the block fails.
 
     `now_ns` is the time at which files are attached (ns since 1970). Raises DasError where it cannot be written.
     """
@@ -90,12 +90,12 @@ def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
 
 
 def is_session(recording: Recording) -> bool:
-    """Whether a node was at work, so that there must be its words."""
+    """Whether a node was at work, so that its messages must be there."""
     return any(recording.of(topic) for topic in (topics.ADVICE, topics.STATUS, topics.CONTROL))
 
 
 def versions(recording: Recording) -> dict[str, str]:
-    """The versions of the programs that took part, by what they did."""
+    """The versions of the programs that took part, by their roles."""
     nodes = sorted({one.message.version for one in recording.of(topics.STATUS) if one.message.version})
     found = {"node" if len(nodes) == 1 else f"node {i}": version for i, version in enumerate(nodes, 1)}
     run = recording.metadata.get("run", {})

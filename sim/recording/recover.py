@@ -1,4 +1,4 @@
-"""Saves what is sound in a cut or damaged recording into a new file that is whole, and counts what is gone."""
+"""Saves the sound parts of a cut or damaged recording into a new, whole file, and tells what is lost."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from das.domain.files.writing import whole_file
 
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """What was saved and what is gone. `skipped_bytes` are those of the damaged stretches and of the cut end."""
+    """What was saved and what is lost. `undescribed` messages are those of unknown channels, which are left out."""
 
     source: Path
     out: Path
@@ -33,12 +33,12 @@ class Recovered:
 
     @property
     def skipped_bytes(self) -> int:
-        """Number of bytes of the old file from which nothing could be recovered."""
+        """Number of bytes in damaged stretches and in the cut end, from which nothing was saved."""
         lost = sum(one.end_byte - one.start_byte for one in self.health.damage if one.lost)
         return lost + (self.health.size_bytes - self.health.cut_byte if self.health.cut_byte >= 0 else 0)
 
     def losses(self) -> list[str]:
-        """What is gone, in lines; none where everything was saved."""
+        """Sentences about what is lost; empty where everything was saved."""
         health = self.health
         lines = [f"left out: {one}" for one in health.damage if one.lost]
         lines += [f"mended: {one}" for one in health.damage if not one.lost]
@@ -53,7 +53,7 @@ class Recovered:
         return lines
 
     def as_dict(self) -> dict[str, Any]:
-        """The same for JSON."""
+        """The result for programs."""
         return {
             "file": str(self.source),
             "written": str(self.out),
@@ -68,9 +68,9 @@ class Recovered:
 
 
 def recover(source: Path, out: Path) -> Recovered:
-    """Write what is sound in `source` to `out`, which is written as a whole or not at all.
+    """Write the sound parts of `source` to `out`, which is written whole or not at all.
 
-    Raises DasError for a file that cannot be read, holds no message, or where `out` cannot be written.
+    Raises DasError for a file that cannot be read or holds no message, and where `out` cannot be written.
     """
     raw, health = read_raw(source)
     if not raw.messages:
@@ -111,7 +111,7 @@ def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:
 
 
 def _note_recovery(writer: McapWriter, found: Recovered) -> None:
-    """Note in the new file what was lost; nothing is noted if the old file was sound."""
+    """Note the losses in the metadata of the new file, unless the old file was sound."""
     losses = found.losses()
     if not found.health.complete:
         losses.append("it was cut off")
@@ -121,7 +121,7 @@ def _note_recovery(writer: McapWriter, found: Recovered) -> None:
 
 
 class _Channels:
-    """Channels and schemas of the old file as they are numbered in the new one."""
+    """The numbers that the channels and schemas of the old file have in the new one."""
 
     def __init__(self, writer: McapWriter, raw: Raw) -> None:
         self._writer, self._raw = writer, raw

@@ -1,4 +1,4 @@
-"""How well a run kept to its stops, signals and limits."""
+"""How a run keeps to its stops, signals and limits."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Calls:
 
     @property
     def section(self) -> int:
-        """Index of the section the train is on. At a stop it is the next section's, at the last stop the last one's."""
+        """Index of the train's section: at a stop that of the next section, at the last stop that of the last one."""
         return min(len(self.arrivals), len(self._service.fronts) - 1)
 
     @property
@@ -47,21 +47,21 @@ class Calls:
         return not self.finished and len(self.departures) == len(self.arrivals)
 
     def may_depart(self, now_s: float) -> bool:
-        """Whether a train that waits at a stop may depart now (True for a train that does not wait)."""
+        """Whether a train that waits at a stop may depart now; True for a train that does not wait."""
         return not self.waits or now_s >= self._ready_s()
 
     def _ready_s(self) -> float:
         """When the train may depart (s): at the timetable's departure or the end of the dwell, whichever is later, plus
-        any further delay."""
+        the day's delay at this stop."""
         ready_s = self._service.clock_s(self.timetable.departure_ns)
         if self.arrivals:
             ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.scenario.dwell_s)
         return ready_s + self._day.held_s[self.section]
 
     def take(self, before: PlantState, after: PlantState) -> str | None:
-        """Note a departure or an arrival between two states; return a sentence about it, or None.
+        """Note a departure or an arrival between two states; returns a sentence about it, or None.
 
-        A train that stands beyond the stop has arrived as well.
+        A train that stands beyond the stop has arrived too.
         """
         if self.waits:
             if after.speed_mps > 0:
@@ -98,7 +98,7 @@ class Calls:
 
 
 class Watch:
-    """Watches every state of a run for violations; its methods are to be called in the order of time."""
+    """Watches the states of a run for violations; its methods are to be called in the order of time."""
 
     def __init__(self, length_m: float) -> None:
         self._length_m = length_m
@@ -125,7 +125,7 @@ class Watch:
         limit_mps: float,
         temporary: Sequence[Restriction],
     ) -> list[str]:
-        """Check a state that lasted for a time (s) against a signal at danger, the line's limit and temporary limits.
+        """Check a state that lasted `span_s` against a signal at danger, the line's limit and temporary limits.
 
         Returns a sentence about each new violation.
         """

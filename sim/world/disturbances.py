@@ -1,4 +1,4 @@
-"""What can go wrong on a day: each kind with its figures, named as in scenario files."""
+"""What can go wrong on a day: a class for each kind, with its figures named as in scenario files."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class DelayOnTheWay:
 
 @dataclass(frozen=True, kw_only=True)
 class AnnouncedRestriction:
-    """A temporary speed restriction; driver and node are told when the train's head is `announced_m` before it.
+    """A temporary speed restriction, announced to driver and node when the train's head is `announced_m` before it.
 
     It holds from `valid_from_s` to `valid_until_s` on the run's clock (None: open).
     """
@@ -60,15 +60,14 @@ class AnnouncedRestriction:
     valid_until_s: float | None = None
 
     def restriction(self, moment_ns: Callable[[float], int]) -> Restriction:
-        """The restriction that is told; `moment_ns` gives the moment (ns since 1970) of a time of the run's clock."""
+        """The restriction as announced; `moment_ns` turns a time of the run's clock (s) into ns since 1970."""
         window = (0 if clock_s is None else moment_ns(clock_s) for clock_s in (self.valid_from_s, self.valid_until_s))
         return Restriction(self.from_m, self.to_m, self.speed_mps, *window)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SignalStop:
-    """A signal at danger at `at_m`, visible `seen_m` before it; it clears `clears_after_s` after the driver first saw
-    it."""
+    """A signal at danger at `at_m`, visible `seen_m` before it; it clears `clears_after_s` after the driver saw it."""
 
     at_m: float
     seen_m: float
@@ -79,7 +78,7 @@ class SignalStop:
 class TrainAhead:
     """A signal at danger at `at_m`, visible `seen_m` before it, that clears at `clears_s` on the run's clock.
 
-    Traffic management knows about it: `told_m` before the signal, the node is told not to come into its sight earlier.
+    Traffic management knows: `told_m` before the signal, it tells the node not to come into its sight before that time.
     """
 
     at_m: float
@@ -108,7 +107,7 @@ class HeadWind:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorOutage:
-    """Localisation fails at `from_s` after the start, for `for_s`."""
+    """Localisation fails from `from_s` on the run's clock, for `for_s`; `size_m` is the size of a jump or noise."""
 
     fault: SensorFault
     from_s: float
@@ -118,7 +117,7 @@ class SensorOutage:
 
 @dataclass(frozen=True, kw_only=True)
 class BusOutage:
-    """No message gets through between simulator and node, at `from_s` after the start, for `for_s`."""
+    """No message gets through between simulator and node from `from_s` on the run's clock, for `for_s`."""
 
     from_s: float
     for_s: float
@@ -126,7 +125,7 @@ class BusOutage:
 
 @dataclass(frozen=True, kw_only=True)
 class NodeRestart:
-    """The node is killed at `at_s` and started anew."""
+    """The node is killed at `at_s` on the run's clock and started anew."""
 
     at_s: float
 
@@ -163,17 +162,17 @@ _KIND_OF = {made: kind for kind, made in KINDS.items()}
 
 
 NOTHING = "nothing"
-"""How a day without disturbances is described."""
+"""The description of a day without disturbances."""
 
 
 def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
-    """The kind and the figures (SI) of each disturbance, for programs; an open end of a window is no figure."""
+    """The kind and the figures (SI) of each disturbance, for programs; the open end of a window is left out."""
     figures = ((_KIND_OF[type(one)], asdict(one)) for one in disturbances)
     return [{"kind": kind, **{k: v for k, v in found.items() if v is not None}} for kind, found in figures]
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:
-    """One line that says what happens, with speeds and places as people say them."""
+    """One line that tells people what happens, with speeds in km/h and places in km."""
     return "; ".join(map(_described, disturbances)) or NOTHING
 
 

@@ -1,4 +1,4 @@
-"""What a scenario leaves to the seed: figures in a range, the true train, and the human driver."""
+"""What a seed draws from a scenario: figures in a range, the true train, and the human driver."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sim.drivers.parameters import HumanParameters, Participant
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """A figure that each seed draws uniformly between `low` and `high`; it is fixed if the two are equal."""
+    """A figure that each seed draws uniformly between `low` and `high`; fixed if the two are equal."""
 
     low: float
     high: float
@@ -32,7 +32,7 @@ class Drawn:
 
 
 def read_range(table: Fields, key: str) -> Drawn:
-    """Read a figure in the unit of its key: `delay_s = 90` or `delay_s = {min = 30, max = 180}`.
+    """Read a figure as it is written: `delay_s = 90` or `delay_s = {min = 30, max = 180}`.
 
     Raises InputError for anything else.
     """
@@ -66,7 +66,7 @@ def read_quantity(table: Fields, name: str, dimension: str, default: float | Non
 
 
 def key_of(table: Fields, name: str, dimension: str) -> str:
-    """The key under which the file gives a quantity; the bare name of the quantity if the file does not give it."""
+    """The key under which the file gives a quantity; the bare name of the quantity where it does not."""
     return next((key for key in table.quantity_keys({name: dimension}) if key in table.data), name)
 
 
@@ -77,11 +77,11 @@ RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """How the true train differs from the plan's; None means as planned.
+    """How the true train differs from the planned one; None means as planned.
 
     `conditions` are the ranges from which each seed draws its `Conditions`, by the names of the fields.
-    `adhesive_mass_kg` is the mass on driven axles, for a train whose file gives none. `loss_map` is the file of the
-    true train's losses (L3).
+    `adhesive_mass_kg` is the mass on driven axles; it replaces the one in the vehicle's file. `loss_map` is the file of
+    the true train's losses (L3).
     """
 
     conditions: Mapping[str, Drawn]
@@ -93,13 +93,13 @@ class Truth:
 
     @property
     def changes_adhesion(self) -> bool:
-        """Whether there are days on which the adhesion differs from that of a dry rail."""
+        """Whether the adhesion can differ from that of a dry rail."""
         adhesion = self.conditions["adhesion_ratio"]
         return (adhesion.low, adhesion.high) != (1.0, 1.0)
 
     @property
     def is_as_planned(self) -> bool:
-        """Whether train, load and losses are those of the plan; the conditions of a day may differ all the same."""
+        """Whether train, load and losses are those of the plan; the conditions of a day may still differ."""
         others = (self.adhesive_mass_kg, self.vehicle, self.load, self.level, self.loss_map)
         return all(one is None for one in others)
 
@@ -181,28 +181,28 @@ COUNTED = ("notches",)
 
 @dataclass(frozen=True, kw_only=True)
 class HumanRange:
-    """Parameters of human drivers by name, and `trips`, the trips that a driver has made before.
+    """What a scenario gives of human drivers: parameters by name, and `trips`, the trips already made.
 
-    A parameter that is not given has its default.
+    Parameters that are not given have their defaults.
     """
 
     given: Mapping[str, Drawn]
 
     def draw(self, seed: int) -> tuple[HumanParameters, dict[str, float]]:
-        """The driver of a seed, and the drawn values of the parameters that are given."""
+        """The driver of a seed, and the drawn values of the given parameters."""
         random = np.random.default_rng([seed, HUMAN_STREAM])
         drawn = {name: figure.draw(random) for name, figure in self.given.items()}
         return _driver(drawn), drawn
 
     def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """Parameters of the participant, or of the seed's driver if there is none, and the values they are made of."""
+        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
         return self.draw(seed) if who is None else self.participant(who, source)
 
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of a participant, and the values that they are made of.
+        """The parameters of a participant, and the values behind them.
 
         Values of the scenario (`source`) replace those of the population. Raises DasError where the values contradict
-        each other, or where the scenario gives a range, because each seed would then draw a different driver.
+        each other, or where the scenario gives a range, because each seed would then draw another driver.
         """
         for name, figure in self.given.items():
             if figure.low != figure.high:
@@ -225,7 +225,7 @@ def read_human(table: Fields) -> HumanRange:
             raise table.error(name, table.data[name], "one whole number")
     lows = {name: figure.low for name, figure in given.items()}
     highs = {name: figure.high for name, figure in given.items()}
-    # The mean glance must be longer than the shortest even when the two are drawn as close together as they can be.
+    # The mean time between glances must exceed the least one even for the closest values that a seed can draw.
     nearest = lows | {name: highs[name] for name in ("glance_least_s",) if name in highs}
     for ends in (nearest, highs):
         try:

@@ -1,6 +1,6 @@
-"""An external driver: a process of its own that is shown the cab over the bus and sets the controller.
+"""An external driver: a process of its own that sees the cab over the bus and sets the controller.
 
-At every look, the simulation asks over the bus and the driver answers. If the driver is silent, the train is braked.
+At every look, the simulation sends the cab and the driver answers. If the driver is silent, the train is braked.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, con
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, lever
 from sim.world.lockstep import Lockstep, happened
+from sim.world.loop import LOOK_S
 from sim.world.service import Day
 
 SILENT_S: Final = 2.0
@@ -30,9 +31,9 @@ SILENT_S: Final = 2.0
 
 
 class DeadMan:
-    """Watches whether a driver answers. The brake is applied after `SILENT_S` of silence.
+    """The dead-man brake: applied after `SILENT_S` without an answer of the driver.
 
-    It is released when the driver answers again and the train stands: a train is not set free in the middle of braking.
+    It is released when the driver answers again and the train stands, not in the middle of braking.
     """
 
     def __init__(self) -> None:
@@ -58,21 +59,19 @@ class DeadMan:
         return f"the external driver has been silent for {SILENT_S:.0f} s: the dead-man brake is applied"
 
 
-LOOK_S: Final = 0.2
-"""A driver is asked at this interval (s), as every simulated driver is."""
 AWAITED_S: Final = 120.0
-"""A run waits this long (s) for its driver before it starts."""
+"""A run waits this long (s) for its driver before it begins."""
 GIVEN_UP_S: Final = 30.0
-"""A train that the dead-man brake has stopped waits this long (s) for its driver; then the run ends."""
+"""When the dead-man brake has stopped the train, the run waits this long (s) for the driver and then ends."""
 LEAST_LISTENING: Final = 0.5
-"""When the run keeps a pace, the driver has at least this share of each look's time to answer."""
+"""When the run keeps a pace, the driver has at least this share of the time of a look to answer."""
 BRAKES: Final = lever(-1.0)
 
 
 class ExternalDriver:
     """Asks a process on the bus what the controller is set to, five times a second of the run.
 
-    Without `times_real` (as fast as it goes) the run waits for each answer, so that it does not depend on how fast the
+    Without `times_real` (as fast as possible) the run waits for each answer, so that it does not depend on how fast the
     machine is. With it, a look lasts as long as the pace allows, and the newest answer counts. `clock` (s) may be any
     clock that does not go back. If the driver is silent, `DeadMan` brakes the train.
     """
@@ -90,7 +89,7 @@ class ExternalDriver:
         self._crowded = False
 
     def begin(self, lockstep: Lockstep) -> None:
-        """Wait until the driver is there; DasError where it does not come."""
+        """Wait until the driver has published something; DasError where it does not within `AWAITED_S`."""
         answers = lockstep.answers
         if not lockstep.hear(lambda: answers.controls is not None, AWAITED_S):
             raise DasError(
@@ -130,7 +129,7 @@ class ExternalDriver:
             self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
 
     def _answer(self, lockstep: Lockstep, cab: CabView) -> Any | None:
-        """The answer to this look, None where there is none in time; DasError where the driver is gone for good."""
+        """The answer to this look; None where none comes in time, DasError where the driver is gone for good."""
         answers = lockstep.answers
         if self._dead_man.braking and cab.speed_mps <= 0:
             if not lockstep.hear(lambda: answers.answered(self._look), GIVEN_UP_S):
@@ -143,7 +142,7 @@ class ExternalDriver:
             patience_s = SILENT_S if self._look > 1 else GIVEN_UP_S  # a first answer may need code to be loaded
             lockstep.hear(lambda: answers.answered(self._look), 0.0 if self._dead_man.braking else patience_s)
         else:
-            # A run that fell behind its pace catches up, but never without listening.
+            # A run that fell behind its pace catches up, but still listens at every look.
             self._due += self._look_s
             lockstep.hear(lambda: False, max(self._due - self._clock(), LEAST_LISTENING * self._look_s))
         controls = answers.controls
@@ -159,11 +158,11 @@ HEARD = (CAB, CONTROL)
 CALLED_EVERY_S: Final = 0.2
 """Until the run begins, the driver's process announces itself at this interval (s)."""
 LOST_S: Final = 60.0
-"""A run that says nothing for this long (s) is taken to be gone."""
+"""A run that sends nothing for this long (s) is taken to be gone."""
 
 
 def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: None) -> int:
-    """Drive a run: answer every look until the run is over. Returns how many looks there were.
+    """Answer every look of a run until the run is over; returns the number of looks.
 
     `begun` is called at the first look. Raises DasError where the run falls silent.
     """
@@ -190,7 +189,7 @@ def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: N
 
 
 def warm_up(line: LineKnowledge) -> None:
-    """Load the compiled code that drivers use, before the first look asks for an answer within 2 s."""
+    """Load the compiled code of the drivers before the first look, which must be answered in time."""
     s_m = float(line.limits_mps.start_m[0])
     cab = CabView(
         time_s=0.0, s_m=s_m, speed_mps=10.0, limit_mps=20.0, stop_m=s_m + 5000.0, departure_s=-10.0, arrival_s=300.0

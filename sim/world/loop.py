@@ -1,4 +1,4 @@
-"""The closed loop: train, driver, localisation and what happens, second by second, and the advice in between."""
+"""The closed loop: train, driver, localisation and disturbances, second by second, with the advice between them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from sim.world.surroundings import Surroundings
 
 
 class Tick(NamedTuple):
-    """A tick of the simulation: its number, its time (ns since 1970), and what the on-board system is told at it.
+    """A tick of the simulation: its number, its time (ns since 1970), and the messages to the on-board system.
 
-    All restrictions in force are told at the first tick that gets through, even if there are none, and whenever they
-    change; all targets in force whenever they change.
+    The messages contain all restrictions in force at the first tick that gets through, even if there are none, and
+    whenever they change; and all targets in force whenever they change.
     """
 
     number: int
@@ -43,10 +43,10 @@ class Tick(NamedTuple):
 
 
 class Told(NamedTuple):
-    """What is recorded although the on-board system does not hear it.
+    """What is recorded at a tick although the on-board system does not receive it.
 
-    That is the truth, the cab with what it shows, what the driver last asked for, what happened, and what the driver
-    did or decided since the tick before.
+    This is the true state, the cab with its display, the driver's last command, sentences about what happened, and what
+    the driver did or decided since the last tick.
     """
 
     state: PlantState
@@ -63,7 +63,7 @@ class Link(Protocol):
         """The advice for a tick (`das.advice.advice.Advice` or the bus's message)."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Record what the on-board system does not hear."""
+        """Record what the on-board system does not receive."""
 
     def restart(self) -> None:
         """Kill the on-board system and start it anew."""
@@ -71,19 +71,19 @@ class Link(Protocol):
 
 TICK_S = 1.0
 LOOK_S = 0.2
-"""A driver looks and acts this often."""
+"""A driver looks and acts at this interval (s)."""
 BEFORE_S, AFTER_S = 10.0, 10.0
-"""A run begins this long before the timetable's departure and ends this long after the arrival."""
+"""A run begins this long (s) before the timetable's departure and ends this long after the arrival."""
 LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
-"""A run may last so many times its timetable, and this much more."""
+"""A run may take this many times the time of its timetable, and this much (s) more."""
 
 Progress = Callable[[float, float], None]
-"""Called every tick with what is driven and the whole way (m)."""
+"""Called at every tick with the way driven so far and the whole way (m)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Counts:
-    """Ticks by what came of them: advised, withdrawn, nothing heard (of the advised: above the limit)."""
+    """Numbers of ticks with advice given, withdrawn or not heard; and with advice above the limit."""
 
     advised: int = 0
     withdrawn: int = 0
@@ -91,7 +91,7 @@ class Counts:
     above_limit: int = 0
 
     def plus(self, advice: Any | None) -> Counts:
-        """The counts with one more tick: an advice, or None where nothing was heard."""
+        """The counts with one more tick, and its advice (None: not heard)."""
         if advice is None:
             return replace(self, unheard=self.unheard + 1)
         if advice.mode == Regime.NONE:
@@ -102,7 +102,7 @@ class Counts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A finished run: one state a tick, the stops as kept, how the advice fared, and how restless it was.
+    """A finished run: the state at each tick, the calls at stops, counts and stability of the advice, violations.
 
     `legs`: the states at departure and arrival of every section.
     """
@@ -117,7 +117,7 @@ class Run:
 
 
 class World:
-    """One day's run; `run` drives it to its end. `screen` is how the display shows the advice [all of it, at once]."""
+    """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
 
     def __init__(
         self,
@@ -137,7 +137,7 @@ class World:
         self._screen = Screen(screen)
 
     def run(self, progress: Progress | None = None) -> Run:
-        """Drive from before the departure to after the last arrival; DasError where the train does not get there."""
+        """Drive from before the departure to after the last arrival; DasError where the train does not arrive."""
         service, calls = self.day.service, self._around.calls
         first_m, last_m = service.stops[0].position_m, service.stops[-1].position_m
         state = self.day.plant.at(first_m, time_s=-BEFORE_S)
@@ -145,7 +145,7 @@ class World:
         latest_s = LONGEST_S + LONGEST_RATIO * service.clock_s(service.timetables[-1].arrival_ns)
         while not calls.finished or state.time_s < calls.arrivals[-1].time_s + AFTER_S:
             tick = len(states)
-            # Times of ticks are exact: sums of steps are not.
+            # The time is set exactly, because a sum of steps is not exact.
             state = self._second(tick, state)._replace(time_s=tick * TICK_S - BEFORE_S)
             states.append(state)
             if state.time_s > latest_s:
@@ -165,7 +165,7 @@ class World:
         )
 
     def _second(self, tick: int, state: PlantState) -> PlantState:
-        """One second: what is heard and shown now, then the driver at the controller."""
+        """Simulate one second: the advice of this tick, then the driver's looks."""
         around, now_ns = self._around, self.day.service.moment_ns(state.time_s)
         self._events += around.news.update(state)
         self._advise(tick, now_ns, state)
@@ -182,13 +182,13 @@ class World:
         return state
 
     def _decided(self) -> tuple[DriverEvent, ...]:
-        """What the driver did or decided since this was last asked for."""
+        """What the driver did or decided since the last call."""
         told, kept = self._told, kept_by(self.driver)
         self._told = len(kept)
         return tuple(kept[told:])
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> None:
-        """Ask for advice and show it, where there is a node to ask."""
+        """Ask for advice and show it, unless the node is down or cut off."""
         around, service = self._around, self.day.service
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):
@@ -215,19 +215,19 @@ TRAIN = "train"
 
 
 class InProcess:
-    """Tells a cab what the bus would, at the same moments of its clock; nothing is recorded."""
+    """The link to a cab in this process, which receives what the bus would carry; nothing is recorded."""
 
     def __init__(self, service: Service, *, coach: bool = False) -> None:
         self._service, self._coach = service, coach
         self._kept: dict[Kind, Heard] = {}
         self._judged_ns = 0
         self.said: list[Output] = []
-        """What the cab said at the last tick, before the advice."""
+        """The cab's other outputs at the last tick."""
         self.restart()
         self._hear(service.journey(TRAIN, service.moment_ns(-BEFORE_S)))
 
     def restart(self) -> None:
-        """Begin with a cab that has heard nothing but what the bus keeps: journey, restrictions, targets."""
+        """Start a new cab that receives only what the bus keeps: journey, restrictions, targets."""
         service = self._service
         situation = Situation(
             route=service.route,

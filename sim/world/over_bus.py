@@ -1,4 +1,4 @@
-"""The advice over the real bus: node and recorder as processes, in lockstep with the simulated world."""
+"""A day driven over the real bus, with node and recorder as processes in lockstep with the simulation."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from sim.world.service import Day, Service, scenario_files
 
 
 class OverBus:
-    """Exchanges messages with a node and a recorder that are in lockstep with the simulation.
+    """The link to a node and a recorder in lockstep with the simulation.
 
-    `shows_cab` is False where an external driver drives, because the driver is sent the cab with every question.
+    `shows_cab` is False where an external driver drives, because the cab is then sent at every look.
     """
 
     def __init__(self, day: Day, lockstep: Lockstep, *, shows_cab: bool = True) -> None:
@@ -52,7 +52,7 @@ class OverBus:
         return self._lockstep.ask(tick.now_ns, tick.number)
 
     def _locate(self, now_ns: int, s_m: float) -> None:
-        """Record where the train is on the map, if the route gives a location."""
+        """Record the place of the train on the map, if the route has a map."""
         place = self._day.service.route.location_deg(s_m)
         if place is not None:
             self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
@@ -74,7 +74,7 @@ class OverBus:
 
 
 class Recorded(NamedTuple):
-    """A run over the bus, and its messages."""
+    """A run over the bus, and the counts of its messages."""
 
     run: Run
     traffic: Traffic
@@ -89,7 +89,7 @@ def run_over_bus(
     *,
     screen: ScreenSettings | None = None,
 ) -> Recorded:
-    """Drive a day with node and recorder as processes; DasError where one fails or the train does not get there."""
+    """Drive a day with node and recorder as processes; DasError where one fails or the train does not arrive."""
     with Lockstep(processes) as lockstep:
         lockstep.begin(day.service.journey(processes.train, day.service.moment_ns(-BEFORE_S)))
         outside = isinstance(driver, ExternalDriver)
@@ -99,7 +99,7 @@ def run_over_bus(
         run = World(day, driver, presentation, link, screen).run(progress)
         end_ns = day.service.moment_ns(run.states[-1].time_s)
         lockstep.send(MEASURES, _measures(end_ns, run.stability))
-        with contextlib.suppress(DasError):  # the losses do not cover what the true train can do; the outcome says so
+        with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
             lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
         lockstep.finish(end_ns)
     return Recorded(run, lockstep.traffic)
@@ -107,7 +107,10 @@ def run_over_bus(
 
 @dataclass(frozen=True, kw_only=True)
 class How:
-    """How a day is driven, as the recording says."""
+    """How a day is driven, as its recording tells.
+
+    `bus` is the folder of bus files (None: free ports of this machine), `driver_at` an external driver's endpoint.
+    """
 
     driver: DriverName
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED

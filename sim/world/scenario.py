@@ -1,4 +1,4 @@
-"""Scenario files: train, line, timetable, what differs from the plan and what goes wrong.
+"""Scenario files: train, line, timetable, what differs from the plan, and what goes wrong.
 
 The format: docs/reference/scenarios.md.
 """
@@ -34,7 +34,7 @@ LATEST = datetime(2200, 1, 1, tzinfo=UTC)
 """Times on the bus are ns since 1970 in 63 bits: they end in 2262."""
 LONGEST_DWELL_S = 86_400.0
 _ID = re.compile(r"\w[\w.-]{0,63}")
-"""What an id looks like; it becomes part of the names of files."""
+"""The form of an id, which becomes part of file names."""
 
 KEYS = (
     *("id", "title", "description", "route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from", "to"),
@@ -42,26 +42,26 @@ KEYS = (
 )
 """The keys of the table `[scenario]`."""
 _RISING = (("from", "to"), ("valid_from", "valid_until"), ("seen", "told"))
-"""Pairs of quantities of one disturbance of which the second must be the greater one."""
+"""Pairs of quantities of a disturbance; the second of a pair must be greater than the first."""
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
 _DIMENSIONS = {suffix: dimension for dimension, suffix in _SI_SUFFIX.items()}
 _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
 """Faults of localisation that have a size."""
 LONGEST_LINE_M = 1e7
 _MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
-"""Greatest values (SI) by dimension; a larger figure is a slip of the pen."""
+"""Greatest values (SI) by dimension; a larger figure is taken for a typing error."""
 _RANGES = {
     "speed": (1.0, 200.0),
     "adhesion": (0.01, 10.0),
     "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS),
     "size": (1.0, LONGEST_LINE_M),
 }
-"""Least and greatest values (SI) of figures that may not be anything from 0 up: a train has to get through."""
+"""Least and greatest values (SI) of figures that have a narrower range than 0 to `_MOST`: trains must get through."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedDisturbance:
-    """A disturbance as the file plans it: figures that are drawn, and properties that are not figures."""
+    """A disturbance as the file gives it: figures that seeds draw, and properties that are fixed."""
 
     kind: str
     figures: Mapping[str, Drawn]
@@ -77,10 +77,10 @@ class PlannedDisturbance:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """How good localisation is at best: standard deviations of position and speed (assumptions).
+    """Noise of the train's sensors without faults: standard deviations of position and speed (assumptions).
 
-    `force_noise_ratio` is the standard deviation of the efforts that train control measures, as a share; None if it
-    does not measure them.
+    `force_noise_ratio` is the relative standard deviation of the efforts that train control measures; None if it does
+    not measure efforts.
     """
 
     position_noise_m: float = 3.0
@@ -90,10 +90,10 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A day to be simulated. `human` are the human drivers, from whom each seed draws one.
+    """The days that can be simulated: each seed draws one, with its driver from `human`.
 
     `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map` is the file of the
-    losses (L3) that the advice is planned with in place of the vehicle's own, `point_mass` plans without its length.
+    losses (L3) with which the advice is planned in place of the vehicle's own; `point_mass` plans a train of no length.
     """
 
     id: str
@@ -125,7 +125,7 @@ class Scenario:
 
 
 def bundled_scenarios() -> dict[str, Path]:
-    """The file of each scenario that comes with the program, by name."""
+    """The files of the bundled scenarios, by name."""
     return bundled_files("sim.world", "scenarios")
 
 
@@ -248,7 +248,7 @@ def _planned(table: Fields) -> PlannedDisturbance:
 
 
 def _figures(kind: str, *, optional: bool) -> dict[str, str]:
-    """The figures that a kind of disturbance must have, or may have besides: name → dimension."""
+    """The dimensions of the figures that a kind of disturbance must have, or may have (`optional`), by name."""
     made: Any = KINDS[kind]
     names = (one.name.rpartition("_") for one in fields_of(made) if (one.default is None) is optional)
     return {name: _DIMENSIONS[suffix] for name, _, suffix in names if suffix in _DIMENSIONS}

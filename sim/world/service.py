@@ -1,4 +1,7 @@
-"""The train service of a scenario: line, train, timetable and solved sections. It is the same for every seed."""
+"""The train service of a scenario (line, train, timetable, solved sections), and the day that a seed makes of it.
+
+The service is the same for every seed; the day has what happens on it, and the true train on the true line.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +40,9 @@ from sim.world.drawn import Truth
 from sim.world.scenario import Scenario
 
 KEPT_BYTES = 300_000_000
-"""Fronts that runs without a bus make on the way are kept up to this size in all (bytes)."""
+"""Largest total size (bytes) of the fronts that runs without a bus keep."""
 TIMETABLE_STEP_S = 6.0
-"""Timetables are made in tenths of a minute."""
+"""Running times in timetables are rounded up to tenths of a minute (s)."""
 PLANNED = (
     *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "dwell_s"),
@@ -49,9 +52,9 @@ PLANNED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: the `stops` in the order of the way, and for each section a front, a timetable and its best run.
+    """What is planned: the `stops` in the order of the way, and each section's front, timetable and best trajectory.
 
-    Times of the timetable are in ns. `onboard` finds the fronts that the node plans with, for runs without a bus.
+    `onboard` keeps the fronts with which the on-board system plans in runs without a bus.
     """
 
     scenario: Scenario
@@ -67,10 +70,10 @@ class Service:
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train, by the conditions of a day (see `sim.world.outcome`)."""
     braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)
-    """Those of who brakes in a certain way, by the conditions of a day and the braking."""
+    """The fronts of the true train under a certain braking, by the conditions of a day and the braking."""
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
-        """The journey as an operator orders it, said at a moment."""
+        """The journey as an operator announces it at a moment (ns since 1970)."""
         arrivals_ns = [0, *(table.arrival_ns for table in self.timetables)]
         departures_ns = [*(table.departure_ns for table in self.timetables), 0]
         stops = zip(self.stops, arrivals_ns, departures_ns, strict=True)
@@ -92,12 +95,12 @@ class Service:
         return self.timetables[0].departure_ns + round(clock_s / NS)
 
     def timed(self, timetables: Sequence[Timetable]) -> Service:
-        """The same service by other timetables, one a section."""
+        """The same service with other timetables, one for each section."""
         tables = tuple(timetables)
         return replace(self, timetables=tables, planned=_best_runs(self.fronts, tables))
 
     def plans(self, scenario: Scenario) -> bool:
-        """Whether this is also the service of another scenario: line, train and timetable are the same."""
+        """Whether this is also the service of another scenario, because line, train and timetable are the same."""
         return all(getattr(scenario, name) == getattr(self.scenario, name) for name in PLANNED)
 
     def on(self, scenario: Scenario) -> Service:
@@ -168,7 +171,7 @@ def _true_files(truth: Truth) -> dict[str, Path]:
 
 
 def _there(key: str, path: Path) -> Path:
-    """A file that a scenario names; DasError where it is none."""
+    """The file that a scenario names under a key; DasError where there is none."""
     if not path.is_file():
         raise DasError(f"{key} = {str(path)!r}: no such file")
     return path
@@ -189,7 +192,7 @@ def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
 
 
 def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequence[Stop]) -> None:
-    """Raise DasError for what cannot happen at its place or stop, or not with the true train."""
+    """Raise DasError for a disturbance that cannot happen at its place or stop, or not with the true train."""
     vehicle, _ = scenario.truth.train(planned, level)
     slips = scenario.truth.changes_adhesion or any(x.kind == "slippery-rail" for x in scenario.disturbances)
     if slips and math.isinf(vehicle.adhesive_mass_kg):
@@ -217,7 +220,7 @@ def _best_runs(fronts: Sequence[Front], timetables: Sequence[Timetable]) -> tupl
 
 
 def _timetables(scenario: Scenario, fronts: Sequence[Front]) -> tuple[Timetable, ...]:
-    """Timetables with the same buffer on every section, in whole tenths of a minute, and dwells between them."""
+    """Timetables with the same relative buffer on every section and dwells between them, in tenths of a minute."""
     departure_ns, result = scenario.departure_ns, []
     for front in fronts:
         running_s = front.fastest().time_s * (1 + scenario.buffer_ratio)
@@ -235,9 +238,9 @@ class Day:
     """Plan and truth of the day that belongs to one seed.
 
     `conditions` are those of the true train and line, without what happens on the way. `held_s` is by how much the
-    departure from each stop is held up. `human` are the parameters of the driver, if a human drives, and `stream` is
-    the number of the driver's own random stream on this day. `drawn` is everything that was drawn, in SI, for programs:
-    the disturbances, what the scenario says about the truth, and the human.
+    departure from each stop is delayed. `human` are the parameters of a human driver, and `stream` is the number of his
+    random numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances, the truth,
+    and the human.
     """
 
     service: Service
@@ -264,7 +267,7 @@ class Day:
 
 
 def make_day(service: Service, seed: int, participant: Participant | None = None) -> Day:
-    """Draw what happens on the day of a seed. The human driver is the participant, or else drawn by the seed as well.
+    """The day of a seed; its human driver is the participant or, without one, drawn by the seed as well.
 
     Raises DasError for what cannot happen on this line or with this train, and for a participant whom the scenario
     would change from day to day.
@@ -291,13 +294,13 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
 
 
 def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
-    """The same day with other restrictions or news; disturbances of train or line must be drawn with the day."""
+    """The same day with other disturbances, none of which may act on train or rail, because these exist already."""
     found = tuple(disturbances)
     return replace(day, disturbances=found, drawn={**day.drawn, "disturbances": as_figures(found)})
 
 
 def _population(participant: Participant | None) -> dict[str, dict[str, str]]:
-    """The population of a participant by its id, and the hash of its file."""
+    """The id of a participant's population, and the hash of its file; empty without a participant."""
     if participant is None:
         return {}
     population = participant.population

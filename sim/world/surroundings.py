@@ -1,4 +1,4 @@
-"""What is around a simulated train on its day: signals and restrictions, sensors, and operators that report them."""
+"""What surrounds a simulated train: signals, restrictions, sensors, and the operators' messages."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ from sim.world.service import Day
 
 DELAY_EVERY_S = 10
 COMPARED_EVERY_S = 35.0
-"""A display of the deviation alone shows a new one this often, as SBB's does every 30 to 40 s."""
+"""Interval (s) at which a display of the deviation alone is renewed; that of SBB is renewed every 30 to 40 s."""
 
 
 class Surroundings:
-    """The surroundings of a train on a day; the methods are to be called in the order of time."""
+    """The surroundings of a train on a day; its methods are to be called in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service
@@ -56,8 +56,8 @@ class Surroundings:
         self._limits = _LimitSteps(day.service.line.limits_mps)
         self._line_limits = _LimitSteps(day.service.line.line_limits_mps)
         self._watch = Watch(day.plant.vehicle.train_length_m)
-        # A node is told of restrictions even where there are none: until then it must not advise.
         self._compared_s, self._deviation_s = -math.inf, math.nan
+        # The node is sent an empty list of restrictions where there are none: until then it must not advise.
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
 
     @property
@@ -66,13 +66,13 @@ class Surroundings:
         return self._watch.found
 
     def measure(self, state: PlantState) -> list[Heard]:
-        """What the train's sensors say in a state; to be called once a tick, also when nobody hears it."""
+        """What the train's sensors measure in a state; to be called once a tick, even if nobody receives it."""
         fix, effort = self._localisation.measure(state), self._train_control.measure(state)
         measured: list[Heard] = [] if fix is None else [PositionHeard(fix=fix)]
         return measured if effort is None else [*measured, EffortHeard(effort=effort)]
 
     def operators(self, tick: int, now_ns: int, state: PlantState) -> Iterator[Heard]:
-        """What operator and traffic management say at a tick that gets through: the delay now and then, and changes."""
+        """What operators send at a tick that gets through: the delay now and then, new restrictions and targets."""
         if tick % DELAY_EVERY_S == 1:
             yield DelayHeard(time_ns=now_ns, delay_s=self._delay_s(state))
         before, self._sent = self._sent, (self.news.told, self.news.targets)
@@ -82,16 +82,13 @@ class Surroundings:
             yield TargetsHeard(time_ns=now_ns, targets=self.news.targets)
 
     def compared_s(self, state: PlantState) -> float:
-        """How late the train was (s) when that was last compared for a display of it alone."""
+        """How late the train was (s) when a display of the deviation alone was last renewed."""
         if state.time_s >= self._compared_s + COMPARED_EVERY_S:
             self._compared_s, self._deviation_s = state.time_s, self._delay_s(state)
         return self._deviation_s
 
     def _delay_s(self, state: PlantState) -> float:
-        """How late the train is (s) against the plan for the timetable, as the operator knows it (early < 0).
-
-        A train that waits is never early.
-        """
+        """How late the train is (s; early < 0) against the plan for the timetable; a waiting train is never early."""
         calls, service = self.calls, self._service
         if calls.finished:
             return calls.arrivals[-1].time_s - service.clock_s(calls.timetable.arrival_ns)
@@ -101,7 +98,7 @@ class Surroundings:
         return max(late_s, 0.0) if calls.waits else late_s
 
     def cab(self, state: PlantState, shown: AdviceView | None) -> CabView:
-        """What the driver sees in a state, with the advice on the display (None: there is none)."""
+        """What the driver sees in a state, with the advice on the display (None: no advice)."""
         calls, news, timetable = self.calls, self.news, self.calls.timetable
         return CabView(
             state.time_s,
@@ -118,7 +115,7 @@ class Surroundings:
         )
 
     def follow(self, before: PlantState, after: PlantState, span_s: float) -> list[str]:
-        """Take note of a motion that took a time: stops kept, rules violated; a sentence about each."""
+        """Note arrivals, departures and violations in a motion that took `span_s`; returns a sentence about each."""
         called = self.calls.take(before, after)
         violated = self._watch.take(
             after,
@@ -131,7 +128,7 @@ class Surroundings:
 
 
 class _LimitSteps:
-    """A limit (m/s) by the position of the train's head, quick to look up."""
+    """A limit (m/s) by the position of the train's head, fast to look up."""
 
     def __init__(self, limits: Stretches) -> None:
         self._at_m: list[float] = limits.start_m.tolist()
@@ -146,7 +143,7 @@ NODE_DOWN_S = 2.0
 
 
 class DayNews:
-    """Keeps what is known by now; its methods are to be called once a second, in the order of time."""
+    """What driver and node have been told by now; its methods are to be called once a second, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._length_m = day, day.service.vehicle.train_length_m
@@ -161,13 +158,12 @@ class DayNews:
         self.targets: tuple[Target, ...] = ()
         """Targets of traffic management that are in force."""
         self.told: tuple[Restriction, ...] = ()
-        """Restrictions of which driver and node are told, until the tail has left them; `holding` says which hold."""
+        """Announced restrictions, until the tail has left them; `holding` returns those that hold."""
         self.shown: tuple[Restriction, ...] = ()
-        """Restrictions that the driver keeps to: those of `told` that count now, and stretches on which only he must be
-        slow."""
+        """Restrictions that the driver keeps to: those of `told` that count now, and those known to him alone."""
 
     def update(self, state: PlantState) -> list[str]:
-        """Take note of a state; a sentence about each thing that is new."""
+        """Update the news for a state; returns a sentence about each thing that is new."""
         return [
             *self._signals(state),
             *self._traffic(state),
@@ -176,7 +172,7 @@ class DayNews:
         ]
 
     def holding(self, now_s: float) -> list[Restriction]:
-        """The restrictions that hold at a time of the run's clock (s), of those that are told."""
+        """The announced restrictions that hold at a time of the run's clock (s)."""
         now_ns = self._day.service.moment_ns(now_s)
         return [one for one in self.told if one.holds_at(now_ns)]
 
@@ -212,8 +208,7 @@ class DayNews:
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
 
     def _traffic(self, state: PlantState) -> list[str]:
-        """Update the targets: traffic management wants the train to see the signal clear. A sentence about each new
-        one."""
+        """Update the targets, by which the train would see signals clear; returns a sentence about each new one."""
         before = self.targets
         self.targets = tuple(
             Target(
@@ -231,7 +226,7 @@ class DayNews:
         ]
 
     def _restrictions(self, state: PlantState) -> list[str]:
-        """Update the restrictions: a restriction is over when the tail has left it. A sentence about each new one."""
+        """Update the restrictions, which end when the tail has left them; returns a sentence about each new one."""
         before, ahead = self.told, state.s_m - self._length_m
         moment_ns = self._day.service.moment_ns
         self.told = tuple(
@@ -265,12 +260,11 @@ def _lasts(fault: SensorOutage | BusOutage, now_s: float) -> bool:
 CORRELATION_S = 30.0
 """The error of a receiver's position wanders with this time constant (s, assumption)."""
 STREAM, FORCE_STREAM = 2, 3
-"""Numbers of the streams of random numbers among those of a seed. Stream 1 draws what happens; drivers make their own.
-"""
+"""Streams of a seed's random numbers: positions and efforts. Stream 1 is for disturbances; drivers have their own."""
 
 
 class SimulatedLocalisation:
-    """Positions of a day, one a tick; `measure` is to be called in the order of time."""
+    """The localisation of a day; `measure` is to be called once a tick, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._sensors, self._faults = day.service.scenario.sensors, day.of(SensorOutage)
@@ -306,7 +300,7 @@ class SimulatedLocalisation:
         )
 
     def _faulty(self, fix: PositionFix, fault: SensorOutage) -> PositionFix:
-        """The position that a faulty receiver reports: it notices its noise, but not that it jumped or is frozen."""
+        """The position that a faulty receiver reports; it notices noise, but neither a jump nor that it is frozen."""
         if fault.fault is SensorFault.JUMP:
             return replace(fix, s_m=fix.s_m + fault.size_m)
         if fault.fault is SensorFault.NOISE:
@@ -317,14 +311,14 @@ class SimulatedLocalisation:
 
 
 class TrainControl:
-    """Efforts of a day as the train's own control measures them; `measure` is to be called once a tick."""
+    """The efforts that the train's own control measures on a day; `measure` is to be called once a tick."""
 
     def __init__(self, day: Day) -> None:
         self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio
         self._random = np.random.default_rng([day.seed, FORCE_STREAM])
 
     def measure(self, state: PlantState) -> Effort | None:
-        """The measured forces of a state, each with its own noise; None if the scenario does not ask for them."""
+        """The measured forces of a state, each with its own noise; None if the scenario does not measure them."""
         if self._noise_ratio is None:
             return None
         electric, friction = (1.0 + self._noise_ratio * self._random.standard_normal(2)).tolist()

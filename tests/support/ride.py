@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -25,6 +26,11 @@ LONGEST_RATIO, LONGEST_S = 5.0, 1800.0
 
 Advise = Callable[[PlantState], AdviceView | None]
 """Tells what the display shows in a state of the train; called once a second."""
+
+
+def shown(presentation: Presentation, mode: int, time_s: float = 0.0, **fields: Any) -> AdviceView:
+    """Advice on a display at a time, valid for 3 s."""
+    return AdviceView(time_s=time_s, valid_until_s=time_s + 3.0, presentation=presentation, mode=mode, **fields)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from sim.plant.plant import COAST, force
 
 
 class CoachPresenter(Presenter):
-    """Shows the coach's instruction of now with its speed, effort and reason, and the change after it."""
+    """Shows the coach's present instruction with its speed, effort and reason, and the next change."""
 
     number = 4
     phrase = "the coach in the cab (what to do now, up to which speed, and what comes next)"
@@ -32,7 +32,7 @@ class CoachPresenter(Presenter):
         mode = int(coach.now.mode)
         departs = mode == Regime.DEPART
         following = _departure(coach.now) if departs else coach.following[0] if coach.following else None
-        holds = mode == Regime.CRUISE  # Nobody is told with what effort to hold a speed.
+        holds = mode == Regime.CRUISE  # The coach says no effort for holding a speed.
         return replace(
             blank,
             mode=mode,
@@ -69,40 +69,40 @@ class CoachPresenter(Presenter):
 
 
 def _effort_steps(view: AdviceView) -> int:
-    """The effort in the steps of the display (< 0: brake): an instruction to accelerate or brake shows at least one."""
+    """The effort in steps of the display (< 0: brake); an instruction to accelerate or brake shows at least one."""
     steps = round(view.lever_ratio / EFFORT_STEP_RATIO)
     return steps or int(view.mode in TRACTION) - int(view.mode in BRAKES)
 
 
 def _lever_ratio(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
-    """The controller's setting of the coach's instruction: an acceleration keeps its share up to its speed."""
+    """The controller's setting for the coach's instruction; an acceleration keeps its share up to its speed."""
     now = coach.now
     accelerates = now.effort_ratio > 0.0 and now.mode != Regime.DEPART
     return float(now.effort_ratio) if accelerates else lever_ratio(coach.force_n, speed_mps, train)
 
 
 def _departure(now: Any) -> Instruction:
-    """The instruction that is due when a train that the coach tells to depart is cleared, whenever that is."""
+    """The instruction that is due as soon as a train that the coach tells to depart is cleared."""
     mode = departure_regime(now.effort_ratio)
     return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
 
 
 class CoachFollower:
-    """Does what the coach says at the moment when it is due, and remembers what that was, and where."""
+    """Obeys each instruction of the coach when it is due, and remembers it and the place where it became due."""
 
     def __init__(self) -> None:
         self._due: AdviceView | None = None
         self._due_at_m = 0.0
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for the change that is due now, or else for what was due last."""
+        """The command for the change that is due now, or else for the instruction that became due last."""
         if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
             self._due, self._due_at_m = view, cab.s_m
         after = self._accelerating(cab, view, outlook)
         return after if after is not None else self._obeyed(cab, self._due, outlook)
 
     def _accelerating(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command where the next change is to accelerate and is due now; a limit is passed to its last metre."""
+        """The command for a next change that is an acceleration and due now; None otherwise. The limit is kept."""
         due_s = view.time_s + view.next_change_s - RULE.anticipation_s
         if view.next_mode not in TRACTION or not cab.time_s >= due_s:
             return None
@@ -110,7 +110,7 @@ class CoachFollower:
         return hold(cab, outlook, min(view.next_speed_mps, cab.limit_mps), high_n=most_n)
 
     def _obeyed(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
-        """The command that does what was shown and is due."""
+        """The command that obeys the advice that is due."""
         target = min(view.speed_mps, cab.limit_mps)
         if view.mode in TRACTION:
             return hold(cab, outlook, target, high_n=max(view.force_n, 0.0))
@@ -129,7 +129,7 @@ class CoachFollower:
         braking_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed
         if cab.speed_mps <= FOLLOWING.creeping_mps:
             return force(braking_n)
-        # At high speeds the motors brake less than one deceleration asks for, and the advice knows by how much.
+        # At high speeds the motors brake less than a constant deceleration needs; the advised force allows for this.
         eased_n = max(braking_n, min(view.force_n, 0.0))
         motors_n = electric_effort(cab.speed_mps, 1.0, outlook.train)
         return force(max(eased_n, -motors_n) if -eased_n < FOLLOWING.motors_ratio * motors_n else eased_n)

@@ -1,4 +1,4 @@
-"""Only how early or late the train is; the driver makes of it what he likes."""
+"""Only how early or late the train is, and nothing about how to drive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, who
 from sim.plant.kernels import TrainNumbers
 
 DEVIATION_STEP_S: Final = 5.0
-"""A deviation that differs by this much is another one to the driver."""
+"""The driver takes a deviation that differs by this much (s) for new advice."""
 
 
 class DeviationPresenter(Presenter):

@@ -1,4 +1,4 @@
-"""What belongs to a presentation of the advice, and the presentations by name and by number.
+"""What belongs to a presentation of the advice, and how to find a presentation by name or number.
 
 A new presentation is a line in `sim.drivers.kinds.Presentation` and a module in this package, named as it is (with `_`
 for `-`), whose `PRESENTER` is a `Presenter`.
@@ -22,13 +22,13 @@ from sim.drivers.knowledge import Outlook
 from sim.plant.kernels import Command, TrainNumbers
 
 EFFORT_STEP_RATIO: Final = 0.2
-"""Effort is read in steps of this share of the controller: nobody reads it, or sets it, more closely."""
+"""A driver reads effort in steps of this share of the controller's scale: nobody reads or sets it more closely."""
 DEPART: Final = "depart when cleared"
-"""What a display says to a train that stands and may depart when it is cleared."""
+"""What a display tells a standing train that may depart when it is cleared."""
 
 
 class SpeedIs(Enum):
-    """What the speed on a display is: one to have at this moment, the highest one, or one to reach later."""
+    """What the speed on a display means: to have it now, not to exceed it, or to reach it."""
 
     TO_HAVE = "to have now"
     HIGHEST = "not to be exceeded"
@@ -36,9 +36,9 @@ class SpeedIs(Enum):
 
 
 class LaneState(NamedTuple):
-    """What the lane "shown" of the pictures says of a display that shows no mode: a text and its colour "#rrggbb".
+    """What pictures write in the lane "shown" for a display without modes: a text and its colour "#rrggbb".
 
-    `standing`: a train that stands has this text as well; otherwise it has the mode (stop, or depart).
+    `standing`: the lane has this text for a standing train too; otherwise it then has the mode (stop or depart).
     """
 
     text: str
@@ -55,7 +55,7 @@ class ShownRegime(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What is read off a display; None for what it does not show. `effort` is a number of steps, braking < 0."""
+    """What a driver reads off a display; None for what it does not show. `effort` is in steps, braking < 0."""
 
     mode: Regime | None = None
     speed_kmh: int | None = None
@@ -64,12 +64,12 @@ class Shown(NamedTuple):
 
     @classmethod
     def of(cls, view: AdviceView) -> Shown:
-        """What is read off an advice as it is presented."""
+        """What a driver reads off presented advice."""
         return presenter_of(view.presentation).read(view)
 
 
 class Hands(Protocol):
-    """What a human driver can do about the advice that he follows; every result is a setting of the controller."""
+    """What a human driver can do to follow advice; every result is a setting of the controller (−1 … 1)."""
 
     @property
     def handling(self) -> Handling:
@@ -79,18 +79,18 @@ class Hands(Protocol):
         """An effort (−1 … 1) as he sets it: with an error, but exact at the ends of the scale."""
 
     def to_speed(self, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """Accelerate, brake or roll to the speed shown with the effort shown, and hold it when it is reached."""
+        """Accelerate, brake or roll to the shown speed with the shown effort, then hold that speed."""
 
 
 class Follower(Protocol):
-    """Does exactly what one presentation says, from departure to departure."""
+    """Does exactly what a presentation says, from one departure to the next."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for a moving train; None where the advice is best followed by driving as without it."""
+        """The command for a moving train; None where the driver should drive as without advice."""
 
 
 class Presenter(ABC):
-    """One presentation: what is shown of an advice, how it is read and driven by, and its number, words and lane.
+    """One presentation: what it shows, how drivers read and follow it, and its number, words and lane.
 
     The defaults are those of a display that shows a mode, a speed to have now, and an effort.
     """
@@ -98,13 +98,13 @@ class Presenter(ABC):
     number: ClassVar[int]
     """The value of `Cab.Presentation` on the bus, which no other presentation has; das/bus/das.proto may name it."""
     phrase: ClassVar[str]
-    """What a driver was shown, as it stands in the sentences of a report."""
+    """What the driver was shown, in the words of a report."""
     meaning: ClassVar[str]
     """What the display shows, for readers of a study."""
     needs_coach: ClassVar[bool] = False
     """Whether the on-board system must have its coach enabled."""
     says_mode: ClassVar[bool] = True
-    """Whether the display says how to drive; one that does not shows a highest speed at most, and is heeded as that."""
+    """Whether the display says how to drive; one that does not shows a top speed at most."""
     says_effort: ClassVar[bool] = True
     """Whether the display says with what effort to drive."""
     lane: ClassVar[LaneState | None] = None
@@ -118,32 +118,32 @@ class Presenter(ABC):
         """
 
     def shown_mode(self, advice: Any) -> ShownRegime:
-        """The mode that the display shows of the message Advice; the speed profile's where it shows none."""
+        """The mode that the display shows for a message Advice; without modes, the mode of the speed profile."""
         return ShownRegime(known_mode(advice.mode), float(advice.advised_speed_mps))
 
     def speed_is(self, mode: int) -> SpeedIs:
-        """What the speed on the display is, beside a mode."""
+        """What the speed on the display means beside a mode."""
         return SpeedIs.TO_HAVE
 
     def read(self, view: AdviceView) -> Shown:
-        """What is read off the display; a speed that has no form of its own is rounded to km/h."""
+        """What a driver reads off the display; a speed without a form of its own is rounded to km/h."""
         effort = whole(view.lever_ratio / EFFORT_STEP_RATIO)
         return Shown(mode=Regime(view.mode), speed_kmh=whole(view.shown_speed_mps / KMH), effort=effort)
 
     def item(self, view: AdviceView) -> tuple[int, ...]:
-        """What makes advice new to a human driver: advice with the same figures is the same advice to him."""
+        """The figures by which a human driver recognises advice: the same figures are the same advice to him."""
         return (view.mode, *(() if math.isnan(view.speed_mps) else (round(view.speed_mps),)))
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting of the controller (−1 … 1) of a human driver who follows the advice on how to drive.
 
-        Until he looks again, he sees the advice to depart by which he departed. `allowed_mps` is the highest speed that
-        he would drive at here.
+        `view` may be the advice to depart, until he looks again. `allowed_mps` is the highest speed at which he would
+        drive here.
         """
         return hands.to_speed(cab, outlook, view.departure, allowed_mps)
 
     def follower(self) -> Follower | None:
-        """The driver who does exactly what the display says; None where it says too little, as most displays do."""
+        """The driver who does exactly what the display says; None for most displays, which say too little."""
         return None
 
     def headline(self, view: AdviceView) -> str:
@@ -156,14 +156,14 @@ class Presenter(ABC):
 
 @cache
 def presenter_of(presentation: Presentation) -> Presenter:
-    """All that belongs to a presentation, from the module of its name."""
+    """The presenter of a presentation, from the module of its name."""
     module = import_module(f"sim.drivers.presentations.{presentation.replace('-', '_')}")
     presenter: Presenter = module.PRESENTER
     return presenter
 
 
 def shown_presentation(number: int) -> Presentation | None:
-    """The presentation of a number in the message Cab; None where nothing is shown, and for an unknown number."""
+    """The presentation with a number of the message Cab; None for no advice and for an unknown number."""
     known = (one for one in Presentation if one is not Presentation.NONE)
     return next((one for one in known if presenter_of(one).number == number), None)
 
@@ -178,8 +178,8 @@ def present(
 ) -> AdviceView | None:
     """What the display shows of an advice; None if it shows nothing.
 
-    `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment at which the
-    cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows this alone.
+    `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment (ns since 1970) at
+    which the cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows only this.
     """
     if int(advice.mode) == Regime.NONE:
         return None
@@ -193,20 +193,20 @@ def present(
 
 
 def known_mode(number: int) -> Regime:
-    """The mode of a number on the bus; NONE for one that is not known yet."""
+    """The mode with a number of the bus; NONE for an unknown number."""
     return Regime(number) if number in set(Regime) else Regime.NONE
 
 
 def mode_words(number: int) -> str:
-    """The mode of a number on the bus in words; nothing for one that is not known yet."""
+    """The words for the mode with a number of the bus; empty for an unknown number."""
     return mode_name(Regime(number)) if number in set(Regime) else ""
 
 
 def speed_words(speed_mps: float) -> str:
-    """A speed in whole km/h; nothing for NaN."""
+    """A speed in whole km/h, as text; empty for NaN."""
     return f"{kmh(speed_mps):.0f} km/h" if math.isfinite(speed_mps) else ""
 
 
 def whole(value: float) -> int | None:
-    """The nearest whole number; None for NaN, which is a figure that is not shown."""
+    """The nearest whole number; None for NaN, which stands for a figure that is not shown."""
     return None if math.isnan(value) else round(value)

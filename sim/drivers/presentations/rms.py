@@ -1,4 +1,4 @@
-"""One reduced maximum speed: under it the train is just in time."""
+"""One top speed (reduced maximum speed) with which the train is just in time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.plant.kernels import TrainNumbers
 
 
 class RmsPresenter(Presenter):
-    """Shows a top speed, and to a train that stands also that it may depart when it is cleared."""
+    """Shows a top speed, and tells a standing train that it may depart when it is cleared."""
 
     number = 1
     phrase = "one maximum speed"
@@ -24,7 +24,7 @@ class RmsPresenter(Presenter):
 
     def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
         top_mps = advice.reduced_max_speed_mps
-        # There is nothing to show where the train has arrived.
+        # A train that has arrived has no top speed.
         return None if math.isnan(top_mps) else replace(blank, speed_mps=top_mps, display_speed_mps=top_mps)
 
     def speed_is(self, mode: int) -> SpeedIs:

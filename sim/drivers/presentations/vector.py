@@ -1,4 +1,4 @@
-"""The full advice: speed and effort of this moment, and those of the next seconds."""
+"""The full advice: speed and effort now, and for the next seconds."""
 
 from __future__ import annotations
 
@@ -79,9 +79,9 @@ class VectorFollower:
         if now > cab.limit_mps:
             return hold(cab, outlook, cab.limit_mps)
         rate = (_between(speeds, since_s + TRACKING.ahead_s) - now) / TRACKING.ahead_s
-        # Brakes are applied early enough and not released too early; traction the other way round.
+        # Brakes are applied early enough and not released too early; traction is the other way round.
         ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (RULE.anticipation_s, FOLLOWING.release_s))
-        # No friction brake beyond the plan's own.
+        # Use no more friction brake than the plan.
         low_n = min(ahead_n, _between(forces, since_s), -electric_effort(cab.speed_mps, 1.0, train))
         return speed(now, rate_mps2=rate, force_n=ahead_n, gain_per_s=TRACKING.gain_per_s, low_n=low_n)
 

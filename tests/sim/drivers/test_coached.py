@@ -142,11 +142,6 @@ def test_where_there_is_no_reference_nothing_is_shown(now: Instruction | None) -
     assert present(advice(now), Presentation.COACH, LINE.train) is None
 
 
-def test_withdrawn_advice_is_not_shown() -> None:
-    withdrawn = replace(advice(HOLD), mode=Regime.NONE)
-    assert present(withdrawn, Presentation.COACH, LINE.train) is None
-
-
 def settled(now: Instruction, *, force_n: float = 0.0, **fields: Any) -> float:
     """The controller's setting of a quick human after two seconds of one instruction."""
     driver, seen = HumanDriver(LINE, QUICK, seed=1), view(now, force_n=force_n)

@@ -10,6 +10,7 @@ import sys
 from collections import Counter
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ from sim.plant.plant import Plant
 from tests.support.driver_tables import parameter_markdown
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
 from tests.support.one_section import OneSection
-from tests.support.ride import Advise, Leg, Ride, advised_by, ride
+from tests.support.ride import Advise, Leg, Ride, advised_by, ride, shown
 
 RE460 = load_vehicle("re460-ic")
 ZUG_M, LUZERN_M = 29_000.0, 57_000.0
@@ -99,16 +100,11 @@ def displayed(plan: Trajectory) -> Advise:
         mean = 0.5 * (plan.v_mps[i] + speed_mps)
         at_s = plan.t_s[i] + ((state.s_m - plan.s_m[i]) / mean if mean > 0 else 0.0) + np.arange(1.0, 31.0)
         j = np.clip(np.searchsorted(plan.t_s, at_s, side="right") - 1, 0, len(force_n) - 1)
-        return AdviceView(
-            time_s=state.time_s,
-            valid_until_s=state.time_s + 3.0,
-            presentation=Presentation.VECTOR,
-            mode=das_pb2.MODE_CRUISE,
-            speed_mps=speed_mps,
-            force_n=float(force_n[i]),
-            horizon_speed_mps=tuple(np.interp(at_s, plan.t_s, plan.v_mps).tolist()),
-            horizon_force_n=tuple(force_n[j].tolist()),
-        )
+        ahead_mps, ahead_n = np.interp(at_s, plan.t_s, plan.v_mps), force_n[j]
+        return shown(
+            Presentation.VECTOR, das_pb2.MODE_CRUISE, state.time_s, speed_mps=speed_mps, force_n=float(force_n[i]),
+            horizon_speed_mps=tuple(ahead_mps.tolist()), horizon_force_n=tuple(ahead_n.tolist()),
+        )  # fmt: skip
 
     return advise
 
@@ -169,16 +165,6 @@ def test_rms_holds_the_speed_on_the_display(zug_luzern: Case) -> None:
     assert np.mean(np.abs(np.array(top) - 25.0) < 0.3) > 0.5
 
 
-def top_speed_view(time_s: float, top_mps: float) -> AdviceView:
-    return AdviceView(
-        time_s=time_s,
-        valid_until_s=time_s + 3.0,
-        presentation=Presentation.RMS,
-        mode=das_pb2.MODE_CRUISE,
-        speed_mps=top_mps,
-    )
-
-
 def driven_under_lowered_top(kind: DriverKind, route: Route, speed_mps: float, for_s: float) -> list[PlantState]:
     """A train at a speed whose top speed is lowered by 5 m/s after 20 s."""
     line, plant = LineKnowledge(route=route, vehicle=RE460), Plant(route, RE460)
@@ -186,7 +172,8 @@ def driven_under_lowered_top(kind: DriverKind, route: Route, speed_mps: float, f
     states = [plant.at(1000.0, speed_mps)]
     while states[-1].time_s < for_s:
         state = states[-1]
-        view = top_speed_view(state.time_s, speed_mps if state.time_s < 20.0 else speed_mps - 5.0)
+        top_mps = speed_mps if state.time_s < 20.0 else speed_mps - 5.0
+        view = shown(Presentation.RMS, das_pb2.MODE_CRUISE, state.time_s, speed_mps=top_mps)
         cab = cab_of(state, stop_m=50_000.0, arrival_s=1e7, advice=view)
         states.append(plant.advance(state, driver.command(cab), 0.2))
     return states
@@ -262,40 +249,16 @@ def test_a_limit_that_only_the_display_knows_is_kept(kind: DriverKind) -> None:
 def fastest_view(state: PlantState) -> AdviceView:
     """Advice to go on as fast as it goes, whatever is ahead."""
     v = state.speed_mps
-    return AdviceView(
-        time_s=state.time_s,
-        valid_until_s=state.time_s + 3.0,
-        presentation=Presentation.VECTOR,
-        mode=das_pb2.MODE_FULL_TRACTION,
-        speed_mps=v + 0.1,
-        lever_ratio=1.0,
-        force_n=3e5,
-        horizon_speed_mps=tuple(v + 0.4 * i for i in range(1, 31)),
-        horizon_force_n=(3e5,) * 30,
-    )
+    return shown(
+        Presentation.VECTOR, das_pb2.MODE_FULL_TRACTION, state.time_s, speed_mps=v + 0.1, lever_ratio=1.0, force_n=3e5,
+        horizon_speed_mps=tuple(v + 0.4 * i for i in range(1, 31)), horizon_force_n=(3e5,) * 30,
+    )  # fmt: skip
 
 
-def cab_of(
-    state: PlantState,
-    *,
-    stop_m: float,
-    arrival_s: float = 600.0,
-    signal_m: float = math.inf,
-    restrictions: tuple[Restriction, ...] = (),
-    advice: AdviceView | None = None,
-) -> CabView:
-    return CabView(
-        time_s=state.time_s,
-        s_m=state.s_m,
-        speed_mps=state.speed_mps,
-        limit_mps=40.0,
-        stop_m=stop_m,
-        departure_s=0.0,
-        arrival_s=arrival_s,
-        signal_m=signal_m,
-        restrictions=restrictions,
-        advice=advice,
-    )
+def cab_of(state: PlantState, *, stop_m: float, arrival_s: float = 600.0, **fields: Any) -> CabView:
+    """The cab of a train in a state, on a line with a limit of 40 m/s."""
+    moving = {"time_s": state.time_s, "s_m": state.s_m, "speed_mps": state.speed_mps}
+    return CabView(**moving, limit_mps=40.0, stop_m=stop_m, departure_s=0.0, arrival_s=arrival_s, **fields)
 
 
 def test_the_limit_of_the_line_and_the_trains_own_top_speed_are_two_things() -> None:
@@ -427,14 +390,8 @@ def drive_past(
     for i, mode in enumerate(modes):
         for k in range(looks):
             time_s = (i * looks + k) * look_s
-            view = AdviceView(
-                time_s=time_s,
-                valid_until_s=time_s + 3.0,
-                presentation=Presentation.FOUR_MODE,
-                mode=mode,
-                speed_mps=math.nan if mode != das_pb2.MODE_CRUISE else 20.0 if i < len(modes) - 1 else last_mps,
-                reason=reason,
-            )
+            held_mps = math.nan if mode != das_pb2.MODE_CRUISE else 20.0 if i < len(modes) - 1 else last_mps
+            view = shown(Presentation.FOUR_MODE, mode, time_s, speed_mps=held_mps, reason=reason)
             state = PlantState(time_s, 100.0, 20.0)
             commands.append((time_s, human.command(cab_of(state, stop_m=50_000.0, arrival_s=1e7, advice=view))))
     return commands

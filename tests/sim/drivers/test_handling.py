@@ -16,6 +16,7 @@ from sim.drivers.parameters import HumanParameters
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
 from tests.sim.drivers.test_drivers import STEADY, cab_of, endless
+from tests.support.ride import shown
 
 WILLING = replace(
     STEADY, comply_traction_ratio=1.0, comply_hold_ratio=1.0, comply_coast_ratio=1.0, comply_brake_ratio=1.0
@@ -23,10 +24,8 @@ WILLING = replace(
 
 
 def view(mode: Regime, lever_ratio: float, time_s: float, speed_mps: float = 20.0) -> AdviceView:
-    return AdviceView(
-        time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=mode, speed_mps=speed_mps,
-        display_speed_mps=speed_mps, lever_ratio=lever_ratio, force_n=0.0,
-    )  # fmt: skip
+    speeds = {"speed_mps": speed_mps, "display_speed_mps": speed_mps}
+    return shown(Presentation.VECTOR, mode, time_s, **speeds, lever_ratio=lever_ratio, force_n=0.0)
 
 
 def driven(human: HumanDriver, mode: Regime, lever_ratio: float, *, looks: int = 100, v_mps: float = 20.0) -> Command:
@@ -101,8 +100,8 @@ def test_who_comes_to_a_stand_between_stops_releases_the_brakes_and_goes_on_afte
         now_s, mode, ratio = 0.2 * i, Regime.FULL_TRACTION, 1.0
         if i < 100:
             mode, ratio = Regime.REDUCED_BRAKE, -0.4
-        shown, v_mps = view(mode, ratio, now_s, 3.0), 3.0 if i < 100 else 0.0
-        cab = cab_of(PlantState(now_s, 300.0, v_mps), stop_m=50_000.0, advice=shown)
+        seen, v_mps = view(mode, ratio, now_s, 3.0), 3.0 if i < 100 else 0.0
+        cab = cab_of(PlantState(now_s, 300.0, v_mps), stop_m=50_000.0, advice=seen)
         set_to.append(human.command(cab).value)
     assert set_to[49] == pytest.approx(-0.4)
     assert set_to[50:64] == [0.0] * 14
@@ -140,8 +139,8 @@ def reactions(driver: HumanDriver, *, said: bool) -> tuple[list[float], list[flo
         now_s = 0.2 * i
         mode, change_s = (Regime.CRUISE, 30.0) if now_s < 30.0 else (Regime.COAST, 90.0)
         following = {Regime.CRUISE: Regime.COAST, Regime.COAST: Regime.FULL_BRAKE}[mode]
-        shown = announced(mode, following, change_s, now_s) if said else view(mode, 0.0, now_s)
-        driver.command(cab_of(PlantState(now_s, 100.0, 20.0), stop_m=50_000.0, advice=shown))
+        seen = announced(mode, following, change_s, now_s) if said else view(mode, 0.0, now_s)
+        driver.command(cab_of(PlantState(now_s, 100.0, 20.0), stop_m=50_000.0, advice=seen))
     glances = [event.time_s for event in driver.events if event.what == "glance" and event.time_s >= 30.0]
     return [event.value for event in driver.events if event.what == "reaction"], glances
 
@@ -163,11 +162,8 @@ def test_who_is_told_how_late_he_is_drives_faster_or_lets_the_train_roll(deviati
     """At 30 m/s with time in hand: late and on time he goes on to his usual speed, early to the one that will do."""
     human = HumanDriver(endless(), replace(WILLING, haste_ratio=0.6), seed=1)
     for i in range(150):
-        shown = AdviceView(
-            time_s=0.2 * i, valid_until_s=0.2 * i + 3.0, presentation=Presentation.DEVIATION, mode=Regime.CRUISE,
-            deviation_s=deviation_s,
-        )  # fmt: skip
-        cab = cab_of(PlantState(0.2 * i, 100.0, 30.0), stop_m=30_000.0, arrival_s=1200.0, advice=shown)
+        seen = shown(Presentation.DEVIATION, Regime.CRUISE, 0.2 * i, deviation_s=deviation_s)
+        cab = cab_of(PlantState(0.2 * i, 100.0, 30.0), stop_m=30_000.0, arrival_s=1200.0, advice=seen)
         command = human.command(cab)
     assert command.value == pytest.approx(lever, abs=0.5)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -134,10 +135,8 @@ def test_a_file_that_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, text
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Service:
-    path = tmp_path_factory.mktemp("people") / "late.toml"
-    path.write_text(FLAT + "[human]\nnotches = 8\n" + LATE)
-    return service_of(path)
+def service(flat: Callable[[str], Path]) -> Service:
+    return service_of(flat("[human]\nnotches = 8\n" + LATE))
 
 
 def test_a_participant_is_the_same_on_every_day_and_changes_no_day(service: Service, default: Population) -> None:
@@ -155,19 +154,18 @@ def test_a_participant_is_the_same_on_every_day_and_changes_no_day(service: Serv
     assert days[0].disturbances != days[1].disturbances
 
 
-def test_a_range_in_the_scenario_is_refused_with_a_participant(tmp_path: Path, default: Population) -> None:
-    path = tmp_path / "range.toml"
-    path.write_text(FLAT + "[human]\nbraking_mps2 = {min = 0.4, max = 0.6}\n")
+def test_a_range_in_the_scenario_is_refused_with_a_participant(
+    flat: Callable[[str], Path], default: Population
+) -> None:
+    path = flat("[human]\nbraking_mps2 = {min = 0.4, max = 0.6}\n")
     human = read_scenario(path).human
     with pytest.raises(DasError, match=r"human\.braking_mps2 is a range: expected one value"):
         human.participant(Participant(population=default, number=1), path)
 
 
-def test_values_that_contradict_each_other_name_the_participant(tmp_path: Path) -> None:
+def test_values_that_contradict_each_other_name_the_participant(flat: Callable[[str], Path], tmp_path: Path) -> None:
     text = '[parameters.glance_mean_s]\ndistribution = "fixed"\nvalue = 0.5\nsource = "a"\n'
-    found = population_of(tmp_path, text)
-    path = tmp_path / "flat.toml"
-    path.write_text(FLAT)
+    found, path = population_of(tmp_path, text), flat("")
     with pytest.raises(DasError, match=r"few.toml: participant 3: .*glance_mean_s = 0.5: expected at least"):
         read_scenario(path).human.participant(Participant(population=found, number=3), path)
 

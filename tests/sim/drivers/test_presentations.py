@@ -29,6 +29,7 @@ from sim.world.scenario import load_scenario
 from sim.world.service import make_day, prepare_service
 from tests.support import presentations as made_up
 from tests.support.recorded_days import recorded_day
+from tests.support.ride import shown
 
 
 @pytest.fixture
@@ -53,10 +54,10 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert isinstance(driver, HumanDriver)
     recording = recorded_day(day, driver, traffic_light)
 
-    shown = [entry.message for entry in recording.of(topics.CAB) if entry.message.presentation]
-    views = [view for message in shown if (view := cab_view(message).advice) is not None]
-    assert len(views) == len(shown) > 100
-    assert {message.presentation for message in shown} == {17}
+    seen = [entry.message for entry in recording.of(topics.CAB) if entry.message.presentation]
+    views = [view for message in seen if (view := cab_view(message).advice) is not None]
+    assert len(views) == len(seen) > 100
+    assert {message.presentation for message in seen} == {17}
     assert {view.presentation for view in views} == {traffic_light}
     assert {Regime.FULL_TRACTION, Regime.COAST, Regime.FULL_BRAKE} <= {Regime(view.mode) for view in views}
     assert any(event.what == "followed" and event.value == Regime.COAST for event in driver.events)
@@ -86,15 +87,13 @@ def test_a_number_of_the_bus_is_a_presentation_or_nothing_is_shown() -> None:
 
 @pytest.mark.parametrize(("late_s", "words"), [(12.4, "12 s late"), (-3.0, "3 s early"), (0.2, "on time")])
 def test_a_display_of_the_deviation_has_no_mode_in_its_headline(late_s: float, words: str) -> None:
-    view = AdviceView(
-        time_s=0.0, valid_until_s=3.0, presentation=Presentation.DEVIATION, mode=Regime.COAST, deviation_s=late_s
-    )
-    assert presenter_of(Presentation.DEVIATION).headline(view) == words
+    seen = shown(Presentation.DEVIATION, Regime.COAST, deviation_s=late_s)
+    assert presenter_of(Presentation.DEVIATION).headline(seen) == words
 
 
 def view(presentation: Presentation, mode: Regime = Regime.CRUISE, **fields: Any) -> AdviceView:
     given = {"speed_mps": 81.4 * KMH, "display_speed_mps": 82 * KMH, "lever_ratio": 0.31, **fields}
-    return AdviceView(time_s=0.0, valid_until_s=3.0, presentation=presentation, mode=mode, **given)
+    return shown(presentation, mode, **given)
 
 
 def test_each_presentation_shows_what_it_is_for() -> None:

@@ -20,7 +20,7 @@ from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds, write_table
 from sim.jobs.report import summary
-from sim.jobs.runner import Journal, attempted
+from sim.jobs.runner import attempted
 from sim.world.outcome import SHARES
 from tests.support.flat_days import FLAT
 from tests.support.making import REPOSITORY, das_sim, refusal, wait_until
@@ -232,31 +232,6 @@ def test_identity_of_a_run_is_everything_it_depends_on(folder: Path, monkeypatch
         jobs(folder, scenarios=[str(folder / "late.toml")] * 2)
 
 
-def test_an_error_of_ours_is_a_row_too(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: object) -> None:
-        raise ZeroDivisionError("of all things")
-
-    monkeypatch.setattr("sim.world.service.make_driver", lambda *_, **__: broken())
-    row = attempted(make_run, jobs(folder)[0]).row
-    assert row["error"] == "ZeroDivisionError: of all things"
-    assert summary([row])[0]["failed"] == 1
-
-
-def test_a_line_cut_off_by_a_kill_is_dropped(tmp_path: Path) -> None:
-    with Journal(tmp_path) as journal:
-        journal.add({"inputs_sha256": "a", "late_s": 1.0})
-        journal.add({"inputs_sha256": "b", "late_s": 2.0})
-    path = tmp_path / "finished.jsonl"
-    path.write_bytes(path.read_bytes()[:-9])
-    with Journal(tmp_path) as journal:
-        assert list(journal.rows) == ["a"]
-        journal.add({"inputs_sha256": "c", "late_s": 3.0})
-        with pytest.raises(DasError, match="another batch is at work here"), Journal(tmp_path):
-            pass
-    with Journal(tmp_path) as journal:
-        assert [row["late_s"] for row in journal.rows.values()] == [1.0, 3.0]
-
-
 def test_seeds() -> None:
     assert parse_seeds("0-3") == [0, 1, 2, 3]
     assert parse_seeds("7, 1,5-6,1") == [7, 1, 5, 6]
@@ -271,7 +246,6 @@ def test_seeds() -> None:
         (["nothing", "-o", "x"], "nothing: not a bundled scenario"),
         (["late.toml", "-o", "x", "--drivers", "human,nobody"], "--drivers nobody: expected one of perfect"),
         (["late.toml", "-o", "x", "--advice", "all"], "--advice all: expected one of none"),
-        (["late.toml", "-o", "x", "--seeds", "9-1"], "--seeds 9-1"),
         (["late.toml", "-o", "late.toml"], "late.toml: is a file, expected a folder"),
         (["broken.toml", "-o", "x"], "train.toml: not valid TOML"),
         (["late.toml", "-o", "x", "--level", "own"], "no data for level own"),
@@ -289,30 +263,6 @@ def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     for text in ("8 runs, 0 of them made now", "late, perfect, vector", "written: a/runs.parquet", "comfort"):
         assert text in done.stdout
     assert "…" not in done.stdout
-
-
-def test_an_altered_line_is_no_result(tmp_path: Path) -> None:
-    with Journal(tmp_path) as journal:
-        for name in "abc":
-            journal.add({"inputs_sha256": name, "late_s": 1.0})
-    path = tmp_path / "finished.jsonl"
-    lines = path.read_bytes().splitlines()
-    path.write_bytes(b"\n".join([lines[0].replace(b"1.0", b"9.0"), b"\xff{}", b"[1]", lines[2]]))
-    with Journal(tmp_path) as journal:
-        assert journal.rows == {"c": {"inputs_sha256": "c", "late_s": 1.0}}
-    assert path.read_bytes() == lines[2] + b"\n"
-
-
-@pytest.mark.more
-@pytest.mark.processes
-def test_a_run_that_failed_is_made_again(folder: Path, first: First) -> None:
-    asked = ("late.toml", "--seeds", "0", "--drivers", "perfect", "-o", "again")
-    (folder / "again").mkdir()
-    with Journal(folder / "again") as journal:
-        key = jobs(folder, drivers=[DriverKind.PERFECT], seeds=[0])[0].inputs_sha256
-        journal.add({"inputs_sha256": key, "scenario": "late", "error": "the node was killed by SIGKILL"})
-    assert made(*asked, cwd=folder)["made"] == 1
-    assert rows(folder / "again" / "runs.parquet") == [first.row("vector", 0)]
 
 
 @pytest.mark.more

@@ -15,7 +15,6 @@ from das.domain.errors import DasError
 from precompute.workers import Workers
 from sim.jobs.runner import JobRecording, JobResult, JobWords, Journal, Runner
 
-pytestmark = pytest.mark.processes
 WORDS = JobWords("test", "jobs", "make")
 
 
@@ -66,6 +65,7 @@ def ran(folder: Path, jobs: list[NumberJob], workers: Workers) -> tuple[int, lis
     return made, found
 
 
+@pytest.mark.processes
 @pytest.mark.slow
 def test_a_worker_that_dies_costs_only_its_own_job(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Once it is made again; a job that kills every worker is given up, and all others come to what they should."""
@@ -95,3 +95,28 @@ def test_what_cannot_be_run_is_refused_in_one_line(tmp_path: Path) -> None:
         ran(tmp_path, [NumberJob(1, tmp_path, 0, recording)], Workers(count=1, scheduler="tcp://127.0.0.1:9"))
     with Journal(tmp_path), pytest.raises(DasError, match="another test is at work here"):
         ran(tmp_path, [NumberJob(1, tmp_path)], Workers(count=1))
+
+
+def test_a_line_cut_off_by_a_kill_is_dropped(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        journal.add({"inputs_sha256": "a", "late_s": 1.0})
+        journal.add({"inputs_sha256": "b", "late_s": 2.0})
+    path = tmp_path / "finished.jsonl"
+    path.write_bytes(path.read_bytes()[:-9])
+    with Journal(tmp_path) as journal:
+        assert list(journal.rows) == ["a"]
+        journal.add({"inputs_sha256": "c", "late_s": 3.0})
+    with Journal(tmp_path) as journal:
+        assert [row["late_s"] for row in journal.rows.values()] == [1.0, 3.0]
+
+
+def test_an_altered_line_is_no_result(tmp_path: Path) -> None:
+    with Journal(tmp_path) as journal:
+        for name in "abc":
+            journal.add({"inputs_sha256": name, "late_s": 1.0})
+    path = tmp_path / "finished.jsonl"
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([lines[0].replace(b"1.0", b"9.0"), b"\xff{}", b"[1]", lines[2]]))
+    with Journal(tmp_path) as journal:
+        assert journal.rows == {"c": {"inputs_sha256": "c", "late_s": 1.0}}
+    assert path.read_bytes() == lines[2] + b"\n"

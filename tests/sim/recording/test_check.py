@@ -52,6 +52,19 @@ def session(path: Path, change: Change = unchanged, *, ticks: bool = False) -> P
     return path
 
 
+def small(path: Path, *trains: str, attached: bytes = b"", **metadata: dict[str, str]) -> Path:
+    """A recording of one position of each train, with metadata by name, and perhaps a file."""
+    file = RecordingFile(path)
+    if attached:
+        file.add_attachment("route.toml", "text/plain", attached)
+    for name, data in metadata.items():
+        file.add_metadata(name, data)
+    for train in trains:
+        file.add(topics.POSITION, f"das/{train}/position", das_pb2.Position(time_ns=START_NS), START_NS)
+    file.close()
+    return path
+
+
 def kinds(path: Path) -> list[CheckKind]:
     return [one.kind for one in check_file(path).findings]
 
@@ -112,22 +125,12 @@ def test_a_tick_without_its_advice(tmp_path: Path) -> None:
 
 
 def test_what_the_recorder_could_not_write(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    file = RecordingFile(path)
-    file.add(topics.POSITION, "das/t1/position", das_pb2.Position(time_ns=START_NS), START_NS)
-    file.add_metadata("recorder", {"dropped": "7"})
-    file.close()
-    assert kinds(path) == [CheckKind.DROPPED]
+    assert kinds(small(tmp_path / "run.mcap", "t1", recorder={"dropped": "7"})) == [CheckKind.DROPPED]
 
 
 def test_an_input_file_that_is_not_the_one_of_the_run(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    file = RecordingFile(path)
-    file.add_attachment("route.toml", "text/plain", b"[route]")
-    file.add_metadata("run", {"route_sha256": "00" * 32, "trip_sha256": "11" * 32})
-    file.add(topics.POSITION, "das/t1/position", das_pb2.Position(time_ns=START_NS), START_NS)
-    file.close()
-    (finding,) = check_file(path).findings
+    hashes = {"route_sha256": "00" * 32, "trip_sha256": "11" * 32}
+    (finding,) = check_file(small(tmp_path / "run.mcap", "t1", attached=b"[route]", run=hashes)).findings
     assert finding.kind is CheckKind.INPUT
     assert finding.text == "the route of the run is not among the attached files"
 
@@ -155,11 +158,7 @@ def test_the_exit_code_says_whether_something_is_wrong(tmp_path: Path, capsys: p
 
 
 def test_several_trains_are_checked_one_by_one(tmp_path: Path) -> None:
-    path = tmp_path / "two.mcap"
-    file = RecordingFile(path)
-    for train in ("b", "a"):
-        file.add(topics.POSITION, f"das/{train}/position", das_pb2.Position(time_ns=START_NS), START_NS)
-    file.close()
+    path = small(tmp_path / "two.mcap", "b", "a")
     with pytest.raises(DasError, match="holds several trains, b, a: say which one"):
         check_file(path)
     assert check_file(path, "a").notes[0] == "also recorded, not checked: b (--of-train)"

@@ -40,9 +40,16 @@ HOW = ["driver", "friction_policy", "advice", "happens", "drawn", "wall_s", "rea
 RECORDING = ["messages_sent", "messages_recorded", "messages_lost", "start_s", "file"]
 
 
-def driven(path: Path) -> tuple[Day, Run]:
-    day = make_day(service_of(path), 1)
-    return day, World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(day.service)).run()
+def driven(service: Service) -> tuple[Day, Run]:
+    """The day of seed 1, driven by the perfect follower."""
+    day = make_day(service, 1)
+    return day, World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(service)).run()
+
+
+@pytest.fixture(scope="module")
+def plain(flat: Callable[[str], Path]) -> tuple[Day, Run]:
+    """A day on which all is as planned."""
+    return driven(service_of(flat("")))
 
 
 def result_of(day: Day, found: DayOutcome, recorded: RecordedFigures | None = None) -> DayResult:
@@ -52,8 +59,8 @@ def result_of(day: Day, found: DayOutcome, recorded: RecordedFigures | None = No
     )  # fmt: skip
 
 
-def test_names_and_values_of_the_figures(flat: Callable[[str], Path]) -> None:
-    day, run = driven(flat(""))
+def test_names_and_values_of_the_figures(plain: tuple[Day, Run]) -> None:
+    day, run = plain
     found = outcome(day, run)
     figures = found.as_dict()
     assert list(figures) == KEYS
@@ -81,15 +88,15 @@ def test_names_and_values_of_the_figures(flat: Callable[[str], Path]) -> None:
     assert all(figures[f"{name}_kwh"] == parts[name][0] / KWH for name in SHARES)
 
 
-def test_every_figure_has_its_column_in_the_table(flat: Callable[[str], Path]) -> None:
-    figures = outcome(*driven(flat(""))).as_dict()
+def test_every_figure_has_its_column_in_the_table(plain: tuple[Day, Run]) -> None:
+    figures = outcome(*plain).as_dict()
     assert set(figures) <= set(SCHEMA_NAMES)
     assert set(FIGURES) <= set(figures)
     assert {name for name, value in figures.items() if isinstance(value, float)} <= set(FIGURES)
 
 
-def test_violations_and_a_drive_without_an_optimum_are_told(flat: Callable[[str], Path]) -> None:
-    found = outcome(*driven(flat("")))
+def test_violations_and_a_drive_without_an_optimum_are_told(plain: tuple[Day, Run]) -> None:
+    found = outcome(*plain)
     bad = Violations(signals_passed=2, beyond_signal_m=30.0, over_limit_s=4.0, over_limit_mps=10 * KMH)
     assert found.drive.run is not None
     assert found.drive.above is found.energies.above
@@ -108,9 +115,9 @@ def test_violations_and_a_drive_without_an_optimum_are_told(flat: Callable[[str]
 
 
 def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
-    flat: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+    plain: tuple[Day, Run], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    day, run = driven(flat(""))
+    day, run = plain
     calm = AdviceStability(shown_s=600.0, changes=12, reversals=3, shortest_mode_s=9.0)
     restless = dataclasses.replace(calm, changes=123, shortest_mode_s=2.0)
     for measured, warns in ((calm, False), (restless, True)):
@@ -128,8 +135,8 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
 
 
 @pytest.mark.parametrize("recorded", [True, False])
-def test_what_is_told_beside_the_outcome(recorded: bool, flat: Callable[[str], Path]) -> None:
-    day, run = driven(flat(""))
+def test_what_is_told_beside_the_outcome(recorded: bool, plain: tuple[Day, Run]) -> None:
+    day, run = plain
     file = RecordedFigures(file="x.mcap", messages_sent=5, messages_recorded=4, messages_lost=1, start_s=0.5)
     result = result_of(day, outcome(day, run), file if recorded else None)
     told = result.as_dict()
@@ -144,21 +151,14 @@ def service_at(path: Path, level: Level | None = None) -> Service:
     return prepare_service(read_scenario(path), level=level)
 
 
-def outcome_on(service: Service, seed: int = 1) -> DayOutcome:
-    day = make_day(service, seed)
-    run = World(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, InProcess(service)).run()
-    return outcome(day, run)
-
-
 def test_a_plan_with_other_losses_is_compared_with_the_optimum_of_the_true_ones(flat: Callable[[str], Path]) -> None:
     """Planned with constant efficiency, driven with a loss map: the optimum is that of the map."""
     path = flat('[truth]\nlevel = "l3"')
-    plain = outcome_on(service_at(path, Level.L1))
-    true = outcome_on(service_at(path))
-    assert (plain.level, true.level) == ("l1", "l3")
-    of_map = service_at(path).fronts[0].trajectory(plain.running_time_s)
-    assert plain.energies.optimum_as_driven_j == pytest.approx(of_map.balance.input, rel=1e-12)
-    gaps = [found.energies.above.ratio for found in (plain, true)]
+    efficient, true = (outcome(*driven(service_at(path, level))) for level in (Level.L1, None))
+    assert (efficient.level, true.level) == ("l1", "l3")
+    of_map = service_at(path).fronts[0].trajectory(efficient.running_time_s)
+    assert efficient.energies.optimum_as_driven_j == pytest.approx(of_map.balance.input, rel=1e-12)
+    gaps = [found.energies.above.ratio for found in (efficient, true)]
     assert all(gap is not None and 0.0 < gap < 0.05 for gap in gaps)
     # The plan of the wrong level cannot be better for the train than the plan of its own.
     assert gaps[0] >= gaps[1] - 1e-3
@@ -166,7 +166,7 @@ def test_a_plan_with_other_losses_is_compared_with_the_optimum_of_the_true_ones(
 
 def test_a_heavier_train_has_a_higher_optimum(flat: Callable[[str], Path]) -> None:
     heavy = service_at(flat("[truth]\nmass_ratio = 1.2"))
-    found = outcome_on(heavy)
+    found = outcome(*driven(heavy))
     of_plan = heavy.fronts[0].trajectory(found.running_time_s)
     assert found.energies.optimum_as_driven_j > 1.05 * of_plan.balance.input
     day = make_day(heavy, 1)
@@ -174,9 +174,8 @@ def test_a_heavier_train_has_a_higher_optimum(flat: Callable[[str], Path]) -> No
     assert true_fronts(day)[0].section.train.inertial_mass_kg == pytest.approx(day.plant.vehicle.inertial_mass_kg)
 
 
-def test_where_the_plan_is_true_its_own_optimum_is_taken(flat: Callable[[str], Path]) -> None:
-    service = service_at(flat(""))
-    assert true_fronts(make_day(service, 1)) is service.fronts
+def test_where_the_plan_is_true_its_own_optimum_is_taken(plain: tuple[Day, Run]) -> None:
+    assert true_fronts(plain[0]) is plain[0].service.fronts
 
 
 def test_another_scenario_of_the_same_service_has_its_own_truth(flat: Callable[[str], Path]) -> None:

@@ -17,6 +17,10 @@ from sim.world.service import lay_out, make_day, prepare_service
 from tests.support.flat_days import FLAT
 
 RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 1\nto_km = 2\nspeed_kmh = 60\nannounced_m = 500\n"
+DELAY = "[[disturbances]]\nkind = 'departure-delay'\n"
+FAULT = "[[disturbances]]\nkind = 'sensor-fault'\nfrom_s = 1\nfor_s = 1\n"
+AT = r"disturbances\[0\]\."
+"""The beginning of the keys of the first disturbance, as a pattern."""
 BAD = [
     ("x = 1", "x = 1: expected one of the keys"),
     ("[truth]\nmass_percent = 0", "mass_ratio"),
@@ -30,53 +34,41 @@ BAD = [
     ("[coach]\nplanning_brake_mps2 = 5", "coach.planning_brake_mps2 = 5: expected a number from 0.1 to 1.5"),
     ("[coach]\nbelow_limit_kmh = -2", "coach.below_limit_kmh = -2: expected a number from 0 to 20"),
     ("[coach]\nbrake_mps2 = 0.5", "coach.brake_mps2 = 0.5: expected one of the keys"),
-    ("[[disturbances]]\nkind = 'rain'", r"disturbances\[0\].kind = 'rain': expected one of departure-delay"),
-    ("[[disturbances]]\nstop = 'A'", r"disturbances\[0\].kind"),
-    ("[[disturbances]]\nkind = 'departure-delay'\ndelay_s = 9", r"disturbances\[0\].stop"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'", r"disturbances\[0\].delay"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'Z'\ndelay_s = 9", r"disturbances\[0\].stop = 'Z': .* A"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = -9", r"disturbances\[0\].delay_s = -9"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9, max = 3}", "in this order"),
-    (
-        "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 9}",
-        r"disturbances\[0\].delay_s.max is missing",
-    ),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 1, max = 2, mean = 3}", "mean"),
-    ("[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = 'long'", "long"),
-    ("[[disturbances]]\nkind = 'sensor-fault'\nfault = 'rust'\nfrom_s = 1\nfor_s = 1", "one of dropout"),
-    (
-        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'jump'\nfrom_s = 1\nfor_s = 1",
-        r"disturbances\[0\].size is missing",
-    ),
-    (
-        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'noise'\nfrom_s = 1\nfor_s = 1\nsize_m = 0",
-        r"disturbances\[0\].size_m = 0: expected a number from 1 to 1e\+07",
-    ),
-    (
-        "[[disturbances]]\nkind = 'sensor-fault'\nfault = 'frozen'\nfrom_s = 1\nfor_s = 1\nsize_m = 9",
-        r"disturbances\[0\].size_m = 9: expected one of the keys",
-    ),
+    ("[[disturbances]]\nkind = 'rain'", AT + r"kind = 'rain': expected one of departure-delay"),
+    ("[[disturbances]]\nstop = 'A'", AT + r"kind"),
+    (DELAY + "delay_s = 9", AT + r"stop"),
+    (DELAY + "stop = 'A'", AT + r"delay"),
+    (DELAY + "stop = 'Z'\ndelay_s = 9", AT + r"stop = 'Z': .* A"),
+    (DELAY + "stop = 'A'\ndelay_s = -9", AT + r"delay_s = -9"),
+    (DELAY + "stop = 'A'\ndelay_s = {min = 9, max = 3}", "in this order"),
+    (DELAY + "stop = 'A'\ndelay_s = {min = 9}", AT + r"delay_s.max is missing"),
+    (DELAY + "stop = 'A'\ndelay_s = {min = 1, max = 2, mean = 3}", "mean"),
+    (DELAY + "stop = 'A'\ndelay_s = 'long'", "long"),
+    (FAULT + "fault = 'rust'", "one of dropout"),
+    (FAULT + "fault = 'jump'", AT + r"size is missing"),
+    (FAULT + "fault = 'noise'\nsize_m = 0", AT + r"size_m = 0: expected a number from 1 to 1e\+07"),
+    (FAULT + "fault = 'frozen'\nsize_m = 9", AT + r"size_m = 9: expected one of the keys"),
     (
         "[[disturbances]]\nkind = 'node-restart'\nat_s = 1e300",
-        r"disturbances\[0\].at_s = 1e\+300: expected a number from 0 to 86400",
+        AT + r"at_s = 1e\+300: expected a number from 0 to 86400",
     ),
     (
         RESTRICTED.replace("announced_m = 500", "announced_m = 1e300"),
-        r"disturbances\[0\].announced_m = 1e\+300: expected a number from 0 to 1e\+07",
+        AT + r"announced_m = 1e\+300: expected a number from 0 to 1e\+07",
     ),
-    (RESTRICTED.replace("to_km = 2", "to_km = 1"), r"disturbances\[0\].to_km = 1: expected more than from = 1000 m"),
+    (RESTRICTED.replace("to_km = 2", "to_km = 1"), AT + r"to_km = 1: expected more than from = 1000 m"),
     (
         RESTRICTED.replace("from_km = 1", "from_km = 7").replace("to_km = 2", "to_km = 8"),
         "from is at km 7: expected on the way, km 0 to 6",
     ),
     (
         RESTRICTED + "valid_from_s = 60\nvalid_until_min = 1",
-        r"disturbances\[0\].valid_until_min = 1: expected more than valid_from = 60 s",
+        AT + r"valid_until_min = 1: expected more than valid_from = 60 s",
     ),
-    (RESTRICTED + "valid_until_s = -1", r"disturbances\[0\].valid_until_s = -1: expected a number from 0 to 86400"),
-    (RESTRICTED + "valid_from = 1", r"disturbances\[0\].valid_from = 1: expected one of the keys"),
+    (RESTRICTED + "valid_until_s = -1", AT + r"valid_until_s = -1: expected a number from 0 to 86400"),
+    (RESTRICTED + "valid_from = 1", AT + r"valid_from = 1: expected one of the keys"),
     (RESTRICTED.replace("speed_kmh = 60", "speed_kmh = 0"), r"speed_kmh = 0: expected a number from 3.6 to 720"),
-    (RESTRICTED.replace("speed_kmh", "speed_t"), r"disturbances\[0\].speed_t"),
+    (RESTRICTED.replace("speed_kmh", "speed_t"), AT + r"speed_t"),
     (RESTRICTED + "speed_mps = 9", "only one of"),
     (RESTRICTED.replace("_kmh = 60", "_kmh = {min = 50, max = 60}") + "speed_mps = 9", "only one of speed_mps and"),
     ("[[disturbances]]\nkind = 'head-wind'\nfrom_km = 1\nto_km = 2\nwind_kmh = 300", "a number from -180 to 180"),
@@ -180,19 +172,16 @@ def test_what_happens_is_said_as_people_say_it() -> None:
 
 
 @pytest.mark.parametrize(("calls", "stops"), [("[]", 2), ('["thalwil"]', 3), ('["Thalwil", "Zug"]', 4)])
-def test_a_train_calls_where_the_scenario_says(tmp_path: Path, calls: str, stops: int) -> None:
+def test_a_train_calls_where_the_scenario_says(flat: Callable[..., Path], calls: str, stops: int) -> None:
     text = FLAT.replace('"flat-6km"', '"zurich-luzern"').replace("[timetable]", f"calls = {calls}\n[timetable]")
-    path = tmp_path / "calls.toml"
-    path.write_text(text, encoding="utf-8")
-    assert len(lay_out(read_scenario(path))[2]) == stops
+    assert len(lay_out(read_scenario(flat(base=text)))[2]) == stops
 
 
 @pytest.mark.parametrize(
     ("calls", "message"),
     [('["Bern"]', r"scenario.calls has 'Bern': expected some of A, B"), ("3", "scenario.calls = 3")],
 )
-def test_a_call_that_cannot_be_is_refused(tmp_path: Path, calls: str, message: str) -> None:
-    path = tmp_path / "calls.toml"
-    path.write_text(FLAT.replace("[timetable]", f"calls = {calls}\n[timetable]"), encoding="utf-8")
+def test_a_call_that_cannot_be_is_refused(flat: Callable[..., Path], calls: str, message: str) -> None:
+    path = flat(base=FLAT.replace("[timetable]", f"calls = {calls}\n[timetable]"))
     with pytest.raises(DasError, match=message):
         lay_out(read_scenario(path))
