@@ -1,9 +1,9 @@
-"""Refinement: a run of the table is improved in a narrow tube around it, at the same arrival time.
+"""Refinement: a run of the table is improved in a narrow tube around it, with the same arrival.
 
 The table decides once in up to 150 m and between some two hundred speeds. A run that it gives is near the optimum of
 the section, but not on it. `refined` lays a few lines beside the run, finds the best run between them by a dynamic
 program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around that, and so on.
-The price of time is chosen anew in every pass, so that the train arrives when it did.
+The price of time is chosen anew in every pass, so that the train arrives when it did before.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class TubeRun(NamedTuple):
 
 
 def never() -> bool:
-    """The answer of a budget of time that has no end."""
+    """The `is_over` of a refinement without a limit of time."""
     return False
 
 
@@ -321,7 +321,7 @@ def refined_runs(
     First the runs of the shortest and of the longest time are refined, then always the one in the middle of two that
     are finished; at last the run of least energy, whose time nobody asked for. `watch` is told the index of each run
     when it is finished. Once `is_over` says so, the runs that are left are returned as they were given.
-    `das.solver.refinement.refined` says the rest.
+    Each is refined as by `refined`.
     """
     found = list(given)
     timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))
@@ -340,7 +340,7 @@ def refined_runs(
 def _in_order(count: int) -> list[tuple[int, int, int]]:
     """Places in the order in which they are refined, each with the finished places before and behind it.
 
-    The first and the last have no others to begin with but themselves.
+    The first and the last start from their own run because no neighbour is finished: their neighbours are themselves.
     """
     ends = sorted({0, count - 1}) if count else []
     found, intervals = [(end, end, end) for end in ends], [(0, count - 1)]

@@ -18,7 +18,7 @@ NEAR_MPS = 1e-3
 
 
 class Phase(NamedTuple):
-    """What to do on a stretch: kind and share of effort, the section's interval where it begins, the speed to reach."""
+    """What to do on a stretch: regime, share of effort, the section's interval where it begins, the speed to reach."""
 
     kind: NotchRegime
     share: float
@@ -154,7 +154,7 @@ STEADY_MPS = 0.01
 
 
 class RunAtNodes(NamedTuple):
-    """Speeds of a run and the highest ones allowed (m/s), the places of the nodes (m), and when it is there (s)."""
+    """A run at the nodes of its section: speeds and highest allowed ones (m/s), distances (m) and times (s)."""
 
     speeds_mps: Floats
     envelope_mps: Floats

@@ -63,7 +63,7 @@ class MultiplierTable:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ahead:
-    """What comes after a tight passing: its cost (`value_j`, J) by the speed at the passing (`speed_mps`).
+    """What the journey after a tight passing costs (`value_j`, J) by the speed at the passing (`speed_mps`).
 
     A train that passes slower than `least_mps` is too late for what follows.
     """
@@ -74,8 +74,9 @@ class Ahead:
 
 
 class SectionFronts:
-    """Solves the fronts of sections; keeps those of whole sections where there is room, and their tables and runs
-    always.
+    """Solves the fronts of sections and keeps those of whole sections where there is room.
+
+    Tables and runs of whole sections are always kept.
 
     All sections have the same ladder `ladder_w`: that of the section with the largest multipliers, and below 0
     parts of the idle loss. `least_energy` is the index of 0 in it.
@@ -133,7 +134,7 @@ class SectionFronts:
 
 
 def late_s(front: Front, speed_mps: float, left_s: float) -> float:
-    """By how much the fastest run from a speed misses a time; inf where it cannot end as it must."""
+    """By how much (s) the fastest run from a speed exceeds the time left; inf where it cannot end as it must."""
     try:
         quickest = fastest(front.section, front.section.start_m, speed_mps)
     except InfeasibleError:

@@ -195,7 +195,7 @@ def proven_bound(run: RelaxedRun, multipliers: Multipliers, program: Program):
     """A lower bound of the energy of every run of the program's class, for any point and multipliers >= 0.
 
     The Lagrangian is convex, so it lies above its tangent at the point; the least value of the tangent over the box of
-    all runs is the bound (`docs/explanation/bounds.md`). Nothing is asked of the point but w > 0 at free nodes, τ > 0.
+    all runs is the bound (`docs/explanation/bounds.md`). The point only needs w > 0 at free nodes and τ > 0.
     """
     n = program.motion.step_m.size
     rows = FIXED_ROWS + program.planes.force.shape[1]

@@ -2,7 +2,7 @@
 
 The formulas are those of `das.solver.kernels.tube`, without branches: every pair is calculated, and what the train
 cannot do is marked afterwards. With `fastmath` divisions may become products and sums may be taken in another order, as
-vectors need it; so these costs choose among moves, and the run that comes of them is integrated without it.
+vectors need it; so these costs choose among moves, and the resulting run is integrated without it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
 """Forces and accelerations above their bounds by no more than this are rounding."""
 _ROWS = 8
 ANY_SQUARED = 1.0
-"""v² (m²/s²) with which a pair is calculated that is barred, so that nothing is divided by 0."""
+"""v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
 
 
 class Pairs(NamedTuple):
@@ -48,7 +48,7 @@ class Pairs(NamedTuple):
 
 @kernel
 def room_for(count):
-    """Room for so many pairs."""
+    """Arrays for this number of pairs."""
     numbers = np.empty((7, count))
     return Pairs(
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6],
