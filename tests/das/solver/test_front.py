@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,10 +87,3 @@ def test_the_bound_of_the_table_is_near_the_energy_and_unknown_above_the_envelop
     assert bound_j <= found.balance.input * 1.004
     above = State.at(front.section, 4_400.0, 35.0)
     assert above.table_bound_j(front.policies, above.totals(front.policies), 300.0) == -math.inf
-
-
-def test_settings_of_the_search() -> None:
-    settings = SearchSettings()
-    assert (settings.max_roll_outs, settings.overshoot_s, settings.first_step) == (12, 0.15, 0.05)
-    assert (settings.blend_loss_ratio, settings.max_blends, settings.least_share) == (2e-5, 40, 0.02)
-    assert replace(settings, max_blends=1).max_blends == 1

@@ -1,4 +1,4 @@
-"""The fastest run without a front, and sections with a lower envelope."""
+"""States of a train, its fastest run from there without a front, and sections with a lower envelope."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ def hilly() -> Section:
 
 
 def test_the_fastest_run_without_resistance_takes_twice_the_root_of_the_way() -> None:
-    # a = F/m = 1 m/s², half of the way accelerating and half braking: t = 2·√(s/a).
+    # a = F/m = 1 m/s², half of the way accelerating and half braking: t = 2·√(s/a), v_max = √(s·a).
     run = fastest(build_section(flat(1_000.0), make_train()))
     assert run.time_s == pytest.approx(2 * np.sqrt(1_000.0), rel=1e-3)
+    assert run.trajectory.v_mps.max() == pytest.approx(np.sqrt(1_000.0), rel=2e-2)
     assert (run.fit, run.requested_s, run.least_time_s) == (Fit.ON_TIME, run.time_s, run.time_s)
     assert run.gap_ratio == 0.0
     assert run.feasible
@@ -42,7 +43,8 @@ def test_a_front_gives_the_same_fastest_run_and_times(hilly: Section) -> None:
     for state in ((None, None), (3_100.0, 20.0), (8_765.4, 12.3), (4_400.0, 35.0)):
         own, other = fastest(hilly, *state), front.fastest(*state)
         assert np.array_equal(own.trajectory.v_mps, other.trajectory.v_mps)
-        assert front.trajectory(1.0, *state).time_s == own.time_s
+        late = front.trajectory(1.0, *state)
+        assert (late.time_s, late.fit) == (own.time_s, Fit.LATE)
     assert front.least_time_s(3_100.0, 20.0) == least_time_s(hilly, 3_100.0, 20.0)
 
 
@@ -90,8 +92,10 @@ def test_a_changed_section_knows_its_own_fastest_run(hilly: Section) -> None:
     assert slow.fastest_run.time_to_go_s[0] == pytest.approx(fastest(slow).time_s)
 
 
-@pytest.mark.parametrize("state", [(-1.0, 5.0), (12_000.0, 5.0), (100.0, -1.0), (100.0, 200.0), (float("nan"), 5.0)])
-def test_a_state_that_is_none_is_refused(hilly: Section, state: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    "state", [(-1.0, 5.0), (12_000.0, 5.0), (np.nan, 5.0), (100.0, -1.0), (100.0, 200.0), (100.0, np.nan)]
+)
+def test_a_state_that_no_train_has_on_the_section_is_refused(hilly: Section, state: tuple[float, float]) -> None:
     with pytest.raises(DasError, match="expected one"):
         fastest(hilly, *state)
     with pytest.raises(DasError, match="expected one"):
