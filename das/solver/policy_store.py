@@ -95,7 +95,7 @@ Rows = tuple[Floats, NDArray[np.float32]]
 
 
 class PolicyStore(Protocol):
-    """Takes the policies of a front from its end to its begin, a block of decision nodes at a time."""
+    """Takes the policies of a front from its end to its beginning, a block of decision nodes at a time."""
 
     @property
     def value_j(self) -> Floats | NDArray[np.float32]:
@@ -106,7 +106,7 @@ class PolicyStore(Protocol):
         """Times-to-go (s) of every state."""
 
     def rows(self, start: int, end: int) -> Rows:
-        """Room for the nodes start … end; the last one holds what it holds, the others are to be filled."""
+        """Room for the nodes start … end; the last one keeps its values, the others are to be filled."""
 
     def keep(self, start: int, end: int, pool: ThreadPoolExecutor, threads: int) -> None:
         """Keep the nodes start … end − 1, which are filled now."""

@@ -49,8 +49,8 @@ class RefinementSettings:
     passes: int = 12
     """Passes of a round; the last one has lines 2 mm/s apart."""
     knot_m: float = 100.0
-    """In the first pass the train may choose a line about every so many metres. Knots move together as the lines do, so
-    that a change of line stays a gentle change of force; at last there is one at every node of integration."""
+    """In the first pass the knots, where the train may change its line, are about this far apart (m). Knots move together
+    as the lines do, so that a change of line stays a gentle change of force; in the end every integration node is one."""
     most_rounds: int = 3
     """Rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
     closed_ratio: float = 2e-4
@@ -103,7 +103,7 @@ def is_fastest(solution: Solution) -> bool:
 
 
 class Refinement:
-    """The refinement of one solution: the run that is given, the search beside it, and what comes of a better run."""
+    """The refinement of one solution: the run that is given, the search beside it, and the solution of a better run."""
 
     def __init__(self, solution: Solution, settings: RefinementSettings = SETTINGS) -> None:
         run = solution.trajectory
@@ -319,7 +319,7 @@ def refined_runs(
     """Solutions of one section from its start, each refined: never later and never with more energy than before.
 
     First the runs of the shortest and of the longest time are refined, then always the one in the middle of two that
-    are finished; at last the run of least energy, whose time nobody asked for. `watch` is told the index of each run
+    are finished; last the run of least energy, whose time was not asked for. `watch` is told the index of each run
     when it is finished. Once `is_over` says so, the runs that are left are returned as they were given.
     Each is refined as by `refined`.
     """

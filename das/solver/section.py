@@ -323,7 +323,7 @@ def _bounding_speeds(
     envelope = allowed
     if braking is not None:
         envelope = _planned_envelope(route, profile, train, ends, braking)
-        # What hills ahead ask for comes before the reserve of the brakes.
+        # The speed that hills ahead need comes before the reserve of the brakes.
         envelope = np.minimum(np.maximum(envelope, floor), allowed)
     fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
     if stuck >= 0:

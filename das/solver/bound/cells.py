@@ -199,7 +199,7 @@ def _cells(
 
 
 def split(cells: Cells, parts: int) -> Cells:
-    """The open cells, each in so many parts."""
+    """The open cells, each split into this number of parts."""
     n = len(cells.size)
     first, count, opens = np.zeros(n, np.int64), np.ones(n, np.int64), []
     for k in range(n):

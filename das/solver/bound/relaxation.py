@@ -38,7 +38,7 @@ ROUNDING_RATIO: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """What is bounded: runs with the speeds of a given run at both ends that take at most `allowed_s`.
+    """The runs to bound: those with the speeds of a given run at both ends that take at most `allowed_s`.
 
     `line` is the section or its part from the state of the train on, `envelope_mps` the fastest speed at its nodes, and
     `speeds_mps` the given run, at which the cuts of the relaxation are made.

@@ -1,4 +1,4 @@
-"""Phases that say what the run of a schedule does, also where limits ahead or hills make it do something else."""
+"""Phases corrected by the run of a schedule, where limits ahead or hills make it differ from them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from das.solver.few_switch.phases import BRAKES, NEAR_MPS, STEADY_MPS, Phase, Ru
 FASTER_MPS = 1.0 * KMH
 """A limit is held where the speed to go to is higher than it by more than this (m/s)."""
 HELD_S = 10.0
-"""A phase that is put in, or what is left of a phase behind it, lasts at least this long (s)."""
+"""No phase is put in that would last, or leave the rest of another, shorter than this (s)."""
 SLOWER_MPS = 5.0 * KMH
 """A train that is slower than the speed to hold by more than this (m/s) accelerates to it."""
 HARDLY_MPS = 2.5 * KMH
@@ -219,7 +219,7 @@ def _without_likes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
 
 
 def _holds(one: Phase, end: int, run: RunAtNodes) -> bool:
-    """Whether a train that accelerates holds the speed of a phase for long enough to be told so before its end."""
+    """Whether a train that accelerates in a phase then holds its speed for at least `HELD_S` before its end."""
     reached = np.flatnonzero(run.speeds_mps[one.begin : end] > one.target_mps - STEADY_MPS)
     return bool(reached.size) and run.lasts_s(one.begin + int(reached[0]), end) >= HELD_S
 
@@ -277,7 +277,7 @@ def with_one_brake(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, .
 
 
 def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], run: RunAtNodes) -> list[Phase]:
-    """The phases without brakes that hardly change the speed; what comes before goes on instead."""
+    """The phases without brakes that hardly change the speed; the phase before goes on instead."""
     found, speeds = list(phases[:1]), run.speeds_mps
     for one, kind, end in list(zip(phases, kinds, ends_of(phases, run), strict=True))[1:]:
         idle = speeds[one.begin] - speeds[end] < IDLE_MPS and speeds[end] > IDLE_MPS
@@ -307,7 +307,7 @@ def _braked_by_limits(run: RunAtNodes) -> list[tuple[int, int]]:
 
 
 def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> list[Phase]:
-    """The phases with a brake along the braking curve between two nodes, where there is none.
+    """The phases with a brake along the braking curve between two nodes, if there is none yet.
 
     A brake whose effort is too small begins earlier. A phase that would follow before the last node begins there.
     """

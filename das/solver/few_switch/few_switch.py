@@ -63,7 +63,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class FewSwitchSettings:
-    """What few-switch trajectories are made of, and what a change costs them."""
+    """The notches of few-switch trajectories, the price of a change, and the ladder of multipliers."""
 
     traction_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
     """The steps of traction effort, as shares of the largest."""
@@ -207,8 +207,8 @@ def solve_few_switch_ahead(
 ) -> FewSwitchFront:
     """The few-switch policies of a section for a train at a position (m): only what is ahead of it is solved.
 
-    What is ahead has the same bits as in the whole; a question from more than `BEHIND_M` further back makes the front
-    solve the rest first.
+    The part ahead has the same bits as in the front of the whole section. A question from
+    more than `BEHIND_M` further back makes the front solve the rest first.
     """
     sweep = _FewSwitchSweep(section, settings, threads)
     sweep.come_down_to(node_behind(section, s_m))
@@ -216,7 +216,7 @@ def solve_few_switch_ahead(
 
 
 class _FewSwitchSweep:
-    """The sweep of few-switch trajectories from the end of a section towards its begin, as far as it has come;
+    """The sweep of few-switch trajectories from the end of a section towards its beginning, as far as it has come;
     thread-safe."""
 
     def __init__(self, section: Section, settings: FewSwitchSettings, threads: int) -> None:

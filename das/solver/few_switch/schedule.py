@@ -104,7 +104,7 @@ class Schedule:
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Kind, share and target speed of every phase; a brake to where the braking curve leads is one along it."""
+        """Kind, share and target speed of every phase; a brake that leads to the braking curve follows it (`CURVE`)."""
         kinds = np.array([int(one.kind) for one in self.phases])
         targets = np.array([one.target_mps for one in self.phases])
         led_to = self.section.envelope_mps[[*(one.begin for one in self.phases[1:]), len(self.at)]]

@@ -79,7 +79,7 @@ def schedule_in_time(run: FewSwitchTrajectory, time_s: float, settings: Schedule
 
 
 def _settled(run: FewSwitchTrajectory, settings: ScheduleSettings) -> tuple[Schedule, Prospect]:
-    """The schedule of a run without its short phases, and what keeping to it comes to.
+    """The schedule of a run without its short phases, and its forecast.
 
     Where the train would stall without a short acceleration before a hill, shorter and shorter phases are left in.
     """

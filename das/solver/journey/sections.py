@@ -238,7 +238,7 @@ class TightSpan:
 
 @dataclass(frozen=True, kw_only=True)
 class Timeline:
-    """All events of a journey in order, and what is between them: `links[i]` from event i to event i + 1.
+    """All events of a journey in order, with the links between them: `links[i]` from event i to event i + 1.
 
     The first event is the earliest departure, the last the latest arrival; the train may wait after the one and
     before the other. `departures[i]` is the event with which section i begins.
@@ -270,7 +270,7 @@ class Timeline:
         return all(isinstance(link, DriveLink) for link in self.links[max(event - 1, 0) : event + 1])
 
     def span(self, begin: Tight, end: Tight) -> TightSpan:
-        """What lies between two tight events."""
+        """The span between two tight events."""
         links = dict(enumerate(self.links[begin[0] : end[0]], begin[0]))
         waits = {i: link.least_s for i, link in links.items() if isinstance(link, WaitLink)}
         places: dict[int, list[int]] = {}

@@ -125,7 +125,7 @@ MOVES = 6
 
 @kernel
 def cost_of_time(late, prices):
-    """What arriving late (s; early < 0) costs (J).
+    """The cost (J) of arriving late (s; early < 0).
 
     `prices` are those of a second late and of a second early (W), and how many early ones are worth something (s).
     """

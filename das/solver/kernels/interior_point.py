@@ -340,7 +340,7 @@ def _assemble(k, theta, newton, matrix):
 
 @kernel
 def _eliminate(matrix, low, cross):
-    """Cholesky factor of the part of τ, f and e, and its product with what couples it to the nodes."""
+    """Cholesky factor of the part of τ, f and e, and its product with the part that couples it to the nodes."""
     for a in range(3):
         for b in range(a + 1):
             value = matrix[2 + a, 2 + b]

@@ -1,4 +1,4 @@
-"""Landings: the speeds after a decision step that are worth trying, and what a step costs."""
+"""Landings: the speeds after a decision step that are worth trying, and the cost of a step."""
 
 from __future__ import annotations
 

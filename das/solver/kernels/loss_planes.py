@@ -1,4 +1,4 @@
-"""Planes below the energy that a loss map asks for, exactly below it at every state between its points.
+"""Planes below the energy of a loss map: nowhere above it, also at the states between its points.
 
 The energy per metre at force f and slowness τ is ψ = f + τ·P(f, 1/τ). The map P is bilinear in force and speed in each
 of its cells, so ψ is bilinear in force and slowness there: its least value against a plane lies on the cell's edges.

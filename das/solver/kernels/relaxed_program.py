@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 class RelaxedMotion(NamedTuple):
-    """What moves the train over each interval (n,): F = inertia·(w1 − w0) + constant + quadratic·(w0 + w1) + linear/τ.
+    """The force over each interval (n,): F = inertia·(w1 − w0) + constant + quadratic·(w0 + w1) + linear/τ.
 
     `max_acceleration` (m/s²) is 1e5 or more where there is no such limit.
     """
@@ -114,7 +114,7 @@ def constraints(k, z, free0, free1, program: Program, c, slope):
     slope[0, 0] = -2.0 / (total * total * v0) if free0 else 0.0
     slope[0, 1] = -2.0 / (total * total * v1) if free1 else 0.0
     slope[0, 2] = -1.0
-    # The motors give at least what inertia, resistance and line ask for.
+    # The motors give at least the force for inertia, resistance and line.
     inertia, quadratic, linear = program.motion.inertia[k], program.motion.quadratic[k], program.motion.linear[k]
     c[1] = inertia * (w1 - w0) + program.motion.constant[k] + quadratic * (w0 + w1) + linear / tau - f
     slope[1, 0] = quadratic - inertia if free0 else 0.0

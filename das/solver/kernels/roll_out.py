@@ -93,7 +93,7 @@ def best_landing(v0, step, policy, policies, c, out, row):
 
 @kernel
 def one_step_totals(v0, step, policies, c, total, time_s):
-    """For every λ of the ladder: least total cost (J) and time (s) from speed v0 at the begin of a step."""
+    """For every λ of the ladder: least total cost (J) and time (s) from speed v0 at the beginning of a step."""
     out = np.empty(LANDINGS)
     time_to_go, speeds = policies.time_to_go_s, policies.value_j.shape[1]
     row = np.empty(speeds)

@@ -29,7 +29,7 @@ ANY_SQUARED = 1.0
 
 
 class Pairs(NamedTuple):
-    """Pairs of a line at a knot and one at the next knot, by their v², and what a move between them costs.
+    """Pairs of a line at a knot and one at the next knot, by their v², and the cost of a move between them.
 
     `energy_j` is INFEASIBLE where the train cannot do it. `least_n` and `largest_n` are the least and the largest wheel
     force of a move. `barred` is 1 for a pair that is no move. `work` and `place` are working space.
@@ -58,7 +58,7 @@ def room_for(count):
 
 @compiled(fastmath=True)
 def to_lines(k, tube, line, p, c, pairs):
-    """Fill in what the moves of all pairs from knot k to the next cost, at constant acceleration in each interval."""
+    """Fill in the costs of all pairs from knot k to the next, at constant acceleration in each interval."""
     start, landing, energy, time, least, largest, _, work, _ = pairs
     v0, v1, w0, w1, worst = work[0], work[1], work[2], work[3], work[4]
     i0, i1 = tube.knot[k], tube.knot[k + 1]
@@ -118,7 +118,7 @@ def _one_interval(work, pairs, h, g, q, p, c):
     for j in range(n):
         time[j] += dt[j]
     if c.is_map:
-        # The force is not needed any more: what follows uses its row, and those of the speeds squared, anew.
+        # From here on the row of the force, and those of the squared speeds, hold other values.
         across, along, loss_w = w0, force, w0
         places_on_map(v0, v1, electric, c, pairs.place, across, along)
         losses_of_map(c.table_w, pairs.place, across, along, loss_w)
