@@ -49,8 +49,8 @@ class RefinementSettings:
     passes: int = 12
     """Passes of a round; the last one has lines 2 mm/s apart."""
     knot_m: float = 100.0
-    """In the first pass the knots, where the train may change its line, are about this far apart (m). Knots move together
-    as the lines do, so that a change of line stays a gentle change of force; in the end every integration node is one."""
+    """In the first pass the knots, where the train may change its line, are this far apart (m). Knots move together
+    as the lines do, so that a change of line stays a gentle change of force. In the end every node is a knot."""
     most_rounds: int = 3
     """Rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
     closed_ratio: float = 2e-4

@@ -256,7 +256,7 @@ class Chains:
         return parts
 
     def add_parts(self, parts: Parts, span: TightSpan, ahead: Ahead | None) -> None:
-        """Add the fronts of a span's stretches that are not whole; `ahead` is the journey after a passing at its end."""
+        """Add the fronts of a span's stretches that are not whole; `ahead` follows a passing at the span's end."""
         for stretch in span.stretches:
             if not self.fronts.is_whole(stretch):
                 parts[stretch] = self.fronts.part(stretch, ahead if stretch is span.stretches[-1] else None)

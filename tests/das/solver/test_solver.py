@@ -37,20 +37,6 @@ from tests.support.verifier import verify
 KWH = 3.6e6
 
 
-@pytest.fixture(scope="module")
-def hilly() -> Front:
-    """A section with limits, hills, resistance, power limit and losses: everything at once."""
-    route = make_route(
-        12_000.0,
-        [(0.0, 30.0), (3_000.0, 22.0), (4_500.0, 40.0), (9_000.0, 25.0)],
-        [(0.0, 0.0), (2_000.0, 0.010), (5_000.0, -0.012), (7_000.0, 0.0), (8_000.0, -0.004)],
-    )
-    train = make_train(
-        resistance=(1500.0, 20.0, 4.0), power_w=1.5e6, loss=EfficiencyLoss.from_efficiencies(0.88, 0.85, 2e4)
-    )
-    return solve_front(build_section(route, train))
-
-
 def assert_possible(solution: Solution, section: Section) -> None:
     """Limits, forces, powers and kinematics of a run, from its arrays alone."""
     run, train = solution.trajectory, section.train
