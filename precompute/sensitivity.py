@@ -21,7 +21,7 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KMH, PERCENT, PERMILLE
 from das.solver import tolerances as tol
-from das.solver.kernels.driving import ALL_OF_IT, braking_envelope
+from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
 from das.solver.kernels.roll_out import blend_runs
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
@@ -297,7 +297,7 @@ def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
 def _envelope(line: LineProfile, section: Section) -> Floats:
     """Fastest speed at each node of a line from which the changed train keeps everything ahead."""
     end_mps = section.end_speed_mps
-    envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, end_mps, section.train, ALL_OF_IT)
+    envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, end_mps, section.train, FULL_BRAKES)
     if stuck >= 0:
         raise InfeasibleError(f"the train cannot brake on the descent at {_place(line, stuck)}")
     return np.asarray(envelope)

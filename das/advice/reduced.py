@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from das.advice import plan_kernels
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
-from das.solver.kernels.driving import ALL_OF_IT, braking_envelope
+from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
 from das.solver.kernels.forces import largest_gain, mean_resistance, on_supply
 from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
@@ -134,7 +134,7 @@ class ReducedSpeed:
         self._settings, self._longest_ratio = settings.reduced, settings.plan.longest_ratio
         easy_mps2 = min(settings.reduced.easy_braking_mps2, section.train.max_deceleration_mps2)
         easy = section.train._replace(max_deceleration_mps2=easy_mps2)
-        ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy, ALL_OF_IT)
+        ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy, FULL_BRAKES)
         # Where a descent cannot be braked so easily, the envelope of the section holds.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section

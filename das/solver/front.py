@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 class Sweep(Protocol):
-    """The sweep of a section from its end, which has not come to the begin yet."""
+    """The sweep of a section from its end, which has not reached the beginning yet."""
 
     @property
     def known_from(self) -> int:
@@ -42,7 +42,7 @@ class Front:
     solved front holds them as float64 and float32; a large one, and a table on disk, as float32 and packed.
 
     With a `sweep` only the nodes from `sweep.known_from` on are filled: the front of a train that is under way. The
-    methods let the sweep go on where a question needs more.
+    methods continue the sweep where a question needs more.
     """
 
     section: Section
@@ -52,7 +52,7 @@ class Front:
     sweep: Sweep | None = None
 
     def cover(self, s_m: float) -> None:
-        """Have the policies for a train at a position (m), and ahead of it."""
+        """Solve the policies for a train at a position (m) and ahead of it, where they are missing."""
         self._cover(State.at(self.section, s_m, 0.0))
 
     @property

@@ -1,4 +1,4 @@
-"""What a line asks of a train on a grid of positions: forces, limits and supply, averaged over the train."""
+"""A line as it acts on a train, on a grid of positions: forces, limits and supply, averaged over the train."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LineProfile:
-    """What the line asks of a train on a grid of positions `node_m` (route coordinates).
+    """A line as it acts on a train, on a grid of positions `node_m` (route coordinates).
 
     The other arrays hold one value per interval: `step_m`, `grade_ratio` (gradient averaged over the train),
     `constant_n` (gradient and curve force), `tunnel_n_per_mps2`, `limit_mps` (over the whole train), and `supply`

@@ -43,7 +43,7 @@ ALIGNED_BYTES = 64
 
 
 class KeptMemory:
-    """Blocks of memory that arrays have left, for the next arrays; safe in threads."""
+    """Memory of arrays that are gone, kept for new arrays; thread-safe."""
 
     def __init__(self, kept_bytes: int = KEPT_BYTES) -> None:
         self.kept_bytes = kept_bytes
@@ -79,7 +79,7 @@ class KeptMemory:
         return np.empty(size, np.uint8)
 
     def _give_back(self, block: NDArray[np.uint8]) -> None:
-        """Keep a block; the ones kept longest go where there are too many."""
+        """Keep a block; the blocks kept longest go where there are too many."""
         with self._lock:
             self._free.append(block)
             while sum(one.nbytes for one in self._free) > self.kept_bytes:
@@ -95,7 +95,7 @@ Rows = tuple[Floats, NDArray[np.float32]]
 
 
 class PolicyStore(Protocol):
-    """Takes the policies of a front from its end to its begin, a block of decision nodes at a time."""
+    """Takes the policies of a front from its end to its beginning, a block of decision nodes at a time."""
 
     @property
     def value_j(self) -> Floats | NDArray[np.float32]:
@@ -106,7 +106,7 @@ class PolicyStore(Protocol):
         """Times-to-go (s) of every state."""
 
     def rows(self, start: int, end: int) -> Rows:
-        """Room for the nodes start … end; the last one holds what it holds, the others are to be filled."""
+        """Room for the nodes start … end; the last one keeps its values, the others are to be filled."""
 
     def keep(self, start: int, end: int, pool: ThreadPoolExecutor, threads: int) -> None:
         """Keep the nodes start … end − 1, which are filled now."""
@@ -124,7 +124,7 @@ class WholePolicies:
         return self.value_j[start : end + 1], self.time_to_go_s[start : end + 1]
 
     def keep(self, start: int, end: int, pool: ThreadPoolExecutor, threads: int) -> None:
-        """Nothing is left to be done."""
+        """Nothing is left to do."""
 
 
 class PackedPolicies:

@@ -1,9 +1,9 @@
-"""Refinement: a run of the table is improved in a narrow tube around it, at the same arrival time.
+"""Refinement: a run of the table is improved in a narrow tube around it, with the same arrival.
 
 The table decides once in up to 150 m and between some two hundred speeds. A run that it gives is near the optimum of
 the section, but not on it. `refined` lays a few lines beside the run, finds the best run between them by a dynamic
 program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around that, and so on.
-The price of time is chosen anew in every pass, so that the train arrives when it did.
+The price of time is chosen anew in every pass, so that the train arrives when it did before.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class RefinementSettings:
     passes: int = 12
     """Passes of a round; the last one has lines 2 mm/s apart."""
     knot_m: float = 100.0
-    """In the first pass the train may choose a line about every so many metres. Knots move together as the lines do, so
-    that a change of line stays a gentle change of force; at last there is one at every node of integration."""
+    """In the first pass the knots, where the train may change its line, are this far apart (m). Knots move together
+    as the lines do, so that a change of line stays a gentle change of force. In the end every node is a knot."""
     most_rounds: int = 3
     """Rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
     closed_ratio: float = 2e-4
@@ -78,7 +78,7 @@ class TubeRun(NamedTuple):
 
 
 def never() -> bool:
-    """The answer of a budget of time that has no end."""
+    """The `is_over` of a refinement without a limit of time."""
     return False
 
 
@@ -103,7 +103,7 @@ def is_fastest(solution: Solution) -> bool:
 
 
 class Refinement:
-    """The refinement of one solution: the run that is given, the search beside it, and what comes of a better run."""
+    """The refinement of one solution: the run that is given, the search beside it, and the solution of a better run."""
 
     def __init__(self, solution: Solution, settings: RefinementSettings = SETTINGS) -> None:
         run = solution.trajectory
@@ -319,9 +319,9 @@ def refined_runs(
     """Solutions of one section from its start, each refined: never later and never with more energy than before.
 
     First the runs of the shortest and of the longest time are refined, then always the one in the middle of two that
-    are finished; at last the run of least energy, whose time nobody asked for. `watch` is told the index of each run
+    are finished; last the run of least energy, whose time was not asked for. `watch` is told the index of each run
     when it is finished. Once `is_over` says so, the runs that are left are returned as they were given.
-    `das.solver.refinement.refined` says the rest.
+    Each is refined as by `refined`.
     """
     found = list(given)
     timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))
@@ -340,7 +340,7 @@ def refined_runs(
 def _in_order(count: int) -> list[tuple[int, int, int]]:
     """Places in the order in which they are refined, each with the finished places before and behind it.
 
-    The first and the last have no others to begin with but themselves.
+    The first and the last start from their own run because no neighbour is finished: their neighbours are themselves.
     """
     ends = sorted({0, count - 1}) if count else []
     found, intervals = [(end, end, end) for end in ends], [(0, count - 1)]

@@ -24,7 +24,7 @@ from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
 from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes, subdivide
-from das.solver.kernels.driving import ALL_OF_IT, braking_envelope, climbing_floor
+from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
 from das.solver.kernels.forces import mean_resistance
 from das.solver.kernels.roll_out import fastest_roll_out, fastest_run
 from das.solver.kernels.tuples import KnownRun, LossParams, SpeedBounds, TrainParams, loss_params, train_params
@@ -144,7 +144,7 @@ class Section(LineProfile):
 
 @dataclass(frozen=True, kw_only=True)
 class SectionOptions:
-    """What is rarely said of a section; the defaults are a real train from standstill to standstill."""
+    """Rarely needed options of a section; the defaults are a real train from standstill to standstill."""
 
     start_speed_mps: float = 0.0
     """The train enters the section at this speed (m/s); 0 is a departure from a stop."""
@@ -318,7 +318,7 @@ def _bounding_speeds(
     line, start_speed_mps, end_speed_mps = profile.for_kernels, ends.start_speed_mps, ends.end_speed_mps
     if end_speed_mps > profile.limit_mps[-1]:
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
-    allowed, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train, ALL_OF_IT)
+    allowed, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train, FULL_BRAKES)
     if stuck >= 0:
         raise InfeasibleError(
             f"{route.source}: the train cannot brake on the descent at {profile.node_m[stuck]:.0f} m "
@@ -332,7 +332,7 @@ def _bounding_speeds(
     envelope = allowed
     if braking is not None:
         envelope = _planned_envelope(route, profile, train, ends, braking)
-        # What hills ahead ask for comes before the reserve of the brakes.
+        # The speed that hills ahead need comes before the reserve of the brakes.
         envelope = np.minimum(np.maximum(envelope, floor), allowed)
     fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
     if stuck >= 0:

@@ -41,10 +41,10 @@ class Solution:
     (W; inf for the fastest run).
 
     `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`); it is computed when it is first
-    asked for, and `bound_j`, `gap_ratio` and `gap_reason` are read from it. `proven` is one that is known already, from
-    `tightened`. `table_bound_j` is the least energy in this time as the solver's table of
-    values knows it. It bounds the runs of the table from below, but not the run itself, which is integrated more
-    finely: `table_gap_ratio` can be negative.
+    asked for, and `bound_j`, `gap_ratio` and `gap_reason` are read from it. `proven` is a certificate that is known
+    already, from `tightened`. `table_bound_j` is the least energy in this time as the solver's table of values
+    knows it. It bounds the runs of the table from below, but not the run itself, which is integrated more finely:
+    `table_gap_ratio` can be negative.
     """
 
     section: Section

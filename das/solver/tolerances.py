@@ -96,10 +96,10 @@ class JourneySettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """What counts as equal, as standing, and as impossible."""
+    """Limits below which values count as equal, a train as standing, and a state as impossible."""
 
     min_step_m: float = 1e-3
-    """Two breakpoints nearer to each other than this (m) are one."""
+    """Two breakpoints nearer to each other than this (m) count as one."""
     speed_mps: float = 1e-6
     """A speed above a bound by less than this (m/s) is on the bound."""
     time_s: float = 0.02
@@ -131,7 +131,7 @@ class SolverSettings:
     journey: JourneySettings = JourneySettings()
     """The planning of a journey."""
     tolerances: Tolerances = Tolerances()
-    """What counts as equal, as standing, and as impossible."""
+    """Limits below which values count as equal, a train as standing, and a state as impossible."""
 
 
 settings: Final = SolverSettings()

@@ -25,7 +25,7 @@ def warm_up() -> Front:
 
 
 def tiny_vehicle() -> Vehicle:
-    """A train of one number each, for warming up."""
+    """A simple train, for warming up."""
     effort = EffortEnvelope(max_force_n=1e5, max_power_w=1e6)
     return Vehicle(
         id="warm-up",

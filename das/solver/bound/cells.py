@@ -42,7 +42,7 @@ class TightSettings:
     enough_ratio: float = 1e-3
     """The search ends where the gap is at most this share of the energy."""
     slow_ratio: float = 0.9
-    """It ends as well where a pass leaves more than this share of the gap."""
+    """The search also ends where a pass leaves more than this share of the gap."""
     growth: float = 1.3
     """A pass is expected to take at most this many times as long as the one before, for the same number of cells."""
 
@@ -51,7 +51,7 @@ SETTINGS: Final = TightSettings()
 
 
 class Incumbent(NamedTuple):
-    """A run that is known: its energy and its priced time (J), and its price of time (W)."""
+    """The known run: its energy (J) and its price of time (W)."""
 
     energy_j: float
     lambda_w: float
@@ -69,7 +69,7 @@ def tightened_j(
     """The highest bound (J) that cells of speeds prove for a task in a time (s of CPU); −inf where there was none.
 
     Runs that need more than the incumbent are excluded, so the bound is at most its energy. A pass that is not expected
-    to end in time is not begun, but the first one always is.
+    to end in time is not begun; the first one always is.
     """
     lambda_w = incumbent.lambda_w
     rows, line = even_rows(map_rows(task, loss), loss), cell_line(task, lambda_w)
@@ -113,7 +113,7 @@ def close(cells: Cells, most_j: float) -> None:
 
 
 def cell_line(task: Task, lambda_w: float) -> CellLine:
-    """What the intervals of a task ask and allow at a price of time (W)."""
+    """The intervals of a task at a price of time (W), as the kernels take them."""
     train, line = task.section.train, task.line
     traction_n, electric_n = force_limits(task)
     more, less = 1.0 + SLACK_RATIO, 1.0 - SLACK_RATIO
@@ -199,7 +199,7 @@ def _cells(
 
 
 def split(cells: Cells, parts: int) -> Cells:
-    """The open cells, each in so many parts."""
+    """The open cells, each split into this number of parts."""
     n = len(cells.size)
     first, count, opens = np.zeros(n, np.int64), np.ones(n, np.int64), []
     for k in range(n):

@@ -169,7 +169,7 @@ class Certificate:
 
 
 class BoundedRun(Protocol):
-    """What the certificate needs of a run, as a `das.solver.solution.Solution` has it."""
+    """A run with everything that its certificate needs, such as a `das.solver.solution.Solution`."""
 
     @property
     def section(self) -> Section:

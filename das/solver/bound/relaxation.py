@@ -1,6 +1,6 @@
-"""The convex relaxation of the runs of a section: what it asks of a run, with every limit rounded to the safe side.
+"""The convex relaxation of the runs of a section, with every limit rounded to the safe side.
 
-`docs/explanation/bounds.md` shows that every run of the class satisfies all of it.
+`docs/explanation/bounds.md` shows that every run of the class satisfies it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ ROUNDING_RATIO: Final = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Task:
-    """What is bounded: runs with the speeds of a given run at both ends that take at most `allowed_s`.
+    """The runs to bound: those with the speeds of a given run at both ends that take at most `allowed_s`.
 
     `line` is the section or its part from the state of the train on, `envelope_mps` the fastest speed at its nodes, and
     `speeds_mps` the given run, at which the cuts of the relaxation are made.
@@ -50,7 +50,7 @@ class Task:
     speeds_mps: Floats
     allowed_s: float
     price_w: Floats | None = None
-    """A price of time (W) of each interval that counts as energy, on top of what the bound finds; None: 0."""
+    """A price of time (W) of each interval that counts as energy, besides the price that the bound finds; None: 0."""
 
     @property
     def mean_price_w(self) -> float:
@@ -87,7 +87,8 @@ class _Cut(NamedTuple):
 def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
     """The relaxation of a task, and the force (N) that is 1 in it.
 
-    The energy per metre (N) of a run is nowhere below `planes` (see `das.solver.bound.relaxation`)."""
+    The energy per metre (N) of a run is nowhere below `planes`.
+    """
     section, line = task.section, task.line
     train, step = section.train, line.step_m
     scale_n = max(train.traction_force_n, 1.0)

@@ -1,4 +1,4 @@
-"""Phases that say what the run of a schedule does, also where limits ahead or hills make it do something else."""
+"""Phases corrected by the run of a schedule, where limits ahead or hills make it differ from them."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import BRAKES, NEAR_MPS, STEADY_MPS, Phase, RunAtNodes, ends_of
 
 FASTER_MPS = 1.0 * KMH
-"""A limit holds a train that is to go faster than it by more than this (m/s),"""
+"""A limit is held where the speed to go to is higher than it by more than this (m/s)."""
 HELD_S = 10.0
-"""and this is said where it does so for at least so long (s)."""
+"""No phase is put in that would last, or leave the rest of another, shorter than this (s)."""
 SLOWER_MPS = 5.0 * KMH
 """A train that is slower than the speed to hold by more than this (m/s) accelerates to it."""
 HARDLY_MPS = 2.5 * KMH
-"""A train that is slower than the speed to hold by less than this (m/s) is only told to hold it, unless the schedule
-begins with that: then it is told to accelerate from `SLOWER_MPS` on, as while it holds a speed."""
+"""A train that is slower than the speed to hold by less than this (m/s) holds it without a phase of acceleration.
+At the beginning of a schedule the limit is `SLOWER_MPS`."""
 ABOVE_MPS = 1.0 * KMH
-"""A train that is above the speed to hold by more than this (m/s), and rolls, coasts to it."""
+"""A train that is faster than the speed to hold by more than this (m/s) and slows down coasts to it."""
 SAME_MPS = 0.5
-"""Two speeds to go to, one after the other, that differ by less than this (m/s) are one: no driver tells them apart."""
+"""Two successive speeds to go to that differ by less than this (m/s) count as one: no driver tells them apart."""
 SAME_SHARE = 0.15
-"""Two efforts, one after the other, that differ by less than this share of the largest are one."""
+"""Two successive efforts that differ by less than this share of the largest count as one."""
 
 WAITS_S = 15.0
 """A change of the traction effort is put off until the limit rises, if the limit rises within this time (s)."""
 BRIEF_S = 30.0
-"""An acceleration that ends in a brake within this time (s)"""
+"""An acceleration that a brake ends within this time (s) is left out unless it gains at least `GAINS_S`."""
 GAINS_S = 1.0
-"""must gain at least so much (s) over holding the speed."""
+"""The least time (s) that a brief acceleration before a brake must gain over holding the speed."""
 
 
 def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
@@ -69,9 +69,9 @@ def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float)
 
 
 def _one_after_another(first: Phase, held: Phase, reached: NDArray[np.bool_], end: int, run: RunAtNodes) -> list[Phase]:
-    """What leads to a speed to hold, and the speed held from the first node on where it is reached; none of both short.
+    """The phase that leads to a speed to hold, and the phase that holds it from the first node where it is reached.
 
-    Where the way to it is short it is held at once, and where the rest is, only the way to it is left.
+    Where the first would be short, the speed is held at once; where the second would be short, it is left out.
     """
     nodes = np.flatnonzero(reached[held.begin : end])
     last = held.begin + int(nodes[0]) if nodes.size else end
@@ -81,7 +81,7 @@ def _one_after_another(first: Phase, held: Phase, reached: NDArray[np.bool_], en
 
 
 def _hardly_faster(one: Phase, held: Phase, run: RunAtNodes, by_mps: float) -> bool:
-    """Whether a phase only accelerates by a little, to the speed that is held then: the driver does that by himself."""
+    """Whether a phase only accelerates a little, to the speed held next: the driver does so without being told."""
     same = one.kind is NotchRegime.TRACTION and abs(one.target_mps - held.target_mps) < SAME_MPS
     return bool(same and run.speeds_mps[one.begin] > one.target_mps - by_mps)
 
@@ -169,9 +169,9 @@ def _with_limits_held(phases: list[Phase], run: RunAtNodes, back_share: float) -
 
 
 def _up_to(phases: list[Phase], node: int, run: RunAtNodes) -> list[Phase] | None:
-    """The phases up to a node where a limit is reached, none of them too short to be told; None where that cannot be.
+    """The phases up to a node where a limit is reached; None where the last of them would be too short to be told.
 
-    An acceleration that would be too short is one with the acceleration before it.
+    An acceleration that would be too short becomes part of the acceleration before it.
     """
     found = list(phases)
     if run.lasts_s(found[-1].begin, node) < HELD_S:
@@ -189,14 +189,19 @@ def _held_by_limits(run: RunAtNodes, first: int, end: int) -> list[tuple[int, in
     speeds = run.speeds_mps[first : end + 1]
     met = speeds > run.envelope_mps[first : end + 1] - NEAR_MPS
     held = met[1:] & met[:-1] & (np.abs(np.diff(speeds)) < STEADY_MPS)
-    edges = first + np.flatnonzero(np.diff(np.concatenate(([False], held, [False]))))
+    return [(first + begin, first + last) for begin, last in _stretches(held)]
+
+
+def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last nodes of every stretch of successive intervals where the mask is set."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _without_likes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
-    """The phases, where a speed that is reached and then held, or held twice, is one, and so are two like efforts.
+    """The phases, with like neighbours merged: a speed reached and then held, or held twice, and like efforts.
 
-    An effort whose speed the train holds for a while before the next one begins is none like it.
+    Two efforts stay apart where the train holds the speed of the first for a while before the second begins.
     """
     found = phases[:1]
     for one in phases[1:]:
@@ -214,13 +219,13 @@ def _without_likes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
 
 
 def _holds(one: Phase, end: int, run: RunAtNodes) -> bool:
-    """Whether a train that accelerates holds the speed of a phase for long enough to be told so before its end."""
+    """Whether a train that accelerates in a phase then holds its speed for at least `HELD_S` before its end."""
     reached = np.flatnonzero(run.speeds_mps[one.begin : end] > one.target_mps - STEADY_MPS)
     return bool(reached.size) and run.lasts_s(one.begin + int(reached[0]), end) >= HELD_S
 
 
 IDLE_MPS = 1.0 * KMH
-"""A brake that takes off less speed than this (m/s) is not worth telling."""
+"""A brake that takes off less speed than this (m/s) is left out."""
 
 
 def phases_as_run(
@@ -230,8 +235,8 @@ def phases_as_run(
 
     `kinds` are those of the phases with `NotchRegime.CURVE` for a brake along the braking curve. Where a limit ahead
     brakes the run, a brake begins; a brake that brakes nothing is left out, and one that only holds a speed at first
-    begins later. What is said of speeds to hold is in `das.solver.few_switch.as_run`; a train that is slower than
-    the speed to hold gets back to it with `back_share` of its traction.
+    begins later. Then `speeds_as_held` corrects the speeds; a train that is slower than the speed to hold gets back
+    to it with `back_share` of its traction.
     """
     said = _without_early_brakes(_without_idle_brakes(phases, kinds, run), run)
     for begin, end in _braked_by_limits(run):
@@ -240,7 +245,7 @@ def phases_as_run(
 
 
 def with_all_brakes(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]:
-    """The phases with a brake wherever a limit ahead brakes the run; what holds there goes on behind it."""
+    """The phases with a brake wherever a limit ahead brakes the run; the interrupted phase goes on behind it."""
     found = list(phases)
     for begin, end in _braked_by_limits(run):
         here = max((k for k, one in enumerate(found) if one.begin <= begin), default=0)
@@ -257,7 +262,7 @@ def with_all_brakes(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, 
 
 
 def with_one_brake(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]:
-    """The phases, where two brakes along the curve that hardly anything lies between are one."""
+    """The phases, with two brakes along the curve merged where hardly any time lies between them."""
     found: list[Phase] = []
     for one in phases:
         curve = one.kind in BRAKES and one.share == 0.0
@@ -272,7 +277,7 @@ def with_one_brake(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, .
 
 
 def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], run: RunAtNodes) -> list[Phase]:
-    """The phases without brakes that hardly change the speed; what comes before goes on instead."""
+    """The phases without brakes that hardly change the speed; the phase before goes on instead."""
     found, speeds = list(phases[:1]), run.speeds_mps
     for one, kind, end in list(zip(phases, kinds, ends_of(phases, run), strict=True))[1:]:
         idle = speeds[one.begin] - speeds[end] < IDLE_MPS and speeds[end] > IDLE_MPS
@@ -282,7 +287,7 @@ def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], ru
 
 
 def _without_repeats(phases: list[Phase]) -> list[Phase]:
-    """The phases, where coasting that follows coasting, and holding the same speed again, is one with it."""
+    """The phases, with coasting after coasting and holding the same speed again merged."""
     found = phases[:1]
     for one in phases[1:]:
         before = found[-1]
@@ -298,16 +303,13 @@ def _braked_by_limits(run: RunAtNodes) -> list[tuple[int, int]]:
     speeds, envelope = run.speeds_mps, run.envelope_mps
     met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)
     brakes = met[1:] & (speeds[1:] < speeds[:-1]) & (envelope[1:] < envelope[:-1])
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], brakes, [False]))))
-    stretches = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-    return [(begin, end) for begin, end in stretches if speeds[begin] - speeds[end] > IDLE_MPS]
+    return [(begin, end) for begin, end in _stretches(brakes) if speeds[begin] - speeds[end] > IDLE_MPS]
 
 
 def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> list[Phase]:
-    """The phases with a brake along the braking curve between two nodes, where there is none.
+    """The phases with a brake along the braking curve between two nodes, if there is none yet.
 
-    A brake whose effort is too small begins earlier, so that it is enough. What would follow before the last node
-    begins there.
+    A brake whose effort is too small begins earlier. A phase that would follow before the last node begins there.
     """
     here = max(k for k, one in enumerate(phases) if one.begin <= begin or k == 0)
     one, after = phases[here], phases[here + 1] if here + 1 < len(phases) else None
@@ -316,7 +318,11 @@ def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> l
         return phases
     before = phases[: here + (one.begin < begin)]
     if after is not None and after.begin <= end and after.kind in BRAKES and after.share == 0.0:
-        return [*before, after._replace(begin=begin), *phases[here + 2 :]]  # It only begins earlier.
+        return [
+            *before,
+            after._replace(begin=begin),
+            *phases[here + 2 :],
+        ]  # The brake that follows only begins earlier.
     if one.kind in BRAKES and one.begin < begin:
         earlier = _early_enough(one.begin, begin, end, run)
         if not here or earlier > phases[here - 1].begin:
@@ -326,7 +332,7 @@ def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> l
 
 
 def _early_enough(begin: int, met: int, end: int, run: RunAtNodes) -> int:
-    """Where a brake of an effort begins that is in time at its end, though it met the braking curve before."""
+    """The node where a brake of one effort must begin to be in time; begun at `begin`, it met the braking curve."""
     squares, node_m = run.speeds_mps**2, run.node_m
     m_per_square = (node_m[met] - node_m[begin]) / max(squares[begin] - squares[met], 1e-9)
     later_m = (squares[met] - squares[end]) * m_per_square - (node_m[end] - node_m[met])

@@ -63,7 +63,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class FewSwitchSettings:
-    """What few-switch trajectories are made of, and what a change costs them."""
+    """The notches of few-switch trajectories, the price of a change, and the ladder of multipliers."""
 
     traction_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
     """The steps of traction effort, as shares of the largest."""
@@ -113,7 +113,7 @@ class FewSwitchTrajectory:
     energy_j: float
     """The energy at the current collector."""
     lambda_w: float
-    """The price of time at which the run is a good one."""
+    """The price of time (W) of the policy that the run follows first."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,10 +127,10 @@ class FewSwitchFront:
     goal_mps: Floats
     """At each integration node the lower speed that brakes lead to."""
     sweep: Sweep | None = None
-    """The sweep that has not come to the begin of the section yet, of a front for a train under way."""
+    """The sweep that has not reached the beginning of the section yet; None where the whole section is solved."""
 
     def cover(self, s_m: float) -> None:
-        """Have the policies for a train at a position (m), and ahead of it."""
+        """Solve the policies for a train at a position (m) and ahead of it, where they are missing."""
         self._cover(State.at(self.section, s_m, 0.0))
 
     @property
@@ -207,8 +207,8 @@ def solve_few_switch_ahead(
 ) -> FewSwitchFront:
     """The few-switch policies of a section for a train at a position (m): only what is ahead of it is solved.
 
-    What is ahead has the same bits as in the whole; a question from more than `BEHIND_M` further back lets the front
-    solve the rest first.
+    The part ahead has the same bits as in the front of the whole section. A question from
+    more than `BEHIND_M` further back makes the front solve the rest first.
     """
     sweep = _FewSwitchSweep(section, settings, threads)
     sweep.come_down_to(node_behind(section, s_m))
@@ -216,8 +216,8 @@ def solve_few_switch_ahead(
 
 
 class _FewSwitchSweep:
-    """The sweep of few-switch trajectories from the end of a section towards its begin, as far as it has come; safe
-    in threads."""
+    """The sweep of few-switch trajectories from the end of a section towards its beginning, as far as it has come;
+    thread-safe."""
 
     def __init__(self, section: Section, settings: FewSwitchSettings, threads: int) -> None:
         self.grid = DecisionGrid.of(section)
@@ -250,7 +250,7 @@ class _FewSwitchSweep:
             self._known_from = first
 
     def front(self) -> FewSwitchFront:
-        """The front, which lets the sweep go on where more is asked for."""
+        """The front, which continues the sweep when a node further back is needed."""
         return FewSwitchFront(
             section=self.grid.section, lambda_w=self.ladder, notches=self.notches, policy=self._policy,
             goal_mps=self.goal_mps, sweep=self if self._known_from > 0 else None,

@@ -18,7 +18,7 @@ NEAR_MPS = 1e-3
 
 
 class Phase(NamedTuple):
-    """What to do on a stretch: kind and share of effort, the section's interval where it begins, the speed to reach."""
+    """What to do on a stretch: regime, share of effort, the section's interval where it begins, the speed to reach."""
 
     kind: NotchRegime
     share: float
@@ -75,7 +75,7 @@ def _parts(run: FewSwitchTrajectory) -> list[_Part]:
 
 
 def _done(run: FewSwitchTrajectory, i: int, kind: NotchRegime) -> NotchRegime:
-    """What a train in a braking notch does in an interval: it brakes only once it is too fast."""
+    """The regime of a train in a braking notch in an interval: it brakes only once it is too fast."""
     before, after = run.speeds_mps[i : i + 2]
     if kind is NotchRegime.CURVE:
         brakes, met = after < before, after > run.state.envelope_mps[i + 1] - NEAR_MPS
@@ -132,7 +132,7 @@ def _may_go(parts: list[_Part], k: int) -> bool:
 def _joins_before(part: _Part, before: _Part, after: _Part) -> bool:
     """Whether a short part becomes part of the one before it, and not of the one after."""
     if part.kind in BRAKES and after.kind in BRAKES:
-        return True  # One deceleration over the way of both would be slower: the second brake stays as it is.
+        return True  # One deceleration over both would be slower: the second brake stays unchanged.
     if part.kind in BRAKES:
         return before.kind in BRAKES
     return part.kind is not NotchRegime.TRACTION or before.kind is NotchRegime.TRACTION
@@ -154,7 +154,7 @@ STEADY_MPS = 0.01
 
 
 class RunAtNodes(NamedTuple):
-    """Speeds of a run and the highest ones allowed (m/s), the places of the nodes (m), and when it is there (s)."""
+    """A run at the nodes of its section: speeds and highest allowed ones (m/s), distances (m) and times (s)."""
 
     speeds_mps: Floats
     envelope_mps: Floats

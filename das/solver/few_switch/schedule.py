@@ -28,20 +28,21 @@ from das.solver.state import RollOut, State, following_node, least_time_s
 
 Floats = NDArray[np.float64]
 MET_MPS = 1e-3
-"""A train whose speed is this near (m/s) to that of the scheduled run is on it from there on."""
+"""A train whose speed is this near (m/s) to that of the schedule's run counts as on it from there on."""
 NOWHERE = -1.0
+"""The `met_mps` of a train that is followed to the end and never counts as on the schedule's run."""
 MOST_UNSAID_S = 0.5
-"""Limits ahead may ask the run of a schedule for a brake that no phase says for no longer than this (s)."""
+"""Limits ahead may demand brakes that no phase of a schedule has for at most this time (s)."""
 SAYINGS = 3
-"""Phases are made to say what their run does so many times; then they hardly change any more."""
+"""Rounds in which phases are made to say what their run does; after them they hardly change any more."""
 ON_CURVE_MPS = 0.05
-"""A brake to a speed this near (m/s) to what the braking curve comes to there follows the curve."""
+"""A brake follows the braking curve where its target is this near (m/s) to the curve's speed at its end."""
 
 
 class Prospect(NamedTuple):
-    """What following a schedule comes to: speeds at the nodes of the section (behind the state: NaN), time, energy.
+    """The forecast of a train that keeps to a schedule: speeds at the nodes (behind the state: NaN), time and energy.
 
-    In `unsaid_s` of the time, limits ahead ask for brakes though no phase does.
+    For the time `unsaid_s` limits ahead demand brakes that no phase has.
     """
 
     speeds_mps: Floats
@@ -51,15 +52,15 @@ class Prospect(NamedTuple):
 
 
 LATE_RATIO = 3.0
-"""A second of being late costs so many times the price of time,"""
+"""A second of being late costs this many times the price of time."""
 EARLY_RATIO = 0.7
-"""and one of being early is worth this share of it,"""
+"""A second of being early is worth this share of the price of time."""
 EARLY_S = 2.0
-"""up to so many of them (s): the price is that of a run of the ladder, and may be half as high again as it should."""
+"""Only this many seconds of being early are worth anything: the price, taken from the ladder, may be half too high."""
 
 
 class PricesOfTime(NamedTuple):
-    """What a second late costs and a second early is worth (W), and how many early ones are worth something (s)."""
+    """Price of a second late, worth of a second early (W), and how many seconds early are worth anything (s)."""
 
     late_w: float
     early_w: float
@@ -104,7 +105,7 @@ class Schedule:
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Kind, share and target speed of every phase; a brake to where the braking curve leads is one along it."""
+        """Kind, share and target speed of every phase; a brake that leads to the braking curve follows it (`CURVE`)."""
         kinds = np.array([int(one.kind) for one in self.phases])
         targets = np.array([one.target_mps for one in self.phases])
         led_to = self.section.envelope_mps[[*(one.begin for one in self.phases[1:]), len(self.at)]]
@@ -134,7 +135,7 @@ class Schedule:
         return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
 
     def brakes_by_effort(self, number: int) -> bool:
-        """Whether a phase brakes with one effort of the motors to its speed and then holds it: before no limit."""
+        """Whether a phase brakes with one effort to its speed and then holds it: a brake before no limit."""
         kind, share, _ = self.columns
         return bool(kind[number] == NotchRegime.BRAKE and share[number] > 0.0)
 
@@ -163,9 +164,9 @@ class Schedule:
     def forecast(
         self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS, held_until_m: float = -math.inf
     ) -> Prospect:
-        """What becomes of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls.
+        """The forecast of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls.
 
-        Where `held_until_m` is ahead the train holds its speed up to there and keeps to the schedule from there on.
+        If `held_until_m` is ahead, the train first holds its speed up to there.
         """
         section = self.section
         first, line, envelope = self.ahead(s_m, v_mps)
@@ -179,7 +180,7 @@ class Schedule:
         return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j, unsaid_s)
 
     def ahead(self, s_m: float, v_mps: float) -> tuple[int, LineArrays, Floats]:
-        """The interval that a position is in, and line and envelope of the section as they are from a state on."""
+        """The interval of a position, with line and envelope of the section cut to begin at the state."""
         section = self.section
         following = min(following_node(section, s_m), len(section.step_m))
         first = following - 1
@@ -193,7 +194,7 @@ class Schedule:
     def as_run(self) -> Schedule:
         """The schedule whose phases say what its run does, so that a driver who keeps to them drives that run.
 
-        Where a limit ahead brakes the run, a brake begins there: a driver who is told later brakes with friction. A
+        Where a limit ahead brakes the run, a brake begins there: a driver who is told later needs the friction brake. A
         brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
         that it has there.
         """
@@ -201,7 +202,7 @@ class Schedule:
         return replace(self, phases=phases)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
-        """The same phases with the run that keeps to them from a state, and that run."""
+        """The same phases with the run that keeps to them from a state, and the forecast of that run."""
         forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
         speeds = forecast.speeds_mps
         known = np.isfinite(speeds)
@@ -212,16 +213,16 @@ class Schedule:
 
 
 class Scheduled(NamedTuple):
-    """A schedule, and what keeping to it comes to."""
+    """A schedule, the forecast of a train that keeps to it, and its price of time (W)."""
 
     schedule: Schedule
     forecast: Prospect
     lambda_w: float
 
     def as_run(self, s_m: float, v_mps: float) -> Scheduled:
-        """The same from a state, with phases that say what the run does; as it is, where the train would stall so.
+        """The schedule from a state with phases that say what its run does; unchanged where the train would stall.
 
-        Other phases may make another run, and are compared with that one again.
+        Changed phases may lead to another run, so they are compared with that one again.
         """
         found = self
         for _ in range(SAYINGS):
@@ -238,7 +239,7 @@ class Scheduled(NamedTuple):
 
     @property
     def says_its_brakes(self) -> bool:
-        """Whether there is a phase to brake wherever limits ahead ask the run to."""
+        """Whether there is a phase to brake wherever limits ahead demand it."""
         return self.forecast.unsaid_s <= MOST_UNSAID_S
 
     def solution(self, s_m: float, v_mps: float, requested_s: float) -> Solution:
@@ -260,7 +261,7 @@ class Scheduled(NamedTuple):
     def _with(
         self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float
     ) -> Scheduled:
-        """The same with other phases, made of its own and its run; as it is, where the train would stall so."""
+        """The schedule with phases changed by a function of phases and run; unchanged where the train stalls."""
         phases = changed(self.schedule.phases, self.schedule.run)
         if phases == self.schedule.phases:
             return self
@@ -270,7 +271,7 @@ class Scheduled(NamedTuple):
             return self
 
     def cost_j(self, time_s: float) -> float:
-        """The energy (J), and what arriving at another time than asked costs or is worth."""
+        """The energy (J) plus what it costs to arrive at another time than `time_s`."""
         prices = PricesOfTime.to_be_on_time(self.lambda_w)
         return self.forecast.energy_j + float(cost_of_time(self.forecast.time_s - time_s, prices))
 

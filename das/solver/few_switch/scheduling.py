@@ -21,7 +21,7 @@ class ScheduleSettings:
     """How a few-switch trajectory becomes a schedule."""
 
     least_s: float = 10.0
-    """A phase that is no brake lasts at least this long, or it becomes part of a neighbour."""
+    """A phase other than a brake lasts at least this long (s), or becomes part of a neighbour."""
     back_share: float = 0.6
     """A train slower than the speed to hold gets back to it with this share of its traction."""
     ripple_mps: float = 1.5
@@ -29,22 +29,22 @@ class ScheduleSettings:
     reach_m: float = 2000.0
     """Coasting begins at most this much earlier than in the few-switch trajectory, so that the train is not early."""
     tries: int = 8
-    """The place where coasting begins is narrowed down so many times."""
+    """The place where coasting begins, or the highest speed, is narrowed down in this number of steps."""
     near_s: float = 0.3
-    """A schedule that arrives within this time of what was asked is near enough."""
+    """A schedule that arrives within this time (s) of the wanted one is near enough."""
     early_s: float = 1.0
-    """A schedule that arrives earlier than asked by more than this gets a lower highest speed,"""
+    """A schedule that arrives earlier than wanted by more than this (s) gets a lower highest speed."""
     lowest_top_ratio: float = 0.8
-    """but not lower than this share of the highest speed before."""
+    """The lower highest speed of an early schedule is at least this share of the highest speed before."""
     late_s: float = 1.0
-    """A schedule that arrives later than asked by more than this is made from a quicker run."""
+    """A schedule that arrives later than wanted by more than this (s) is made again from a quicker run."""
     rounds: int = 4
-    """So many runs are tried, each quicker than the one before."""
+    """At most this number of runs is tried, each quicker than the one before."""
 
 
 DEFAULT = ScheduleSettings()
 SHORTER = (1.0, 0.4, 0.0)
-"""Where a train would stall without its short phases, those are left in that last longer than these shares of it."""
+"""Shares of the least duration of a phase, tried in turn where the train would stall without its short phases."""
 
 
 def scheduled(
@@ -70,7 +70,7 @@ def scheduled(
 
 
 def schedule_in_time(run: FewSwitchTrajectory, time_s: float, settings: ScheduleSettings) -> Scheduled:
-    """The schedule of a run, with coasting begun so much earlier that it is not early."""
+    """The schedule of a run; coasting begins earlier, so that the train does not arrive early."""
     s_m, v_mps = float(run.state.node_m[0]), run.state.speed_mps
     best = _unhurried(_settled(run, settings), time_s, s_m, v_mps, settings)
     if best[1].time_s < time_s - settings.early_s:
@@ -79,7 +79,7 @@ def schedule_in_time(run: FewSwitchTrajectory, time_s: float, settings: Schedule
 
 
 def _settled(run: FewSwitchTrajectory, settings: ScheduleSettings) -> tuple[Schedule, Prospect]:
-    """The schedule of a run without its short phases, and what keeping to it comes to.
+    """The schedule of a run without its short phases, and its forecast.
 
     Where the train would stall without a short acceleration before a hill, shorter and shorter phases are left in.
     """
@@ -103,7 +103,7 @@ def _settled(run: FewSwitchTrajectory, settings: ScheduleSettings) -> tuple[Sche
 def _unhurried(
     found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
 ) -> tuple[Schedule, Prospect]:
-    """A schedule and its forecast from a state, with coasting begun so much earlier that it does not arrive early."""
+    """A schedule and its forecast from a state; coasting begins earlier, so that the train does not arrive early."""
     raw, best = found[0], found
     low, high = 0.0, 1.0
     for _ in range(settings.tries):
@@ -165,24 +165,24 @@ class PolishSettings:
     """How far phases are changed in place, speed and effort."""
 
     steps_m: tuple[float, ...] = (200.0, 80.0, 30.0)
-    """A phase begins this much earlier or later, in rounds of smaller and smaller steps."""
+    """A phase begins this much (m) earlier or later, in rounds of smaller and smaller steps."""
     steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH, 0.5 * KMH)
-    """A speed is made this much lower or higher, in the same rounds."""
+    """A speed is made this much (m/s) lower or higher, in the same rounds."""
     steps_share: tuple[float, ...] = (0.2, 0.2, 0.0)
     """An effort is made this much smaller or larger, in the same rounds: a fifth, as finely as a driver reads it. An
     effort between two fifths would flicker on a display that rounds to them."""
     thorough_steps_share: tuple[float, ...] = (0.2, 0.1, 0.1)
-    """The same of a schedule that is polished thoroughly, which is one for a train that departs or is new."""
+    """As `steps_share`, for a schedule that is polished thoroughly: that of a train that departs or is new."""
     prices: int = 3
-    """A schedule that is polished thoroughly is polished at so many prices of time first,"""
+    """A schedule that is polished thoroughly is first polished at this number of prices of time."""
     price_ratio: float = 2.0
-    """at most so many times lower or higher than that of the run that it was made from."""
+    """Those prices are at most this many times lower or higher than that of the schedule's run."""
     least_s: float = 10.0
-    """No phase but a brake is made shorter than this by moving its neighbours."""
+    """Moves of its neighbours make no phase except a brake shorter than this (s)."""
     rounds: int = 2
-    """A schedule is polished so many times,"""
+    """A schedule is polished at most this number of times, until it is in time."""
     late_s: float = 1.0
-    """each time for less time than before, while it is later than this."""
+    """A schedule that is later than wanted by more than this (s) is polished once more for less time."""
 
 
 DEFAULT_POLISH = PolishSettings()
@@ -194,7 +194,7 @@ def polished(
     """A schedule with the same phases, each changed to where it costs least; it is to take `time_s` from a state.
 
     Its phases say what its run does: where limits ahead brake the run, there is a brake. Where that makes it late, it
-    is made for less time once more.
+    is polished once more for less time.
     """
     prices, best = PricesOfTime.to_be_on_time(found.lambda_w), found.as_run(s_m, v_mps)
     asked_s = time_s
@@ -212,7 +212,7 @@ def polished(
 def polished_thoroughly(
     found: Scheduled, time_s: float, s_m: float, v_mps: float, settings: PolishSettings = DEFAULT_POLISH
 ) -> Scheduled:
-    """As `polished`, and better, for several times the work.
+    """As `polished`, at less cost, for several times the work.
 
     A schedule that is to be on time can hardly change phase by phase, because every change alone makes it late or
     early. So it is first polished with every second at the same price, and the price is narrowed down to one at which
@@ -238,7 +238,7 @@ def polished_thoroughly(
 def _at_prices(
     found: Scheduled, time_s: float, prices: PricesOfTime, s_m: float, v_mps: float, settings: PolishSettings
 ) -> Scheduled:
-    """The schedule polished at prices of time; as it was, where the train would stall with the new one."""
+    """The schedule polished at prices of time; unchanged where the train would stall with the new one."""
     schedule = found.schedule.as_run()
     section = schedule.section
     begin = np.array([one.begin for one in schedule.phases])

@@ -64,7 +64,7 @@ def _from_stop(chains: Chains, span: TightSpan, parts: Parts) -> Floats:
 
 
 def _at_passing(chains: Chains, part: Solved, parts: Parts, after_j: Floats) -> tuple[Floats, Ahead]:
-    """What a span and all after it cost by the speed at its begin, at one λ; it is the only one that counts before."""
+    """The cost of a span and all after it by the speed at its beginning, at one λ; spans before may use no other λ."""
     usable = np.isfinite(after_j) & (np.arange(len(after_j)) >= chains.lowest(part.span))
     distance_w = np.abs(chains.fronts.ladder_w - min(part.lambda_w, chains.fronts.ladder_w[-1]))
     index = int(np.where(usable, distance_w, np.inf).argmin())

@@ -2,8 +2,8 @@
 
 A *span* lies between two neighbouring tight times, and it has one price of time λ. Spans that meet at a stop do not
 depend on each other. Spans that meet at a tight passing share the speed there and form a *chain*. A chain is solved by
-one sweep from its end to its begin: what a span costs in its time, by the speed it begins with, is the end value of the
-span before it.
+one sweep from its end to its beginning: the cost of a span in its time, by the speed at its beginning, is the end value
+of the span before it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class DrivenStretch(TimedStretch):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MultiplierTable:
-    """What a stretch takes under each multiplier of the ladder.
+    """Time and cost of a stretch under each multiplier of the ladder.
 
     `time_s` (L + 1,) falls, and its last value is that of the fastest run. `total_j` (L,) is the least total cost.
     """
@@ -63,9 +63,9 @@ class MultiplierTable:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ahead:
-    """What comes after a tight passing: its cost (`value_j`, J) by the speed at the passing (`speed_mps`).
+    """The cost of the journey after a tight passing (`value_j`, J) by the speed there (`speed_mps`).
 
-    A train that passes slower than `least_mps` is too late for what follows.
+    A train that passes slower than `least_mps` is too late for the next tight event.
     """
 
     speed_mps: Floats
@@ -74,8 +74,9 @@ class Ahead:
 
 
 class SectionFronts:
-    """Solves the fronts of sections; keeps those of whole sections where there is room, and their tables and runs
-    always.
+    """Solves the fronts of sections and keeps those of whole sections where there is room.
+
+    Tables and runs of whole sections are always kept.
 
     All sections have the same ladder `ladder_w`: that of the section with the largest multipliers, and below 0
     parts of the idle loss. `least_energy` is the index of 0 in it.
@@ -94,7 +95,7 @@ class SectionFronts:
         return stretch.last - stretch.first == len(self.sections[stretch.section].places) - 1
 
     def part(self, stretch: Stretch, ahead: Ahead | None) -> Front:
-        """The front of a part of a section; `ahead` is what comes after its end (None: a stop)."""
+        """The front of a part of a section; `ahead` is the journey after its end (None: a stop)."""
         journey_section = self.sections[stretch.section]
         if ahead is None:
             return solve_front(journey_section.part(stretch.first, stretch.last), lambda_w=self.ladder_w, packed=False)
@@ -133,7 +134,7 @@ class SectionFronts:
 
 
 def late_s(front: Front, speed_mps: float, left_s: float) -> float:
-    """By how much the fastest run from a speed misses a time; inf where it cannot end as it must."""
+    """By how much (s) the fastest run from a speed exceeds the time left; inf where it cannot end as it must."""
     try:
         quickest = fastest(front.section, front.section.start_m, speed_mps)
     except InfeasibleError:
@@ -186,7 +187,7 @@ class Split(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
-    """A span with its price of time (W), the time of every event from its begin to its end, and its runs.
+    """A span with its price of time (W), the time of every event from its beginning to its end, and its runs.
 
     Whole sections without passings are not driven yet.
     """
@@ -255,13 +256,13 @@ class Chains:
         return parts
 
     def add_parts(self, parts: Parts, span: TightSpan, ahead: Ahead | None) -> None:
-        """Add the fronts of a span's stretches that are not whole; `ahead` is what comes after a span that passes."""
+        """Add the fronts of a span's stretches that are not whole; `ahead` follows a passing at the span's end."""
         for stretch in span.stretches:
             if not self.fronts.is_whole(stretch):
                 parts[stretch] = self.fronts.part(stretch, ahead if stretch is span.stretches[-1] else None)
 
     def _ahead(self, span: TightSpan, parts: Parts) -> Ahead:
-        """What a span that begins at a passing costs in its time by the speed there: max over λ of its dual."""
+        """The cost of a span that begins at a passing, in its time, by the speed there: max over λ of its dual."""
         first = parts[span.stretches[0]]
         cost_j = self.dual_j(span, parts, first.value_j[0])[:, self.lowest(span) :].max(axis=1)
         return Ahead(speed_mps=start_speeds(first), value_j=cost_j, least_mps=self._least_speed(span, parts))
@@ -274,7 +275,7 @@ class Chains:
         return np.where(first_j > tol.UNREACHABLE, tol.INFEASIBLE, total_j)
 
     def _least_speed(self, span: TightSpan, parts: Parts) -> float:
-        """The slowest speed at the begin of a span from which it can be run in its time, by bisection."""
+        """The slowest speed at the beginning of a span from which it can be run in its time, by bisection."""
         stretch, *others = span.stretches
         front, section = parts[stretch], self.sections[stretch.section]
         others_s = sum(float(self.fronts.table(other, parts.get(other), 0.0).time_s[-1]) for other in others)
@@ -325,7 +326,7 @@ class Chains:
         return [float(np.interp(column, columns, time_s)) for time_s in by_column], price_w, 0.0
 
     def _event_times(self, span: TightSpan, runs: Iterable[TimedStretch], slack_s: float) -> Floats:
-        """When the events of a span take place; what the train stands longer than it must is at the last wait."""
+        """When the events of a span take place; the train spends `slack_s` beyond the least time at the last wait."""
         links, following = self.timeline.links, iter(runs)
         event_s = [span.begin[1]]
         for i in range(span.begin[0], span.end[0]):
@@ -338,7 +339,7 @@ class Chains:
         return np.array(event_s)
 
     def _place_times(self, run: TimedStretch) -> list[float]:
-        """Times from the begin of a run to each place after it."""
+        """Times from the beginning of a run to each place after it."""
         if not isinstance(run, DrivenStretch):
             return [run.time_s]
         stretch, section = run.stretch, self.sections[run.stretch.section]

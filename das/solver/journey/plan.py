@@ -40,7 +40,7 @@ class PlannedTime:
 
 @dataclass(frozen=True, kw_only=True)
 class PassedAt:
-    """A passing as planned."""
+    """A passing with its planned time and speed."""
 
     passing: Passing
     timing: PlannedTime
@@ -49,7 +49,7 @@ class PassedAt:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SectionPlan:
-    """A section as planned.
+    """The plan of a section.
 
     `lambda_w` holds the price of time (W) of each stretch between tight passings (inf: the fastest run). `feasible`
     says that the runs are within limits and forces, and on time.

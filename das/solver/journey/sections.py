@@ -20,7 +20,7 @@ from das.domain.route import Route, Stretches
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
-from das.solver.kernels.driving import ALL_OF_IT, braking_envelope, climbing_floor
+from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
 from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
 from das.solver.line_profile import LineProfile
@@ -48,7 +48,7 @@ class JourneySection:
     def part(self, first: int, last: int, least_end_mps: float = 0.0) -> Section:
         """The section between two places; it ends at any speed from `least_end_mps` where the last is a passing.
 
-        It begins at whatever speed it is asked for: its start and end speeds are those of the section.
+        Its start and end speeds remain those of the whole section; a front answers for any speed at its beginning.
         """
         section, a, b = self.whole, self.places[first], self.places[last]
         of_intervals = [field.name for field in fields(LineProfile) if field.name != "node_m"]
@@ -143,7 +143,7 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
         before = slice(None, node)
         line = LineArrays(*(array[before] for array in section.for_kernels))
         limit = section.limit_mps[before]
-        envelope[: node + 1], stuck = braking_envelope(line, limit, highest, section.train, ALL_OF_IT)
+        envelope[: node + 1], stuck = braking_envelope(line, limit, highest, section.train, FULL_BRAKES)
         if stuck >= 0:
             raise InfeasibleError(
                 f"{section.route.source}: passing {passing.name} at {highest / KMH:.1f} km/h: the train cannot brake "
@@ -219,7 +219,7 @@ class Stretch:
 
 @dataclass(frozen=True, kw_only=True)
 class TightSpan:
-    """What lies between two tight events: stretches and waits.
+    """The part of a journey between two tight events: stretches and waits.
 
     `last_wait` is the index of the link of the last wait, or -1 where there is no wait.
     """
@@ -238,7 +238,7 @@ class TightSpan:
 
 @dataclass(frozen=True, kw_only=True)
 class Timeline:
-    """All events of a journey in order, and what is between them: `links[i]` from event i to event i + 1.
+    """All events of a journey in order, with the links between them: `links[i]` from event i to event i + 1.
 
     The first event is the earliest departure, the last the latest arrival; the train may wait after the one and
     before the other. `departures[i]` is the event with which section i begins.
@@ -270,7 +270,7 @@ class Timeline:
         return all(isinstance(link, DriveLink) for link in self.links[max(event - 1, 0) : event + 1])
 
     def span(self, begin: Tight, end: Tight) -> TightSpan:
-        """What lies between two tight events."""
+        """The span between two tight events."""
         links = dict(enumerate(self.links[begin[0] : end[0]], begin[0]))
         waits = {i: link.least_s for i, link in links.items() if isinstance(link, WaitLink)}
         places: dict[int, list[int]] = {}

@@ -1,4 +1,4 @@
-"""The least that an interval can cost from one cell of speeds to another, the lines of their values taken into account.
+"""Links: the least that an interval can cost from one cell of speeds to another, with the lines of their values.
 
 `docs/explanation/bounds.md` proves that no run of the integrator costs less.
 """
@@ -19,11 +19,11 @@ inlined = compiled(forceinline=True)
 
 
 class EvenRows(NamedTuple):
-    """Energies per metre ψ (N) of a loss map from below: convex in the force, at each speed.
+    """Lower bounds of a loss map's energy per metre ψ (N), convex in the force at each speed.
 
     `psi_n` (1 + speeds, forces) belongs to the slownesses `tau` (falling), the first of which no run reaches, and to
-    the forces force0_n + i/steps_per_n. `steps_per_mps` is 1 over the distance of the speeds, the first of which is one
-    step.
+    the forces force0_n + i/steps_per_n. `steps_per_mps` is 1 over the spacing of the speeds, which
+    begin one spacing above 0.
     """
 
     psi_n: Floats
@@ -36,8 +36,8 @@ class EvenRows(NamedTuple):
 class CellTrain(NamedTuple):
     """Numbers of a train: resistance per speed (N/(m/s)), inertial mass, and powers of motors and electric brake.
 
-    The power of the electric brake is at most `electric_w` and at least `least_electric_w`; what the adhesive weight
-    `adhesive_n` (N) puts on the rail can be less.
+    The power of the electric brake is at most `electric_w` and at least `least_electric_w`; adhesion under
+    the weight `adhesive_n` (N) can limit it further.
     """
 
     linear: float
@@ -52,8 +52,8 @@ class CellEfforts(NamedTuple):
     """Limits of forces (N), of all intervals or of one.
 
     The motors give between −electric_n and traction_n, and at most their powers at the faster end; all brakes together
-    give at most `brake_n`. Friction brakes only where the electric brake gives all that it can, which is at least
-    `least_electric_n`, or less by its power and by adhesion.
+    give at most `brake_n`. The friction brake acts only where the electric brake gives all that it can: at
+    least `least_electric_n`, unless its power or adhesion allows less.
     """
 
     traction_n: Floats
@@ -63,11 +63,11 @@ class CellEfforts(NamedTuple):
 
 
 class CellLine(NamedTuple):
-    """What each interval (n,) asks and allows: see `das.solver.bound.cells`.
+    """Resistance, limits and prices of each interval (n,), made by `das.solver.bound.cells`.
 
-    Resistance is at least constant_n + linear·v + quadratic·(w0 + w1). `share` is what the line takes of what is fed
-    back, `price_w` the price of time. No run is slower than `slowest_tau` (s/m), and none faster at a node (n + 1,)
-    than `top_mps`.
+    Resistance is at least constant_n + linear·v + quadratic·(w0 + w1). `share` is the part of the energy fed back
+    that the line takes, `price_w` the price of time. No run is slower than `slowest_tau` (s/m), and none is faster than
+    `top_mps` at the nodes (n + 1,).
     """
 
     step_m: Floats
@@ -83,7 +83,7 @@ class CellLine(NamedTuple):
 
 
 class CellInterval(NamedTuple):
-    """What one interval asks and allows: the numbers of `CellLine` and `CellTrain` for it."""
+    """One interval: its numbers of `CellLine`, and the train."""
 
     step_m: float
     constant_n: float
@@ -129,7 +129,7 @@ def _least_over_forces(tau, c, a, f1, f2, rows):
 
 @kernel
 def _weight(f1, f2, tau, a, u, rows):
-    """A weight of ψ between the share u and 1 with which the larger of ψ and u·ψ is bounded well from below."""
+    """A weight of ψ between the share u and 1 that gives a high lower bound of the larger of ψ and u·ψ."""
     if _least_over_forces(tau, 1.0, 0.0, f1, f1, rows) >= 0.0:
         return 1.0
     if _least_over_forces(tau, 1.0, 0.0, f2, f2, rows) <= 0.0:
@@ -151,7 +151,7 @@ def _weight(f1, f2, tau, a, u, rows):
 
 @inlined
 def interval(k, line):
-    """The interval k of a line: links that are given numbers instead of arrays take a third of the time."""
+    """Interval k of a line as numbers: with them, links take a third of the time that they take with arrays."""
     return CellInterval(
         line.step_m[k],
         line.constant_n[k],
@@ -173,10 +173,10 @@ def interval(k, line):
 
 @inlined
 def link(here, start, end, rows):
-    """Least energy and priced time of an interval from a cell to a cell, plus the line of the second, less the first's.
+    """Least energy and priced time of an interval from a cell to a cell, plus the second's line, minus the first's.
 
     A cell is given by its slowest and fastest speed and the slope of its line, which is counted from the middle of the
-    cell (in w). Infinite where no run goes from one to the other.
+    cell (in w). The result is infinite where no run goes from one to the other.
     """
     low0, high0, slope0 = start
     low1, high1, slope1 = end
@@ -213,7 +213,7 @@ def _split_link(here, speeds, forces, split, rows):
     a, rho, constant = split
     h, linear = here.step_m, here.train.linear
     a = max(a, 0.0)
-    # Beyond the electric brake, friction takes what the motors do not.
+    # Where the electric brake is not enough, the friction brake does the rest.
     beyond = a * max(-electric - f2, 0.0)
     f1, f2 = max(f1, -electric), max(f2, -least_electric)
     tau1 = 2.0 / (high0 + high1)
@@ -238,7 +238,7 @@ def _split_link(here, speeds, forces, split, rows):
 
 @inlined
 def _efforts(here, faster):
-    """Largest traction and electric brake of interval k (N) where the faster speed is at least this."""
+    """Largest traction and electric brake (N) of an interval whose faster end has at least the speed `faster`."""
     speed = max(faster, 1e-3)
     traction = min(here.efforts.traction_n, here.train.traction_w / speed)
     return traction, min(here.efforts.electric_n, here.train.electric_w / speed)
@@ -246,7 +246,7 @@ def _efforts(here, faster):
 
 @inlined
 def _least_electric(here, fastest):
-    """What the electric brake gives at least in interval k (N), at a faster end of at most this speed."""
+    """Least force (N) of the full electric brake in an interval whose faster end has at most the speed `fastest`."""
     train = here.train
     least = min(here.efforts.least_electric_n, train.least_electric_w / max(fastest, 1e-3))
     return min(least, train.adhesive_n * adhesion_coefficient(fastest))
@@ -254,7 +254,7 @@ def _least_electric(here, fastest):
 
 @inlined
 def _least_between(tau1, tau2, h, price_w, forces, bends, rows):
-    """Least cost of h metres over the slownesses tau1 … tau2, from below, in parts between the speeds of the map."""
+    """Lower bound of the cost of h metres at slownesses tau1 … tau2, in parts between the speeds of the map."""
     weight, a, f1, f2 = forces
     bend_tau, bend_w, fall_tau, fall_w = bends
     best, tau = np.inf, tau1
@@ -276,7 +276,7 @@ def _least_between(tau1, tau2, h, price_w, forces, bends, rows):
 
 @inlined
 def _with_bend(tau1, left, tau2, right, bend_tau, bend_w):
-    """Least of a concave function with these ends and of bend_tau/τ + bend_w/(2τ²) over an interval, from below."""
+    """Lower bound over tau1 … tau2 of bend_tau/τ + bend_w/(2τ²) plus a concave function with these end values."""
     if bend_tau == 0.0 and bend_w == 0.0:
         return min(left, right)
     mid = 0.5 * (tau1 + tau2)

@@ -20,23 +20,23 @@ from das.solver.kernels.forces import (
 from das.solver.kernels.landings import landing_under
 
 SLOW_MPS = 5.0
-"""Below this speed (m/s) a delay asks for no more reserve: the driver sees the mark, and brakes act already."""
-ALL_OF_IT = (1e9, 0.0)
-"""Brakes to their full: no smaller deceleration (m/s²) than the train's, and no delay (s)."""
+"""Below this speed (m/s) a delay needs no further reserve: the driver sees the mark, and the brakes already act."""
+FULL_BRAKES = (1e9, 0.0)
+"""A `service` of full brakes: no deceleration limit (m/s²) below the train's own, and no delay (s)."""
 _ROUNDING_W = 1e-9
-"""A v² this little above the envelope's is rounding of the iterations."""
+"""A v² above the envelope's by no more than this comes from rounding in the iterations."""
 _FIXED_POINT_STEPS = 60
-"""Most iterations."""
+"""Most iterations in the search for a speed that is its own image under a step."""
 _FIXED_POINT_TOLERANCE = 1e-13
 """A speed has been found when an iteration changes it by at most this share."""
 
 
 @kernel
 def _narrowed(v, new, low, low_gap, high, high_gap):
-    """The next guess of a speed that is its own `new`, where new falls as v rises, and the bounds of it.
+    """New bounds and the next guess of a speed v that is its own image; the image `new` falls as v rises.
 
-    The power limit leaves less force, the faster the step: v would swing between too fast and too slow. So it is
-    bracketed and found by false position (Illinois); `high_gap` is 0 as long as nothing was too fast.
+    The faster the step, the less force the power limit leaves: plain iteration would swing between too fast and too
+    slow. So v is bracketed and found by false position (Illinois). `high_gap` is 0 until a guess was too fast.
     """
     gap = new - v
     if gap > 0.0:
@@ -186,7 +186,7 @@ def run_energy(line, p, c, v):
 def braking_envelope(line, limit, end_speed, p, service):
     """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
 
-    `service` are the largest deceleration (m/s²) and how late the brakes act (s); `ALL_OF_IT`: the train's full brakes.
+    `service` are the largest deceleration (m/s²) and the delay of the brakes (s), or `FULL_BRAKES`.
     Returns the speeds with the index of the first interval (from the end) where braking is impossible, or -1.
     The brake power limit is taken at the faster end of each step, so it holds over the whole step.
     """
@@ -214,7 +214,7 @@ def braking_envelope(line, limit, end_speed, p, service):
 
 @kernel
 def _brake_start(v0, v1, h, g, q, p, service):
-    """Speed from which the hardest brake in service of a start at v0 lands at v1 (0: it would run away)."""
+    """Speed from which the hardest service brake lands at v1, with the forces of a start at v0; 0: it runs away."""
     faster = max(v0, v1)
     loss = largest_loss(faster, mean_resistance(v0, v1, q, p) + g, p, p.friction_force_n)
     w0 = v1 * v1 + 2.0 * h * _in_service(loss, faster, service)
@@ -225,8 +225,8 @@ def _brake_start(v0, v1, h, g, q, p, service):
 def _in_service(loss, v, service):
     """The deceleration to plan with where full brakes give `loss` at speed v.
 
-    A brake that acts late by t needs the way D(v) + (v − u)·t to come down to u, where D is its way without delay. Per
-    speed that is v/a + t, so the deceleration is 1/(1/a + t/v).
+    A brake with a delay of t needs the distance D(v) + (v − u)·t to slow down to u, where D is its distance without
+    delay. Per unit of speed that is v/a + t, so the deceleration is 1/(1/a + t/v).
     """
     largest, delay = service
     rate = min(loss, largest)

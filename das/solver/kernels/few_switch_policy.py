@@ -61,7 +61,7 @@ def notch_landing(kind, share, v0, h, g, q, highest, top, goal, p):
 
 @kernel
 def final_landing(kind, share, v0, h, g, q, top, p):
-    """Whether a notch may end a section whose end speed is `top`: only a step that comes near it by itself may."""
+    """Whether a notch may end a section whose end speed is `top`: the notch must lead to it by itself."""
     if top < v0:
         return kind == CURVE
     if kind == TRACTION:
@@ -158,7 +158,7 @@ def few_switch_sweep(first, last, prices, moves, policy, value):
 
 @kernel
 def _keep(row, best, change, bit, stay):
-    """Cut the costs of being in a notch to those of changing it; where it is kept, its bit is set in `stay`."""
+    """Limit the costs of being in a notch to those of leaving it; where it is kept, its bit is set in `stay`."""
     for l in range(best.size):
         limit = best[l] + change[l]
         keeps = row[l] <= limit
@@ -186,7 +186,7 @@ def speed_under(kind, share, v0, h, g, q, p):
         if v1 <= 0.0:
             return 0.0
         if v1 == before:
-            break  # Further steps find the same.
+            break  # Further steps find the same speed.
     return v1
 
 

@@ -12,18 +12,18 @@ from das.solver.kernels.few_switch_policy import BRAKE, COAST, CURVE, HOLD, TRAC
 from das.solver.kernels.forces import on_supply
 
 UNSAID_MPS = 0.05
-"""A limit ahead asks for brakes where the train would be faster than allowed by more than this (m/s)."""
+"""A limit ahead demands brakes where the train would otherwise be too fast by more than this (m/s)."""
 CREEP_MPS, CREEP_M = 0.5, 1.0
 """A train that brakes to a stop and is slower than this (m/s) creeps on while there is more than this (m) to go."""
 BELOW_MPS = 0.5
-"""A speed to hold is held from this much (m/s) below it on; a train slower than that accelerates first."""
+"""A train that is slower than the speed to hold by more than this (m/s) accelerates first."""
 
 
 @kernel
 def followed_speed(i, phase, back_share, way, line, curve, v):
-    """The speed at the end of interval i that a train in a phase (kind, share, target) means to have.
+    """The speed at the end of interval i that a train in a phase (kind, share, target) aims at.
 
-    `way` (m) is left of the phase, and `curve` are the highest speeds allowed at both ends of the interval.
+    `way` is the rest of the phase (m), and `curve` are the highest speeds allowed at both ends of the interval.
     """
     kind, share, target = phase
     step, g, q, here = line
@@ -40,12 +40,12 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
         return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
         return min(target, max(_coasting(i, line, v), v))
-    if kind == BRAKE and share > 0.0:  # With one effort to the speed, which is held from there on.
+    if kind == BRAKE and share > 0.0:  # Brake with one effort to the target, then hold it.
         return min(max(speed_under(BRAKE, share, v, step[i], g[i], q[i], here), target), v)
-    w, left = target * target, max(1.0 - step[i] / way, 0.0)  # By one deceleration to the end of the phase.
+    w, left = target * target, max(1.0 - step[i] / way, 0.0)  # Brake with one deceleration to the end of the phase.
     if kind == CURVE and curve[1] >= curve[0] >= v:
         return v  # The braking curve is still ahead.
-    if kind == CURVE and curve[0] > target:  # By one share of the braking curve.
+    if kind == CURVE and curve[0] > target:  # Brake with one share of the braking curve.
         left = min(max(curve[1] * curve[1] - w, 0.0) / (curve[0] * curve[0] - w), 1.0)
     return min(_coasting(i, line, v), math.sqrt(w + (v * v - w) * left))
 
@@ -61,14 +61,14 @@ def _coasting(i, line, v):
 def followed_step(i, phase, back_share, way, line, envelope, p, v):
     """Drive interval i in a `phase` (kind, share, target); fills v[i + 1].
 
-    Returns the time (s), or -1 after a stall, and whether limits ahead ask for brakes, or for more of them, though the
-    phase does not.
+    Returns the time (s), or -1 after a stall, and whether limits ahead demand brakes, or stronger ones, that the
+    phase does not have.
     """
     step, g, q, u = line
     here = (step, g, q, on_supply(p, u[i]))
     landing = followed_speed(i, phase, back_share, way, here, (envelope[i], envelope[i + 1]), v[i])
     moving = drive(i, i + 1, max(landing, 0.0), p.friction_force_n, line, envelope, p, v)
-    # On a hill that the schedule cannot climb the train takes all its traction.
+    # On a hill that the schedule cannot climb the train uses all its traction.
     if not moving and not drive(i, i + 1, envelope[i + 1], p.friction_force_n, line, envelope, p, v):
         return -1.0, False
     by_effort = phase[0] < BRAKE or (phase[0] == BRAKE and phase[1] > 0.0)
@@ -80,13 +80,13 @@ def followed_step(i, phase, back_share, way, line, envelope, p, v):
 def follow(first, until, at, ends, phases, back_share, known, met_mps, line, envelope, p, c, v):
     """Follow a schedule from v[first] to the end; fills v.
 
-    Returns the trip time (s), the energy at the current collector (J), and the time (s) in which limits ahead ask for
-    brakes though no phase does; (-1, 0, 0) after a stall.
+    Returns the trip time (s), the energy at the current collector (J), and the time (s) in which limits ahead demand
+    brakes that no phase has; (-1, 0, 0) after a stall.
 
     `at[i]` is the phase that holds in interval i, `ends[i]` how far behind the interval it ends (m); `phases` are their
     kinds, shares and target speeds. Before interval `until` the train holds its first speed instead. `known` is a run
-    that keeps to the schedule (speeds and time to go at every node): from where the speeds of the two are within
-    `met_mps` of each other they are one (negative: nowhere).
+    that keeps to the schedule (speeds and time to go at every node). Its rest is used from where the two speeds are
+    within `met_mps` of each other (negative: never).
     """
     kinds, shares, targets = phases
     total, energy, unsaid = 0.0, 0.0, 0.0
@@ -112,20 +112,20 @@ def follow(first, until, at, ends, phases, back_share, known, met_mps, line, env
 
 
 UNSAID_S = 0.1
-"""A move may let limits ahead ask for brakes, where no phase does, for no longer than this more (s)."""
+"""A move may lengthen the time in which limits demand brakes that no phase has by at most this (s)."""
 MET_MPS = 1e-3
-"""Two runs whose speeds are this near (m/s) to each other, and whose phases are the same from there on, are one."""
+"""Two runs with the same phases ahead count as one from where their speeds differ by less than this (m/s)."""
 SLOWEST_MPS = 2.0
-"""No speed to hold is made lower than this (m/s)."""
+"""Polishing makes no speed to hold lower than this (m/s)."""
 LEAST_SHARE = 0.2
-"""No effort is made lower than this share of the largest."""
+"""Polishing makes no effort lower than this share of the largest."""
 MOVES = 6
-"""A phase begins earlier or later, leads to a lower or higher speed, or has less or more effort."""
+"""Number of moves: a phase begins earlier or later, leads to a lower or higher speed, or has less or more effort."""
 
 
 @kernel
 def cost_of_time(late, prices):
-    """What arriving late (s; early < 0) costs (J).
+    """The cost (J) of arriving late (s; early < 0).
 
     `prices` are those of a second late and of a second early (W), and how many early ones are worth something (s).
     """
@@ -135,7 +135,7 @@ def cost_of_time(late, prices):
 
 @kernel
 def missing_time(first, begin, kind, step, least_s, v):
-    """By how much (s) the phases of a run that are no brakes are shorter than the least, all together."""
+    """The sum of the times (s) by which phases other than brakes are shorter than `least_s`."""
     missing = 0.0
     for k in range(begin.size):
         last = begin[k + 1] if k + 1 < begin.size else step.size
@@ -209,7 +209,7 @@ def record(first, laid_out, phases, back_share, line, envelope, p, c, base):
 
 @kernel
 def first_from(node, at):
-    """The first node at a place (m) or beyond it: written out, for numba's `searchsorted` needs scipy at the start."""
+    """The first node at a place (m) or beyond it; numba's own `searchsorted` would need scipy at the start."""
     low, high = 0, node.size
     while low < high:
         middle = (low + high) // 2
@@ -222,7 +222,7 @@ def first_from(node, at):
 
 @kernel
 def highest(speed, first, last):
-    """The highest speed of the nodes first … last: written out, for numba's `max` of an array needs scipy as well."""
+    """The highest speed of the nodes first … last; numba's own `max` of an array would need scipy as well."""
     found = speed[first]
     for i in range(first + 1, last + 1):
         found = max(found, speed[i])
@@ -234,8 +234,8 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
     """One move of phase k: begun earlier (0) or later (1), slower (2) or faster (3), with less (4) or more effort (5).
 
     `by` are the distance, the speed and the share. Fills in the new places, shares and speeds; returns the first node
-    that is another one and the first behind the change, or (-1, -1) where there is no such move. The end of a brake
-    stays: there its speed is needed.
+    that changes and the first one behind the change, or (-1, -1) where there is no such move. The end of a brake stays,
+    because its speed is needed there.
     """
     by_m, by_speed, by_share = by
     kind, share, target = phases
@@ -253,7 +253,6 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
         new_begin[k] = min(max(index, begin[k - 1] + 1), last)
         if new_begin[k] == begin[k]:
             return -1, -1
-        # A brake before it ends elsewhere, and what it does depends on that from its beginning on.
         return min(new_begin[k], begin[k]), max(new_begin[k], begin[k]) + 1
     if move >= 4:
         if share[k] == 0.0 or (kind[k] != TRACTION and kind[k] != BRAKE):
@@ -281,7 +280,7 @@ def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted,
 
     `wanted` are the time that it is to take (s) and the prices of time (see `cost_of_time`), `steps` those of places
     (m), of speeds and of shares. Changes `begin`, shares and targets. The run begins with `speed` at node `first`. No
-    phase but a brake is made shorter than `least_s`, or shorter yet.
+    phase except a brake becomes shorter than `least_s`, and one that already is does not become shorter.
     """
     kind, share, target = phases
     asked, prices = wanted

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 _TO_BOUNDARY = 0.99
 """Share of the way to the nearest bound that a step takes."""
 _LEAST_SLACK = 0.01
-"""Least slack of a constraint at the first point, whether it is kept there or not."""
+"""Least slack of a constraint at the first point, whether the point keeps the constraint or not."""
 _CENTRE = 0.1
 """First product of slack and multiplier of a constraint, per metre."""
 _PATIENCE = 5
@@ -133,7 +133,7 @@ def _complementarity(now):
 
 @kernel
 def _find_direction(now, program, newton, column, change):
-    """The predictor aims at products of 0; how far it gets tells what the corrector aims at."""
+    """The predictor aims at products of 0; how far it can go sets the target of the corrector."""
     n, m = now.slack.shape
     factor(now.multipliers.rows / now.slack, newton, program.box.free)
     in_w, in_local = np.zeros(n + 1), np.zeros((n, 3))
@@ -222,7 +222,7 @@ def _longest_steps(now, change):
 
 @kernel
 def _advance(now, program, change):
-    """Take the step, but no longer than that speeds and slownesses stay positive."""
+    """Take the step, shortened so that speeds and slownesses stay positive."""
     primal, dual = _longest_steps(now, change)
     for k in range(now.slack.shape[0]):
         if change.local[k, 0] < 0.0:
@@ -273,7 +273,7 @@ class Newton(NamedTuple):
 
 @kernel
 def empty_newton(n, rows):
-    """Room for a program of n intervals with this number of constraints each."""
+    """Arrays for a program of n intervals with this number of constraints each."""
     return Newton(
         np.empty((n, rows)),
         np.empty((n, rows, LOCAL)),
@@ -340,7 +340,7 @@ def _assemble(k, theta, newton, matrix):
 
 @kernel
 def _eliminate(matrix, low, cross):
-    """Cholesky factor of the part of τ, f and e, and its product with what couples it to the nodes."""
+    """Cholesky factor of the part of τ, f and e, and its product with the part that couples it to the nodes."""
     for a in range(3):
         for b in range(a + 1):
             value = matrix[2 + a, 2 + b]

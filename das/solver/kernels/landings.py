@@ -1,4 +1,4 @@
-"""Landings: the speeds after a decision step that are worth trying, and what a step costs."""
+"""Landings: the speeds after a decision step that are worth trying, and the cost of a step."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def landing_under(f, v0, h, g, q, p):
 
 @kernel
 def speed_under_force(f, v0, v1, h, g, q, p):
-    """Speed after a step under wheel force f, the resistance taken as for a landing at v1; 0 if it stops."""
+    """Speed after a step under wheel force f; the resistance is that of a landing at v1. 0 if it stops."""
     rate = (f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
     rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
     w1 = v0 * v0 + 2.0 * h * rate

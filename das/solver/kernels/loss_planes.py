@@ -1,4 +1,4 @@
-"""Planes below the energy that a loss map asks for, exactly below it at every state between its points.
+"""Planes below the energy of a loss map: nowhere above it, also at the states between its points.
 
 The energy per metre at force f and slowness τ is ψ = f + τ·P(f, 1/τ). The map P is bilinear in force and speed in each
 of its cells, so ψ is bilinear in force and slowness there: its least value against a plane lies on the cell's edges.
@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 from das.compiling import kernel
 
 TURNED_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8)
-"""Shares of the price of time (and of the loss) that a plane may turn to the kinetic energy."""
+"""Shares of the price of time (and of the loss) that a plane may shift to its term of the kinetic energy."""
 SECANTS = ((1, 0), (4, -1), (0, 3), (20, 0))
-"""Rows before and after that of a state, between which a plane's slope in the slowness is taken: a map's loss jumps."""
+"""A plane's slope in the slowness is that between a row this many before a state's own and one this many after it.
+
+There are several such pairs, because the loss of a map jumps.
+"""
 
 Floats = NDArray[np.float64]
 
@@ -128,7 +131,7 @@ def loss_planes(force_at, state, price_w, ends_tau, rows, out):
     """Fill planes (a, b, d/2, c) of every interval near the forces `force_at` (n, planes) at the speeds of `state`.
 
     A plane's slope in the force is that of the map, its slope in the slowness one of several secants, and a share of it
-    and of the price of time is turned to the kinetic energy. Of all these planes, which hold for slownesses between
+    and of the price of time is shifted to the kinetic energy. Of all these planes, which hold for slownesses between
     `ends_tau` (two arrays, n), the one highest at the state is taken.
     """
     low_tau, high_tau = ends_tau

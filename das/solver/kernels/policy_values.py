@@ -126,7 +126,7 @@ def needed_lines(low, high, floor, top, steps):
 
 
 UNKNOWN_STEP = 65535
-"""The time-to-go of a state from which the section cannot be finished; the longest one of a node is a step less."""
+"""The packed time-to-go of a state from which the section cannot be finished; the longest known one is a step less."""
 
 _LEAST_STEP_S = np.finfo(np.float32).tiny
 

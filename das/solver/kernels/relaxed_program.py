@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 
 class RelaxedMotion(NamedTuple):
-    """What moves the train over each interval (n,): F = inertia·(w1 − w0) + constant + quadratic·(w0 + w1) + linear/τ.
+    """The force over each interval (n,): F = inertia·(w1 − w0) + constant + quadratic·(w0 + w1) + linear/τ.
 
     `max_acceleration` (m/s²) is 1e5 or more where there is no such limit.
     """
@@ -114,7 +114,7 @@ def constraints(k, z, free0, free1, program: Program, c, slope):
     slope[0, 0] = -2.0 / (total * total * v0) if free0 else 0.0
     slope[0, 1] = -2.0 / (total * total * v1) if free1 else 0.0
     slope[0, 2] = -1.0
-    # The motors give at least what inertia, resistance and line ask for.
+    # The motors give at least the force for inertia, resistance and line.
     inertia, quadratic, linear = program.motion.inertia[k], program.motion.quadratic[k], program.motion.linear[k]
     c[1] = inertia * (w1 - w0) + program.motion.constant[k] + quadratic * (w0 + w1) + linear / tau - f
     slope[1, 0] = quadratic - inertia if free0 else 0.0
@@ -195,7 +195,7 @@ def proven_bound(run: RelaxedRun, multipliers: Multipliers, program: Program):
     """A lower bound of the energy of every run of the program's class, for any point and multipliers >= 0.
 
     The Lagrangian is convex, so it lies above its tangent at the point; the least value of the tangent over the box of
-    all runs is the bound (`docs/explanation/bounds.md`). Nothing is asked of the point but w > 0 at free nodes, τ > 0.
+    all runs is the bound (`docs/explanation/bounds.md`). The point only needs w > 0 at free nodes and τ > 0.
     """
     n = program.motion.step_m.size
     rows = FIXED_ROWS + program.planes.force.shape[1]

@@ -15,7 +15,7 @@ from das.solver.kernels.tuples import DecisionStep, LineArrays, Policy
 from das.solver.tolerances import CREEP_MPS, INFEASIBLE, UNREACHABLE
 
 _FIRST = np.int64(0)
-"""The first node or grid line; for a literal 0 numba would compile the kernel that is called once more."""
+"""The first node or grid line. With a literal 0 numba would compile the called kernel a second time."""
 
 _GOLDEN = 0.3819660112501051
 _POLISH_STEPS = 10
@@ -31,7 +31,7 @@ def _total_cost(v0, v1, step, price, c, row):
 
 @kernel
 def best_landing(v0, step, policy, policies, c, out, row):
-    """Landing speed of a step from speed v0 that minimises cost under a policy plus value, and that least total.
+    """The landing speed from v0 with the least cost of the step plus value at the landing, and that total (J).
 
     Tries all landings of the step, then narrows between the best one's neighbours by golden section.
     Returns (-1, INFEASIBLE) where no landing is feasible. `out` and `row` (LANDINGS and one per grid line) are
@@ -93,7 +93,7 @@ def best_landing(v0, step, policy, policies, c, out, row):
 
 @kernel
 def one_step_totals(v0, step, policies, c, total, time_s):
-    """For every λ of the ladder: least total cost (J) and time (s) from speed v0 at the begin of a step."""
+    """For every λ of the ladder: least total cost (J) and time (s) from speed v0 at the beginning of a step."""
     out = np.empty(LANDINGS)
     time_to_go, speeds = policies.time_to_go_s, policies.value_j.shape[1]
     row = np.empty(speeds)
@@ -135,7 +135,7 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
         ahead = DecisionStep(k0 + m + 1, h, gh / h, qh / h, floor[i1], envelope[i1], final, on_supply(p, u[i0]))
         landing, _ = best_landing(v[i0], ahead, policy, policies, c, out, row)
         if landing < 0.0:
-            # Nothing the table knows is feasible from here: as fast as the envelope lets (above it: brake).
+            # The table knows no feasible landing from here: drive as fast as the envelope allows, or brake to it.
             landing = envelope[i1]
         landing = max(landing, floor[i1])
         full = landing_speed(v[i0], h, 1.0, gh / h, qh / h, ahead.train)
@@ -144,17 +144,17 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
             # The decision step's full traction is a little rough: integrate it finely.
             moving = hurry(i0, i1, line, envelope, p, v)
         elif landing == landing_under(0.0, v[i0], h, gh / h, qh / h, ahead.train):
-            # Held at one acceleration, the train would draw and feed back where the slope changes within the step.
+            # At one acceleration the train would draw and feed back energy where the slope changes within the step.
             moving = coast(i0, i1, line, envelope, p, v)
             if not moving or v[i1] < floor[i1]:
                 moving = hurry(i0, i1, line, envelope, p, v)
         else:
-            # A landing at or above full electric brake needs no friction brake: none shall slip in from rounding.
+            # A landing at or above full electric brake needs no friction brake; rounding must not add any.
             electric = landing_speed(v[i0], h, -1.0, gh / h, qh / h, ahead.train)
             friction_n = p.friction_force_n if p.brakes_dissipate or landing < 0.999 * electric else 0.0
             moving = drive(i0, i1, landing, friction_n, line, envelope, p, v)
             if not moving or v[i1] < floor[i1]:
-                # A hill or the end speed can no longer be reached: this step needs full traction from its beginning.
+                # A hill or the end speed can no longer be reached: this step needs full traction from the start.
                 moving = hurry(i0, i1, line, envelope, p, v)
         if not moving:
             return -1.0
@@ -165,7 +165,7 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
 def blend_runs(share, quick, slow, line, envelope, p, v):
     """Drive between two runs from the same state: v² is `share` of the quick one's and the rest of the slow one's.
 
-    Cut to what the train can do in every step. Fills v, returns the trip time (s), or -1 after a stall.
+    Every step is cut to what the train can do. Fills v, returns the trip time (s), or -1 after a stall.
     """
     v[0] = slow[0]
     for i in range(line.step_m.size):
@@ -202,7 +202,7 @@ def fastest_roll_out(line, envelope, p, v):
 def least_time(first, way, speed, line, envelope, p, known):
     """Time (s) of the fastest run from a speed with `way` (m) left of interval `first`, or -1 after a stall.
 
-    `known` is a fastest run (`KnownRun`): from where the two meet they are one.
+    `known` is a fastest run (`KnownRun`): from where the two meet, its time to go is used.
     """
     steps = line.step_m.copy()
     steps[first] = way

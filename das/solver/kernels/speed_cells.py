@@ -62,7 +62,7 @@ def _all_ends(cells, k, ends):
 
 @inlined
 def _reach(k, low0, high0, cells, line):
-    """First and last cell (and one more) of node k + 1 that interval k can lead to from speeds low0 … high0."""
+    """The first cell of node k + 1 that interval k reaches from speeds low0 … high0, and the one after the last."""
     n = cells.size.size - 1
     if k + 1 == n:
         return 0, 1
@@ -131,7 +131,7 @@ def _slopes(k, here, ends, cells, line, rows, at_edges):
                 cells.slope[o0 : o0 + j] = slope
             known = slope
         cells.slope[o0 + j] = known
-    # Lines that differ less from their neighbours' lose less; any lines prove a bound.
+    # Smoother slopes prove a higher bound; any slopes prove one.
     before = cells.slope[o0]
     for j in range(1, count - 1):
         own = cells.slope[o0 + j]

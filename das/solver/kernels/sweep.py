@@ -26,7 +26,7 @@ LANES = 8
 
 _NONE = -1
 _FLAGS = ("contract", "nnan", "ninf", "nsz")
-"""Products and sums may be one operation. Their order is kept, so that every cut of the ladder gives the same bits."""
+"""A product and a sum may be fused. Their order is kept, so that every part of the ladder gets the same bits."""
 
 
 class NodeRows(NamedTuple):
@@ -93,7 +93,7 @@ class _Relaxation:
         self.mask = within if partly else None
 
     def write(self):
-        """The whole of it."""
+        """Write all of the code."""
         best, choice = self.tried()
         for offset, least, landing in zip(self.offsets, best, choice, strict=True):
             self.settle(offset, least, landing)
@@ -243,7 +243,7 @@ class _Relaxation:
         return self.builder.call(function, arguments)
 
     def alignment(self, vector):
-        """What the back end is told of the addresses: no more than that single numbers lie as they should."""
+        """The alignment (bytes) that the back end may rely on: that of a single number."""
         return self.ir.IntType(32)(self.bytes_of(vector.element))
 
     def bytes_of(self, kind):

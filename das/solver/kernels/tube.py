@@ -4,7 +4,7 @@ The lines of a knot are speeds squared: that of the run plus whole multiples of 
 two knots a move changes the distance to the run linearly in v² over the way (to a *line*), or it follows a *special*:
 full traction, coasting, full electric brake, or the brake at which the current collector takes and gives nothing. A
 special lands between the lines, where values are interpolated linearly in v². Every move is integrated in the
-section's own steps, so that its cost is exactly what the trajectory of it will cost.
+section's own steps, so that its cost is exactly that of its trajectory.
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ def _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
     if kind == BRAKE:
         return -least_n > 0.9 * electric_limit(v, here)
     if here.receptivity_ratio >= 1.0:
-        # Energy has no kink where the collector is at zero power.
+        # Then the energy has no kink at zero power of the collector.
         return False
     return largest_n > 2.0 * _idle_force(v, here, c)
 
@@ -201,7 +201,7 @@ def _between_lines(tube, k, w):
 
 @kernel
 def _between(values, j, share):
-    """A value between two lines; a line without share is not read, for it may be out of reach."""
+    """A value between two lines; a line without a share is not read, because it may be out of reach."""
     below = values[j] if share < 1.0 else 0.0
     above = values[j + 1] if share > 0.0 else 0.0
     return (1.0 - share) * below + share * above
@@ -226,7 +226,7 @@ def fill_moves(tube, line, p, c, moves):
 
 @kernel
 def _pair_up(k, tube, line, p, c, pairs):
-    """What the moves of all pairs cost; INFEASIBLE where no train may begin, or could move, so."""
+    """Fill in the costs of all pairs; INFEASIBLE where a train may not begin, or could not move."""
     size, last = 2 * tube.lines + 1, tube.knot.size - 2
     start, landing = pairs.start, pairs.landing
     for n in range(start.size):

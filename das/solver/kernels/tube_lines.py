@@ -2,7 +2,7 @@
 
 The formulas are those of `das.solver.kernels.tube`, without branches: every pair is calculated, and what the train
 cannot do is marked afterwards. With `fastmath` divisions may become products and sums may be taken in another order, as
-vectors need it; so these costs choose among moves, and the run that comes of them is integrated without it.
+vectors need it; so these costs choose among moves, and the resulting run is integrated without it.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
 """Forces and accelerations above their bounds by no more than this are rounding."""
 _ROWS = 8
 ANY_SQUARED = 1.0
-"""v² (m²/s²) with which a pair is calculated that is barred, so that nothing is divided by 0."""
+"""v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
 
 
 class Pairs(NamedTuple):
-    """Pairs of a line at a knot and one at the next knot, by their v², and what a move between them costs.
+    """Pairs of a line at a knot and one at the next knot, by their v², and the cost of a move between them.
 
     `energy_j` is INFEASIBLE where the train cannot do it. `least_n` and `largest_n` are the least and the largest wheel
     force of a move. `barred` is 1 for a pair that is no move. `work` and `place` are working space.
@@ -48,7 +48,7 @@ class Pairs(NamedTuple):
 
 @kernel
 def room_for(count):
-    """Room for so many pairs."""
+    """Arrays for this number of pairs."""
     numbers = np.empty((7, count))
     return Pairs(
         numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6],
@@ -58,7 +58,7 @@ def room_for(count):
 
 @compiled(fastmath=True)
 def to_lines(k, tube, line, p, c, pairs):
-    """Fill in what the moves of all pairs from knot k to the next cost, at constant acceleration in each interval."""
+    """Fill in the costs of all pairs from knot k to the next, at constant acceleration in each interval."""
     start, landing, energy, time, least, largest, _, work, _ = pairs
     v0, v1, w0, w1, worst = work[0], work[1], work[2], work[3], work[4]
     i0, i1 = tube.knot[k], tube.knot[k + 1]
@@ -118,7 +118,7 @@ def _one_interval(work, pairs, h, g, q, p, c):
     for j in range(n):
         time[j] += dt[j]
     if c.is_map:
-        # The force is not needed any more: what follows uses its row, and those of the speeds squared, anew.
+        # From here on the row of the force, and those of the squared speeds, hold other values.
         across, along, loss_w = w0, force, w0
         places_on_map(v0, v1, electric, c, pairs.place, across, along)
         losses_of_map(c.table_w, pairs.place, across, along, loss_w)

@@ -99,7 +99,7 @@ Floats = NDArray[np.float64]
 
 
 class LineArrays(NamedTuple):
-    """What the line asks of a train, one value per interval (n,).
+    """Resistance and supply of the line, one value per interval (n,).
 
     `step_m` is the length of the interval, `constant_n` the gradient and curve force, `tunnel_n_per_mps2` the extra
     resistance coefficient of a tunnel, and `supply` the receptivity, `NO_REGENERATION` or `NEUTRAL`.

@@ -61,6 +61,11 @@ def stop(position_m: float, dwell_s: float = 0.0, arrival: Window = ANY_TIME, de
     return Call(name=f"at {position_m:g}", position_m=position_m, arrival=arrival, departure=departure, dwell_s=dwell_s)
 
 
+def planned(*points: Call | Passing, route: Route = HILLY, train: Vehicle = TRAIN) -> JourneyPlan:
+    """The plan of a journey over these points."""
+    return JourneyPlanner(journey(*points), route, train).plan()
+
+
 def least_s(route: Route, train: Vehicle, *position_m: float) -> list[float]:
     """Least times from stop to stop, each section on its own."""
     return [front(route, train, a, b).fastest().time_s for a, b in pairwise(position_m)]
@@ -109,7 +114,7 @@ def assert_kept(plan: JourneyPlan) -> None:
 
 def test_equal_sections_get_equal_times() -> None:
     route = flat(6_000.0, 30.0)
-    plan = JourneyPlanner(journey(start(), stop(3_000.0, 20.0), end(6_000.0, 320.0)), route, TRAIN).plan()
+    plan = planned(start(), stop(3_000.0, 20.0), end(6_000.0, 320.0), route=route)
     assert_kept(plan)
     first, second = (section.trajectory.time_s for section in plan.sections)
     assert first == pytest.approx(150.0, abs=0.05)
@@ -196,7 +201,7 @@ def test_the_plan_is_that_of_brute_force_over_all_times(
         stop(x, dwell_s, departure=Window(earliest_s=w[0], latest_s=w[1]))
         for x, w in zip(STOPS_M[1:-1], windows, strict=True)
     ]
-    plan = JourneyPlanner(journey(start(), *calls, end(STOPS_M[-1], latest_s)), HILLY, TRAIN).plan()
+    plan = planned(start(), *calls, end(STOPS_M[-1], latest_s))
     assert_kept(plan)
     found_j = brute_force_j(tables, windows, dwell_s, latest_s)
     assert plan.input_j == pytest.approx(found_j, rel=3e-4)
@@ -214,10 +219,10 @@ def test_the_plan_is_that_of_brute_force_over_all_times(
 
 
 def test_a_window_that_is_not_tight_changes_nothing() -> None:
-    free = JourneyPlanner(journey(start(), stop(4_000.0, 20.0), end(9_000.0, 480.0)), HILLY, TRAIN).plan()
+    free = planned(start(), stop(4_000.0, 20.0), end(9_000.0, 480.0))
     arrival_s = free.sections[0].arrival.time_s
     around = Window(earliest_s=arrival_s - 3.0, latest_s=arrival_s + 3.0)
-    bound = JourneyPlanner(journey(start(), stop(4_000.0, 20.0, around), end(9_000.0, 480.0)), HILLY, TRAIN).plan()
+    bound = planned(start(), stop(4_000.0, 20.0, around), end(9_000.0, 480.0))
     assert bound.input_j == free.input_j
     assert bound.sections[0].arrival == free.sections[0].arrival
 
@@ -273,19 +278,17 @@ def brute_force_speed_j(position_m: float, first_s: float, second_s: float) -> f
 @pytest.mark.parametrize(("shift_s", "held"), [(-12.0, Held.LATEST), (15.0, Held.EARLIEST)])
 def test_a_tight_passing_is_that_of_brute_force_over_its_speed(shift_s: float, held: Held) -> None:
     position_m, total_s = 3_500.0, 440.0
-    free = JourneyPlanner(
-        journey(start(), Passing(name="P", position_m=position_m), end(9_000.0, total_s)), HILLY, TRAIN
-    )
-    at_s = free.plan().sections[0].passings[0].timing.time_s + shift_s
+    free = planned(start(), Passing(name="P", position_m=position_m), end(9_000.0, total_s))
+    at_s = free.sections[0].passings[0].timing.time_s + shift_s
     window = Window(latest_s=at_s) if held is Held.LATEST else Window(earliest_s=at_s)
     passing = Passing(name="P", position_m=position_m, window=window)
-    plan = JourneyPlanner(journey(start(), passing, end(9_000.0, total_s)), HILLY, TRAIN).plan()
+    plan = planned(start(), passing, end(9_000.0, total_s))
     assert_kept(plan)
     (section,) = plan.sections
     assert section.passings[0].timing.held is held
     assert section.passings[0].timing.time_s == pytest.approx(at_s, abs=0.01)
     assert (section.lambda_w[0] > section.lambda_w[1]) == (held is Held.LATEST)
-    assert plan.input_j > free.plan().input_j
+    assert plan.input_j > free.input_j
     found_j = brute_force_speed_j(position_m, at_s, total_s - at_s)
     assert plan.input_j == pytest.approx(found_j, rel=3e-4)
     assert abs(plan.table_gap_ratio) < 1e-3
@@ -309,7 +312,7 @@ def test_two_tight_passings_are_those_of_brute_force_over_both_speeds() -> None:
         Passing(name=f"{x:g}", position_m=x, window=Window(earliest_s=t, latest_s=t))
         for x, t in zip(places, times, strict=True)
     ]
-    plan = JourneyPlanner(journey(start(), *passings, end(9_000.0, 480.0)), HILLY, TRAIN).plan()
+    plan = planned(start(), *passings, end(9_000.0, 480.0))
     assert_kept(plan)
     assert [x.timing.held for x in plan.sections[0].passings] == [Held.FIXED, Held.FIXED]
     assert len(plan.sections[0].lambda_w) == 3
@@ -319,13 +322,13 @@ def test_two_tight_passings_are_those_of_brute_force_over_both_speeds() -> None:
 
 def test_a_train_that_may_wait_departs_later_and_is_not_slower_than_at_least_energy() -> None:
     passing = Passing(name="P", position_m=4_000.0, window=Window(earliest_s=900.0, latest_s=960.0))
-    waiting = JourneyPlanner(journey(start(math.inf), passing, end(9_000.0, 1_300.0)), HILLY, IDLING).plan()
+    waiting = planned(start(math.inf), passing, end(9_000.0, 1_300.0), train=IDLING)
     assert_kept(waiting)
     assert waiting.sections[0].departure.time_s > 200.0
     assert waiting.sections[0].passings[0].timing.held is Held.EARLIEST
     assert min(waiting.sections[0].lambda_w) == 0.0
     # One that must leave has to be slower than that: a negative price of time, and more energy.
-    leaving = JourneyPlanner(journey(start(), passing, end(9_000.0, 1_300.0)), HILLY, IDLING).plan()
+    leaving = planned(start(), passing, end(9_000.0, 1_300.0), train=IDLING)
     assert_kept(leaving)
     assert leaving.sections[0].lambda_w[0] < 0.0
     assert leaving.input_j > waiting.input_j * 1.05
@@ -336,10 +339,10 @@ def test_a_train_that_may_wait_departs_later_and_is_not_slower_than_at_least_ene
 def test_speeds_at_a_passing_are_kept() -> None:
     for lowest, highest in ((0.0, 9.0), (20.5, math.inf), (14.0, 14.0)):
         passing = Passing(name="P", position_m=3_000.0, lowest_mps=lowest, highest_mps=highest)
-        plan = JourneyPlanner(journey(start(), passing, end(9_000.0, 520.0)), HILLY, TRAIN).plan()
+        plan = planned(start(), passing, end(9_000.0, 520.0))
         assert_kept(plan)
-        free = JourneyPlanner(journey(start(), replace(passing, lowest_mps=0.0, highest_mps=math.inf),
-                                      end(9_000.0, 520.0)), HILLY, TRAIN).plan()  # fmt: skip
+        unbound = replace(passing, lowest_mps=0.0, highest_mps=math.inf)
+        free = planned(start(), unbound, end(9_000.0, 520.0))
         assert not lowest <= free.sections[0].passings[0].speed_mps <= highest, "the bounds bind"
         assert plan.input_j > free.input_j
 
@@ -446,8 +449,7 @@ def test_windows_are_kept_or_the_journey_is_refused(seed: int) -> None:
 
 def test_more_time_never_costs_more() -> None:
     energies = [
-        JourneyPlanner(journey(start(), stop(4_000.0, 20.0), end(9_000.0, total_s)), HILLY, TRAIN).plan().input_j
-        for total_s in (430.0, 450.0, 500.0, 600.0)
+        planned(start(), stop(4_000.0, 20.0), end(9_000.0, total_s)).input_j for total_s in (430.0, 450.0, 500.0, 600.0)
     ]
     assert energies == sorted(energies, reverse=True)
 

@@ -38,20 +38,6 @@ from tests.support.verifier import verify
 KWH = 3.6e6
 
 
-@pytest.fixture(scope="module")
-def hilly() -> Front:
-    """A section with limits, hills, resistance, power limit and losses: everything at once."""
-    route = make_route(
-        12_000.0,
-        [(0.0, 30.0), (3_000.0, 22.0), (4_500.0, 40.0), (9_000.0, 25.0)],
-        [(0.0, 0.0), (2_000.0, 0.010), (5_000.0, -0.012), (7_000.0, 0.0), (8_000.0, -0.004)],
-    )
-    train = make_train(
-        resistance=(1500.0, 20.0, 4.0), power_w=1.5e6, loss=EfficiencyLoss.from_efficiencies(0.88, 0.85, 2e4)
-    )
-    return solve_front(build_section(route, train))
-
-
 def assert_possible(solution: Solution, section: Section) -> None:
     """Limits, forces, powers and kinematics of a run, from its arrays alone."""
     run, train = solution.trajectory, section.train
@@ -71,13 +57,6 @@ def assert_possible(solution: Solution, section: Section) -> None:
 
 
 # --- closed forms -----------------------------------------------------------------------------------------------
-
-
-def test_fastest_run_without_resistance_is_half_acceleration_half_braking() -> None:
-    front = solve_front(build_section(flat(1_000.0), make_train()))
-    # a = F/m = 1 m/s²: t = 2·√(s/a), v_max = √(s·a)
-    assert front.fastest().time_s == pytest.approx(2 * math.sqrt(1_000.0), rel=1e-3)
-    assert front.fastest().trajectory.v_mps.max() == pytest.approx(math.sqrt(1_000.0), rel=2e-2)
 
 
 def test_run_up_to_an_end_speed_without_resistance_uses_the_whole_force_at_the_end() -> None:
@@ -208,20 +187,6 @@ def test_from_any_state_the_run_is_possible_and_on_time(
         assert abs(solution.time_s - solution.requested_s) <= tol.TIME_TOLERANCE_S + 1e-9
 
 
-def test_certificate_bounds_the_energy(hilly: Front) -> None:
-    for buffer_ratio in (0.02, 0.1, 0.3):
-        solution = hilly.trajectory(hilly.fastest().time_s * (1 + buffer_ratio))
-        assert 0.0 <= solution.gap_ratio < 0.02
-        assert -0.004 < solution.table_gap_ratio < 0.01
-
-
-def test_fastest_run_is_its_own_bound(hilly: Front) -> None:
-    assert hilly.fastest().gap_ratio == 0.0
-    above = hilly.trajectory(1.0, 4_400.0, 35.0)
-    assert (above.table_gap_ratio, above.gap_reason) == (0.0, "the run begins above the braking envelope")
-    assert math.isnan(above.gap_ratio)
-
-
 def test_a_hill_that_needs_momentum_keeps_its_certificate_finite() -> None:
     """From too low a speed before the hill the train stalls: those states must not leak into their neighbours."""
     route = make_route(6_000.0, [(0.0, 30.0)], [(0.0, 0.0), (4_200.0, 0.12), (4_500.0, 0.0)])
@@ -230,8 +195,6 @@ def test_a_hill_that_needs_momentum_keeps_its_certificate_finite() -> None:
         solution = front.trajectory(front.fastest(4_000.0, v_mps).time_s * 1.05, 4_000.0, v_mps)
         assert abs(solution.table_gap_ratio) < 0.2
         assert 0.0 <= solution.gap_ratio < 0.2
-    with pytest.raises(InfeasibleError, match="stalls"):
-        front.fastest(4_190.0, 2.0)
 
 
 @pytest.mark.parametrize("before_m", [1.9, 1.0, 0.5, 0.05])
@@ -245,8 +208,11 @@ def test_from_standstill_just_before_the_stop(hilly: Front, before_m: float) -> 
         assert 0 < solution.time_s < 100.0 + 1e-6
 
 
-@pytest.mark.parametrize(("start_m", "end_m"), [(-1.0, 500.0), (0.0, 1e10), (500.0, 400.0), (0.0, math.nan)])
-def test_a_section_off_the_route_is_refused(hilly: Front, start_m: float, end_m: float) -> None:
+@pytest.mark.parametrize(
+    ("start_m", "end_m"),
+    [(-1.0, 500.0), (0.0, 1e10), (500.0, 400.0), (0.0, math.nan), (12_000.0 - 1e-6, 12_000.0)],
+)
+def test_a_section_off_the_route_or_without_length_is_refused(hilly: Front, start_m: float, end_m: float) -> None:
     with pytest.raises(DasError, match="expected one that leads forwards on the route"):
         build_section(hilly.section.route, hilly.section.vehicle, start_m=start_m, end_m=end_m)
 
@@ -266,18 +232,6 @@ def test_same_inputs_same_answer_to_the_last_bit(hilly: Front) -> None:
     again = solve_front(build_section(hilly.section.route, hilly.section.vehicle), threads=1)
     a, b = hilly.trajectory(600.0), again.trajectory(600.0)
     assert np.array_equal(a.trajectory.v_mps, b.trajectory.v_mps)
-
-
-def test_time_below_the_least_gives_the_fastest_run(hilly: Front) -> None:
-    solution = hilly.trajectory(10.0)
-    assert solution.fit is Fit.LATE
-    assert solution.time_s == pytest.approx(hilly.fastest().time_s)
-
-
-def test_time_beyond_the_least_energy_gives_the_least_energy(hilly: Front) -> None:
-    solution = hilly.trajectory(50_000.0)
-    assert solution.fit is Fit.EARLY
-    assert solution.time_s < 10_000.0
 
 
 def test_above_the_envelope_the_train_brakes_as_hard_as_it_can(hilly: Front) -> None:
@@ -306,14 +260,6 @@ def test_a_descent_too_steep_is_named() -> None:
 def test_a_time_that_is_none_is_refused(hilly: Front, time_s: float) -> None:
     with pytest.raises(DasError, match="trip time"):
         hilly.trajectory(time_s)
-
-
-@pytest.mark.parametrize(
-    ("s_m", "v_mps"), [(-1.0, 0.0), (12_000.0, 0.0), (math.nan, 0.0), (10.0, -1.0), (10.0, math.nan)]
-)
-def test_a_state_outside_the_section_is_refused(hilly: Front, s_m: float, v_mps: float) -> None:
-    with pytest.raises(DasError, match="expected one"):
-        hilly.trajectory(500.0, s_m, v_mps)
 
 
 def test_a_map_that_does_not_cover_the_train_names_the_point() -> None:
@@ -439,9 +385,3 @@ def test_least_times_of_the_public_benchmark() -> None:
 def test_where_no_folder_can_hold_the_cache_kernels_are_compiled_without(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])  # as a read-only installation without a home
     assert kernel(lambda x: x + 1)(1) == 2
-
-
-def test_no_way_is_no_section() -> None:
-    """Something may be planned wherever the train is, also where nothing is left of the way."""
-    with pytest.raises(DasError, match="expected one that leads forwards"):
-        build_section(load_route("flat-6km"), load_vehicle("re460-ic"), start_m=6_000.0 - 1e-6, end_m=6_000.0)

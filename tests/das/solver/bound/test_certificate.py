@@ -43,6 +43,7 @@ def test_the_bound_is_near_the_energy(front: Front, buffer_ratio: float) -> None
     assert run.gap_reason == ""
     assert 0.0 <= run.gap_ratio < 0.01
     assert run.bound_j == run.certificate.bound_j <= run.balance.input
+    assert -0.004 < run.table_gap_ratio < 0.01
 
 
 def test_a_level_run_at_one_speed_has_next_to_no_gap() -> None:
@@ -67,6 +68,7 @@ def test_a_shorter_time_has_a_higher_bound(front: Front) -> None:
 def test_the_run_of_least_energy_is_bounded_in_the_time_asked_for(front: Front) -> None:
     run = front.trajectory(5_000.0)
     assert run.fit is Fit.EARLY
+    assert run.time_s < 2_000.0
     found = certificate(run)
     assert (found.allowed_s, found.reason) == (5_000.0, "")
     assert 0.0 <= run.gap_ratio < 0.02
@@ -79,7 +81,8 @@ def test_a_run_from_within_the_section_is_bounded(front: Front) -> None:
 
 
 def test_a_run_from_above_the_envelope_has_no_bound(front: Front) -> None:
-    run = front.trajectory(200.0, 2_100.0, 26.0)
+    run = front.trajectory(1.0, 2_100.0, 26.0)
+    assert run.table_gap_ratio == 0.0, "the fastest run is its own bound in the table"
     assert run.gap_reason == "the run begins above the braking envelope"
     assert math.isnan(run.bound_j)
     assert math.isnan(run.gap_ratio)

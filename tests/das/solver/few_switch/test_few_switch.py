@@ -8,10 +8,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.domain.errors import DasError
 from das.domain.files.load import locate_route, locate_vehicle
-from das.solver.few_switch.few_switch import FewSwitchTrajectory, NotchRegime, goals
+from das.solver.few_switch.few_switch import (
+    FewSwitchFront,
+    FewSwitchTrajectory,
+    NotchRegime,
+    goals,
+    solve_few_switch_ahead,
+)
 from das.solver.solution import trajectory_on
+from das.solver.solve import BEHIND_M
 from das.solver.state import State
 from tests.support.few_switch import BUFFERS, BUNDLED, Which, asked_s, excess_ratio, few_switch_of, front_of, section_of
 from tests.support.making import csv_rows
@@ -114,13 +120,59 @@ def test_a_train_in_a_notch_keeps_it_where_a_change_is_not_worth_its_price() -> 
     assert kept == [coast, hold]
 
 
-def test_a_state_outside_the_section_is_refused() -> None:
-    front = few_switch_of(BUNDLED[0])
-    with pytest.raises(DasError, match="position"):
-        front.run(300.0, front.section.end_m + 1.0, 10.0)
-
-
 def test_goals_are_the_speeds_to_which_the_envelope_falls() -> None:
     """By hand: falling to 10, level, rising, falling to the stop."""
     envelope = np.array([20.0, 15.0, 10.0, 10.0, 25.0, 12.0, 0.0])
     assert goals(envelope).tolist() == [10.0, 10.0, 10.0, 10.0, 0.0, 0.0, 0.0]
+
+
+AHEAD_RATIO = 0.6
+"""Share of the section that lies behind a train under way, for which only the rest is solved."""
+
+
+@pytest.fixture(scope="module")
+def whole() -> FewSwitchFront:
+    return few_switch_of(BUNDLED[3])
+
+
+@pytest.fixture
+def ahead(whole: FewSwitchFront) -> FewSwitchFront:
+    return solve_few_switch_ahead(whole.section, at_m(whole, AHEAD_RATIO))
+
+
+def at_m(front: FewSwitchFront, ratio: float) -> float:
+    return front.section.start_m + ratio * (front.section.end_m - front.section.start_m)
+
+
+def same_rows(one: FewSwitchFront, other: FewSwitchFront, first: int) -> bool:
+    return np.array_equal(one.policy.choice[first:], other.policy.choice[first:]) and np.array_equal(
+        one.policy.stay[first:], other.policy.stay[first:]
+    )
+
+
+def test_what_is_ahead_has_the_same_bits_and_nothing_behind_is_solved(
+    whole: FewSwitchFront, ahead: FewSwitchFront
+) -> None:
+    assert ahead.sweep is not None
+    first = ahead.sweep.known_from
+    node_m = float(whole.section.node_m[whole.section.decision[first]])
+    assert node_m == pytest.approx(at_m(whole, AHEAD_RATIO) - BEHIND_M, abs=150.0)
+    assert same_rows(ahead, whole, first)
+    for ratio in (AHEAD_RATIO - 0.01, AHEAD_RATIO, 0.8, 0.97):
+        one, other = (front.run(600.0, at_m(whole, ratio), 15.0) for front in (whole, ahead))
+        assert np.array_equal(one.speeds_mps, other.speeds_mps)
+        assert np.array_equal(one.notch, other.notch)
+    assert ahead.sweep.known_from == first
+
+
+def test_a_question_from_further_back_solves_the_rest(whole: FewSwitchFront, ahead: FewSwitchFront) -> None:
+    one, other = (front.run(1_200.0, at_m(whole, 0.1), 20.0) for front in (whole, ahead))
+    assert np.array_equal(one.speeds_mps, other.speeds_mps)
+    assert ahead.sweep is not None
+    assert ahead.sweep.known_from == 0
+    assert same_rows(ahead, whole, 0)
+
+
+def test_covering_the_begin_solves_the_rest(whole: FewSwitchFront, ahead: FewSwitchFront) -> None:
+    ahead.cover(whole.section.start_m)
+    assert same_rows(ahead, whole, 0)

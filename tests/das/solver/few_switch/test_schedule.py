@@ -33,6 +33,7 @@ from tests.support.making import make_route
 from tests.support.small_trips import TRAIN
 
 pytestmark = pytest.mark.slow
+SETTINGS = ScheduleSettings()
 RUNS = [(which, buffer) for which in BUNDLED for buffer in BUFFERS]
 WORST_RATIO, MEAN_RATIO = 0.0105, 0.0065
 """Energy above what the table knows in the same time: of any schedule, and in the mean of all."""
@@ -40,17 +41,23 @@ NODE_S = 1.0
 """A phase may be shorter by this, because it begins and ends at nodes."""
 
 
-def in_time(found: Scheduled, asked: float) -> bool:
-    return found.forecast.time_s <= asked + ScheduleSettings().late_s
-
-
 @pytest.mark.parametrize(("which", "buffer_ratio"), RUNS)
-def test_a_schedule_is_in_time_near_the_optimum_and_below_the_envelope(which: Which, buffer_ratio: float) -> None:
-    asked = schedules(which, buffer_ratio)
+def test_a_schedule_is_in_time_near_the_optimum_and_can_be_followed(which: Which, buffer_ratio: float) -> None:
+    """Before and after polishing: below the envelope, its phases ascend, and those that are no brakes last 10 s."""
+    asked, section = schedules(which, buffer_ratio), section_of(which)
     for found in (asked.scheduled, asked.polished):
-        assert in_time(found, asked.time_s)
+        assert found.forecast.time_s <= asked.time_s + SETTINGS.late_s
         assert -5e-4 <= excess_ratio(which, found.forecast.energy_j, found.forecast.time_s) <= WORST_RATIO
-        assert (found.forecast.speeds_mps <= section_of(which).envelope_mps + 1e-9).all()
+        assert (found.forecast.speeds_mps <= section.envelope_mps + 1e-9).all()
+        begins = [one.begin for one in found.schedule.phases]
+        assert begins[0] == 0
+        assert all(a < b for a, b in pairwise([*begins, len(section.step_m)]))
+        spans = zip(found.schedule.phases, lasts_s(found.schedule), strict=True)
+        followed = [(span, one.kind.name) for one, span in spans if one.kind not in BRAKES]
+        assert min(followed)[0] >= SETTINGS.least_s - NODE_S, followed
+    run = few_switch_of(which).run(asked.time_s, section.start_m, 0.0)
+    changes = int((np.diff(run.notch.astype(int)) != 0).sum())
+    assert len(asked.scheduled.schedule.phases) <= changes + 4
 
 
 def test_schedules_are_near_the_optimum_in_the_mean() -> None:
@@ -59,30 +66,6 @@ def test_schedules_are_near_the_optimum_in_the_mean() -> None:
     for stage in ("scheduled", "polished"):
         found = [(which, getattr(one, stage).forecast) for which, one in asked]
         assert np.mean([excess_ratio(which, one.energy_j, one.time_s) for which, one in found]) <= MEAN_RATIO
-
-
-@pytest.mark.parametrize(("which", "buffer_ratio"), RUNS)
-def test_phases_that_are_no_brakes_last_long_enough_to_be_followed(which: Which, buffer_ratio: float) -> None:
-    """At least the ten seconds of the settings, to within a node."""
-    asked = schedules(which, buffer_ratio)
-    for found in (asked.scheduled, asked.polished):
-        spans = zip(found.schedule.phases, lasts_s(found.schedule), strict=True)
-        short = [(one.kind.name, span) for one, span in spans if one.kind not in BRAKES]
-        assert min(span for _, span in short) >= ScheduleSettings().least_s - NODE_S, short
-
-
-@pytest.mark.parametrize(("which", "buffer_ratio"), RUNS)
-def test_phases_strictly_ascend_and_are_fewer_than_the_changes_of_the_run(which: Which, buffer_ratio: float) -> None:
-    asked = schedules(which, buffer_ratio)
-    front = few_switch_of(which)
-    run = front.run(asked.time_s, front.section.start_m, 0.0)
-    for found in (asked.scheduled, asked.polished):
-        begins = [one.begin for one in found.schedule.phases]
-        assert begins[0] == 0
-        assert all(a < b for a, b in pairwise(begins))
-        assert begins[-1] < len(front.section.step_m)
-    changes = int((np.diff(run.notch.astype(int)) != 0).sum())
-    assert len(asked.scheduled.schedule.phases) <= changes + 4
 
 
 @pytest.mark.parametrize("which", BUNDLED)
@@ -249,16 +232,15 @@ def test_a_brake_decelerates_as_its_speeds_say() -> None:
 
 def test_a_cost_of_time_is_higher_for_being_late_than_what_being_early_is_worth() -> None:
     found = schedules(BUNDLED[0], 0.15).scheduled
-    at_time = replace_time(found, 0.0)
-    early, late = replace_time(found, -2.0), replace_time(found, 2.0)
+    early, at_time, late = (cost_j(found, later_s) for later_s in (-2.0, 0.0, 2.0))
     assert early < at_time < late
     assert late - at_time == pytest.approx(3.0 * 2.0 * found.lambda_w)
     assert at_time - early == pytest.approx(0.7 * 2.0 * found.lambda_w)
-    assert replace_time(found, -20.0) == early
+    assert cost_j(found, -20.0) == early
 
 
-def replace_time(found: Scheduled, later_s: float) -> float:
-    """The cost of a schedule that arrives so much later than asked."""
+def cost_j(found: Scheduled, later_s: float) -> float:
+    """The cost (J) of a schedule that arrives this much later than asked."""
     return found.cost_j(found.forecast.time_s - later_s)
 
 
@@ -267,12 +249,10 @@ def test_settings_change_what_a_schedule_is_made_of() -> None:
     which = BUNDLED[2]
     front, time_s = few_switch_of(which, 0.003), asked_s(which, 0.08)
     few, many = (
-        len(
-            scheduled(front, time_s, front.section.start_m, 0.0, replace(ScheduleSettings(), least_s=s)).schedule.phases
-        )
-        for s in (30.0, 2.0)
+        scheduled(front, time_s, front.section.start_m, 0.0, replace(SETTINGS, least_s=least_s)).schedule.phases
+        for least_s in (30.0, 2.0)
     )
-    assert few < many
+    assert len(few) < len(many)
 
 
 FLAT = BUNDLED[0]

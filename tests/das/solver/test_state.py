@@ -1,4 +1,4 @@
-"""The fastest run without a front, and sections with a lower envelope."""
+"""States of a train, its fastest run from there without a front, and sections with a lower envelope."""
 
 from __future__ import annotations
 
@@ -8,49 +8,42 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError, InfeasibleError
-from das.domain.losses import EfficiencyLoss
+from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section, capped
 from das.solver.solution import Fit
-from das.solver.solve import solve_front
 from das.solver.state import fastest, least_time_s
 from tests.support.making import flat, make_route, make_train
 
 
-@pytest.fixture(scope="module")
-def hilly() -> Section:
-    """Limits, hills, resistance, a power limit and losses."""
-    route = make_route(
-        12_000.0,
-        [(0.0, 30.0), (3_000.0, 22.0), (4_500.0, 40.0), (9_000.0, 25.0)],
-        [(0.0, 0.0), (2_000.0, 0.010), (5_000.0, -0.012), (7_000.0, 0.0), (8_000.0, -0.004)],
-    )
-    loss = EfficiencyLoss.from_efficiencies(0.88, 0.85, 2e4)
-    return build_section(route, make_train(resistance=(1500.0, 20.0, 4.0), power_w=1.5e6, loss=loss))
+@pytest.fixture
+def section(hilly: Front) -> Section:
+    return hilly.section
 
 
 def test_the_fastest_run_without_resistance_takes_twice_the_root_of_the_way() -> None:
-    # a = F/m = 1 m/s², half of the way accelerating and half braking: t = 2·√(s/a).
+    # a = F/m = 1 m/s², half of the way accelerating and half braking: t = 2·√(s/a), v_max = √(s·a).
     run = fastest(build_section(flat(1_000.0), make_train()))
     assert run.time_s == pytest.approx(2 * np.sqrt(1_000.0), rel=1e-3)
+    assert run.trajectory.v_mps.max() == pytest.approx(np.sqrt(1_000.0), rel=2e-2)
     assert (run.fit, run.requested_s, run.least_time_s) == (Fit.ON_TIME, run.time_s, run.time_s)
     assert run.gap_ratio == 0.0
     assert run.feasible
 
 
-def test_a_front_gives_the_same_fastest_run_and_times(hilly: Section) -> None:
-    front = solve_front(hilly)
+def test_a_front_gives_the_same_fastest_run_and_times(hilly: Front, section: Section) -> None:
     for state in ((None, None), (3_100.0, 20.0), (8_765.4, 12.3), (4_400.0, 35.0)):
-        own, other = fastest(hilly, *state), front.fastest(*state)
+        own, other = fastest(section, *state), hilly.fastest(*state)
         assert np.array_equal(own.trajectory.v_mps, other.trajectory.v_mps)
-        assert front.trajectory(1.0, *state).time_s == own.time_s
-    assert front.least_time_s(3_100.0, 20.0) == least_time_s(hilly, 3_100.0, 20.0)
+        late = hilly.trajectory(1.0, *state)
+        assert (late.time_s, late.fit) == (own.time_s, Fit.LATE)
+    assert hilly.least_time_s(3_100.0, 20.0) == least_time_s(section, 3_100.0, 20.0)
 
 
 @pytest.mark.parametrize("speed_ratio", [0.0, 0.4, 0.95, 1.0, 1.2])
-def test_the_least_time_is_that_of_the_fastest_run(hilly: Section, speed_ratio: float) -> None:
+def test_the_least_time_is_that_of_the_fastest_run(section: Section, speed_ratio: float) -> None:
     for s_m in (0.0, 1.0, 2_900.0, 4_499.0, 7_777.7, 11_900.0):
-        v_mps = speed_ratio * float(np.interp(s_m, hilly.node_m, hilly.envelope_mps))
-        assert least_time_s(hilly, s_m, v_mps) == pytest.approx(fastest(hilly, s_m, v_mps).time_s, abs=1e-9)
+        v_mps = speed_ratio * float(np.interp(s_m, section.node_m, section.envelope_mps))
+        assert least_time_s(section, s_m, v_mps) == pytest.approx(fastest(section, s_m, v_mps).time_s, abs=1e-9)
 
 
 def test_the_least_time_is_that_of_the_whole_section_at_its_start() -> None:
@@ -59,15 +52,15 @@ def test_the_least_time_is_that_of_the_whole_section_at_its_start() -> None:
     assert least_time_s(section, 0.0, 0.0) > least_time_s(section, 0.0, 10.0) + 1.0
 
 
-def test_a_capped_section_is_driven_below_the_cap(hilly: Section) -> None:
-    below = capped(hilly, 15.0)
-    assert (below.envelope_mps == np.maximum(np.minimum(hilly.envelope_mps, 15.0), hilly.floor_mps)).all()
+def test_a_capped_section_is_driven_below_the_cap(section: Section) -> None:
+    below = capped(section, 15.0)
+    assert (below.envelope_mps == np.maximum(np.minimum(section.envelope_mps, 15.0), section.floor_mps)).all()
     run = fastest(below)
     assert run.trajectory.v_mps.max() <= 15.0
-    assert run.time_s > fastest(hilly).time_s + 100.0
-    falling = np.linspace(40.0, 5.0, len(hilly.node_m))
-    assert (fastest(capped(hilly, falling)).trajectory.v_mps <= falling + 1e-9).all()
-    assert np.array_equal(capped(hilly, 100.0).envelope_mps, hilly.envelope_mps)
+    assert run.time_s > fastest(section).time_s + 100.0
+    falling = np.linspace(40.0, 5.0, len(section.node_m))
+    assert (fastest(capped(section, falling)).trajectory.v_mps <= falling + 1e-9).all()
+    assert np.array_equal(capped(section, 100.0).envelope_mps, section.envelope_mps)
 
 
 def test_a_cap_below_the_floor_leaves_the_floor() -> None:
@@ -80,22 +73,24 @@ def test_a_cap_below_the_floor_leaves_the_floor() -> None:
     assert below.envelope_mps.max() == section.floor_mps.max()
 
 
-def test_a_changed_section_knows_its_own_fastest_run(hilly: Section) -> None:
+def test_a_changed_section_knows_its_own_fastest_run(section: Section) -> None:
     """The run that a section keeps may not go along into a section with another envelope."""
-    before_s = least_time_s(hilly, 100.0, 10.0)
-    slow = replace(hilly, envelope_mps=np.maximum(np.minimum(hilly.envelope_mps, 12.0), hilly.floor_mps))
+    before_s = least_time_s(section, 100.0, 10.0)
+    slow = replace(section, envelope_mps=np.maximum(np.minimum(section.envelope_mps, 12.0), section.floor_mps))
     assert least_time_s(slow, 100.0, 10.0) == pytest.approx(fastest(slow, 100.0, 10.0).time_s, abs=1e-9)
     assert least_time_s(slow, 100.0, 10.0) > before_s + 100.0
-    assert least_time_s(hilly, 100.0, 10.0) == before_s
+    assert least_time_s(section, 100.0, 10.0) == before_s
     assert slow.fastest_run.time_to_go_s[0] == pytest.approx(fastest(slow).time_s)
 
 
-@pytest.mark.parametrize("state", [(-1.0, 5.0), (12_000.0, 5.0), (100.0, -1.0), (100.0, 200.0), (float("nan"), 5.0)])
-def test_a_state_that_is_none_is_refused(hilly: Section, state: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    "state", [(-1.0, 5.0), (12_000.0, 5.0), (np.nan, 5.0), (100.0, -1.0), (100.0, 200.0), (100.0, np.nan)]
+)
+def test_a_state_that_no_train_has_on_the_section_is_refused(section: Section, state: tuple[float, float]) -> None:
     with pytest.raises(DasError, match="expected one"):
-        fastest(hilly, *state)
+        fastest(section, *state)
     with pytest.raises(DasError, match="expected one"):
-        least_time_s(hilly, *state)
+        least_time_s(section, *state)
 
 
 def test_a_train_that_stalls_is_said_to() -> None:

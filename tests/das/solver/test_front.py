@@ -1,0 +1,76 @@
+"""The search for a time: it hits the time, brackets it, and stops as its settings say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from das.solver.front import Front, SearchSettings, TimeSearch
+from das.solver.solution import Fit
+from das.solver.state import State
+
+
+def search(hilly: Front, buffer_ratio: float, settings: SearchSettings | None = None) -> TimeSearch:
+    state = State.at(hilly.section)
+    quickest = state.fastest()
+    wanted_s = quickest.time_s * (1 + buffer_ratio)
+    return TimeSearch(hilly.policies, state, wanted_s, quickest=quickest, settings=settings or SearchSettings())
+
+
+@pytest.mark.parametrize("buffer_ratio", [0.001, 0.02, 0.1, 0.4])
+def test_the_time_is_hit(hilly: Front, buffer_ratio: float) -> None:
+    wanted = search(hilly, buffer_ratio)
+    found = wanted.run()
+    assert found.fit is Fit.ON_TIME
+    assert abs(found.time_s - wanted.time_s) <= wanted.tolerance_s
+    same = hilly.trajectory(wanted.time_s)
+    assert np.array_equal(found.trajectory.v_mps, same.trajectory.v_mps)
+    assert (found.lambda_w, found.table_bound_j) == (same.lambda_w, same.table_bound_j)
+
+
+def test_a_policy_at_a_place_of_the_ladder_lies_between_its_neighbours(hilly: Front) -> None:
+    wanted, ladder = search(hilly, 0.1), hilly.lambda_w
+    whole, between = wanted.policy(20.0), wanted.policy(20.25)
+    assert whole == (ladder[20], 20, 0.0, 0.0)
+    assert between.ladder_index == 20
+    assert between.gap_w == ladder[21] - ladder[20]
+    assert between.price_w == pytest.approx(0.75 * ladder[20] + 0.25 * ladder[21])
+    assert wanted.price_w(20.25) == pytest.approx(between.price_w)
+
+
+def test_a_higher_price_of_time_gives_a_quicker_run(hilly: Front) -> None:
+    wanted = search(hilly, 0.1)
+    trials = [wanted.attempt(place) for place in (5.0, 15.0, 25.5, 40.0, 60.0)]
+    times_s = [trial.run.time_s for trial in trials]
+    assert times_s == sorted(times_s, reverse=True)
+    assert [trial.miss_s for trial in trials] == [time_s - wanted.time_s for time_s in times_s]
+
+
+def test_one_trial_is_the_most_where_the_settings_say_so(hilly: Front) -> None:
+    """With one multiplier tried and no blend the run is what that multiplier gives: the time is missed."""
+    rough = search(hilly, 0.1, SearchSettings(max_roll_outs=1, max_blends=0)).run()
+    exact = search(hilly, 0.1).run()
+    assert exact.fit is Fit.ON_TIME
+    assert abs(rough.time_s - rough.requested_s) > abs(exact.time_s - exact.requested_s)
+
+
+def test_blends_lie_between_their_runs(hilly: Front) -> None:
+    wanted = search(hilly, 0.1)
+    slow, quick = wanted.attempt(10.0).run, wanted.attempt(40.0).run
+    state = wanted.state
+    middle = state.blend(0.5, quick, slow)
+    assert quick.time_s < middle.time_s < slow.time_s
+    assert state.blend(0.0, quick, slow).time_s == pytest.approx(slow.time_s, rel=1e-6)
+    assert state.blend(1.0, quick, slow).time_s == pytest.approx(quick.time_s, rel=1e-6)
+
+
+def test_the_bound_of_the_table_is_near_the_energy_and_unknown_above_the_envelope(hilly: Front) -> None:
+    wanted = search(hilly, 0.1)
+    found, state = wanted.run(), wanted.state
+    bound_j = state.table_bound_j(hilly.policies, state.totals(hilly.policies), found.time_s)
+    assert bound_j == found.table_bound_j
+    assert bound_j <= found.balance.input * 1.004
+    above = State.at(hilly.section, 4_400.0, 35.0)
+    assert above.table_bound_j(hilly.policies, above.totals(hilly.policies), 300.0) == -math.inf
