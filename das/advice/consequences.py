@@ -18,7 +18,7 @@ SDS_AHEAD = 2.0
 BY_EYE_M = 10.0
 """This near to the stop the driver sees the mark: the train counts as nearer only if its estimated position is."""
 HELD_ABOVE_MPS = 1.0
-"""A driver who is above the allowed speed by at most this may be told to hold a lower speed; a faster one must brake."""
+"""A driver above the allowed speed by at most this may be told to hold a lower speed; a faster one must brake."""
 BACK_IN_S = 5.0
 """For a train above a limit, braking is strong enough if the train is back under the limit after this time."""
 FULL_RATIO = 0.97
