@@ -1,6 +1,6 @@
 """The table of the bundled population in docs/reference/populations.md.
 
-`python -m tests.support.population_table` writes it anew.
+`python -m tests.support.population_table` updates it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ BLOCK = re.compile(r"(<!-- population: begin -->\n).*?(<!-- population: end -->)
 
 
 def main() -> None:
-    """Write the table anew."""
+    """Update the table in the page."""
     table = population_markdown(load_population(DEFAULT))
     page = PAGE.read_text(encoding="utf-8")
     PAGE.write_text(BLOCK.sub(lambda found: f"{found[1]}{table}\n{found[2]}", page), encoding="utf-8")
