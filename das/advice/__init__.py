@@ -1,1 +1,1 @@
-"""Advice on one section: from a state to a plan, from a plan to what is displayed."""
+"""Advice to the driver on one section (stop to stop): from the train's state to a plan, from the plan to a display."""

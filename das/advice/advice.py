@@ -1,4 +1,4 @@
-"""Advice and its parts: plain frozen values, as the bus carries them."""
+"""One advice to the driver, with its parts: plain frozen values, as sent over the bus."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from das.domain.errors import DasError
 
 
 class Source(IntEnum):
-    """Where advice comes from; the numbers are those of the bus message."""
+    """What advice is based on; the numbers are those of the bus message.
+
+    TABLE: optima solved offline. SOLVED: optima solved on board. FALLBACK: no optimum is known (yet).
+    """
 
     NONE = 0
     TABLE = 1
@@ -23,25 +26,25 @@ class Source(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Timetable:
-    """Departure and arrival of the section's two stops (ns since 1970)."""
+    """Departure from the stop where the section begins and arrival at the stop where it ends (ns since 1970)."""
 
     departure_ns: int
     arrival_ns: int
 
     def check(self) -> None:
-        """Raise DasError where it leaves no time."""
+        """Raise DasError if the arrival is not after the departure."""
         if self.arrival_ns <= self.departure_ns:
             raise DasError("timetable: the arrival is not after the departure")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """One advice; fields, units and signs are those of das.proto.
+    """One advice; fields, units and signs are those of the message in das.proto.
 
-    With mode NONE advice is withdrawn: `cause` says why, and `reason` says it in words. With mode DEPART
-    speed, force and horizon are those of a train that stands, and `next_mode`, `departure_speed_mps` and
-    `departure_force_ratio` (a share of the available traction) say how to depart when it is cleared; with every other
-    mode these two are 0.
+    Mode NONE means that advice is withdrawn: `cause` says why, and `reason` says it in words. In mode DEPART the
+    driver waits until the train is cleared: advised speed, force and horizon are those of a standing train, and
+    `next_mode`, `departure_speed_mps` and `departure_force_ratio` (a share of the available traction) say how to
+    depart. In every other mode `departure_speed_mps` and `departure_force_ratio` are 0.
     """
 
     time_ns: int

@@ -1,7 +1,8 @@
 """Braking ahead: where a train must begin to brake, and with what effort it keeps the limits and the stop ahead.
 
-An effort is a share of what the motors can brake with at the present speed, so that one effort serves a whole brake:
-its force grows along the power hyperbola as the train slows down. More than 1 asks for the friction brake as well.
+A braking effort is the braking force as a share of what the motors can brake with at the present speed. So one effort
+serves from the start of braking to its end: its force grows along the power hyperbola as the train slows down. An
+effort above 1 uses the friction brake as well.
 """
 
 from __future__ import annotations
@@ -20,36 +21,36 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 
 STOP_SLACK_M = 1.0
-"""A stop counts as kept to within this (m): the driver finds the mark by eye."""
+"""Braking may end this far (m) beyond a stop: the driver finds the mark by eye."""
 SPEED_SLACK_MPS = 0.2
-"""A lower limit counts as kept to within this (m/s): less than a driver reads."""
+"""Braking may end this much (m/s) above a lower limit: a driver cannot read a smaller difference."""
 ABOVE_MPS = 0.2
 """A train faster than planned by more than this (m/s) has to brake."""
 LEVEL_MPS = 1e-6
-"""A curve that falls by less than this (m/s) over an interval is level."""
+"""A braking curve that falls by less than this (m/s) over an interval counts as level."""
 BEGINS_MPS = 0.05
-"""A curve that falls by more than this (m/s) from here on has begun to fall."""
+"""A braking curve counts as falling if it is lower ahead than here by more than this (m/s)."""
 BACK_IN_S = 4.0
-"""A train above a limit is braked so hard that it is below it after so long (s)."""
+"""A train above a limit brakes so hard that it is back at the limit after this time (s)."""
 LEAST_MPS2 = 0.02
-"""A speed that a train comes down to at less than this deceleration (m/s²) is not near yet."""
+"""If less than this deceleration (m/s²) is enough to reach a lower speed ahead, it is too early to brake for it."""
 AT_MARK_M = 10.0
-"""A driver sees the mark of a stop that is nearer than this (m): where else the train may be counts no more."""
+"""This near to a stop (m) the driver sees the mark, and the uncertainty of the position no longer counts."""
 ALIKE = 0.9
-"""Brakes that need at least this share of the strongest one are alike to a driver."""
+"""Of several places to brake for, those that need at least this share of the largest effort count as equal."""
 RIVALS = 0.8
-"""Among the speeds ahead those that ask for at least this share of the largest deceleration are looked at closely."""
+"""The effort is computed only for those places ahead that need at least this share of the largest deceleration."""
 
 
 def braking_mode(effort: float) -> Regime:
-    """The mode of a brake of an effort: with the motors in part or fully, or with the friction brake as well."""
+    """The mode of a braking effort: part of the motors' braking, all of it, or the friction brake as well."""
     if effort < FULL_RATIO:
         return Regime.REDUCED_BRAKE
     return Regime.FULL_BRAKE if effort <= 1.0 + 1e-3 else Regime.FRICTION_BRAKE
 
 
 class NeededBrake(NamedTuple):
-    """The effort of the brake that is needed (0: none), and the speed (m/s) and the place (m) that ask for it."""
+    """The braking effort needed (0: none), the speed to brake to (m/s), and where it must be reached (m)."""
 
     effort: float
     target_mps: float = math.inf
@@ -60,11 +61,14 @@ NOTHING = NeededBrake(0.0)
 
 
 class BrakingAhead:
-    """What the limits and the stop ahead ask of a train on a section, by its planned envelope."""
+    """The braking that the limits and the stop ahead need from a train on a section.
+
+    The envelope of the section, its highest planned speeds, contains the braking curves.
+    """
 
     def __init__(self, section: Section) -> None:
         self.section = section
-        # Plans of a policy may leave the friction brake alone; a train that is too fast uses all that it has.
+        # The brake policy may exclude the friction brake from plans; a train that is too fast uses it all the same.
         self._train = section.train._replace(friction_force_n=section.vehicle.friction_brake_force_n)
         envelope = section.envelope_mps
         self._planned_w = envelope**2
@@ -73,9 +77,9 @@ class BrakingAhead:
         self._foot_m, self._foot_mps = section.node_m[feet], envelope[feet]
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
-        """Whether a train that goes on at its speed is above a falling curve within a time (s).
+        """Whether a train that keeps its speed will be above a braking curve within a time (s).
 
-        A train above a limit that does not fall has nothing ahead to brake for: see `back_under`.
+        A train that is only above the limit where it is has nothing ahead to brake for: for it see `back_under`.
         """
         nodes = self.section.node_m
         least_w = kernels.lowest_w(s_m, s_m + v_mps * within_s, nodes, self._planned_w)
@@ -85,21 +89,24 @@ class BrakingAhead:
         return bool(self._falls[self._interval(s_m)] or math.sqrt(least_w) < here_mps - BEGINS_MPS)
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) from which full brakes keep all that is ahead, from the planned deviation ahead on.
+        """The highest speed (m/s) from which full braking keeps every limit and the stop, wherever the train may be.
 
-        Near the stop the driver sees where he is.
+        The train may be ahead of its estimated position, as `feared_m` says.
         """
         return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
 
     def feared_m(self, s_m: float) -> float:
-        """Where a train at a place may be that is ahead of it by the planned deviation (m)."""
+        """The furthest position (m) of a train whose estimated position is `s_m`: ahead by the planned deviation.
+
+        Close to the stop the driver sees the mark, and the estimate is trusted.
+        """
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """Where ahead a train with speeds at the nodes ahead comes to the planned curve (m); else the end.
+        """Where (m) a train with these speeds at the nodes ahead meets a braking curve; else the end of the section.
 
-        A train above the limit here comes down to it first.
+        A train above the limit where it is is assumed to slow down to that limit first.
         """
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = math.sqrt(kernels.lowest_w(s_m, s_m, nodes, self._planned_w))
@@ -109,12 +116,12 @@ class BrakingAhead:
         return max(float(nodes[first + reached - 1]), s_m)
 
     def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:
-        """The speeds at all nodes ahead of a train in a state that coasts, or brakes with a force (N, > 0)."""
+        """The speeds (m/s) at all nodes ahead of a train that coasts from here, or brakes with a force (N, > 0)."""
         section, here = self.section, self._interval(s_m)
         train, speeds = section.train, np.full(len(section.node_m) - here - 1, v_mps)
         step_m = section.step_m[here:].copy()
         step_m[0] = section.node_m[here + 1] - s_m
-        for _ in range(2):  # First with the running resistance of now, then with that of the speeds found so.
+        for _ in range(2):  # First with the running resistance at the present speed, then at the speeds just found.
             per_w_n = train.c2_n_per_mps2 + section.tunnel_n_per_mps2[here:]
             running_n = train.c0_n + train.c1_n_per_mps * speeds + per_w_n * speeds**2
             lost_j = np.cumsum((running_n + section.constant_n[here:] + braked_n) * step_m)
@@ -122,14 +129,14 @@ class BrakingAhead:
         return speeds
 
     def ahead_s(self, s_m: float, v_mps: float, speeds_mps: Floats, to_m: float) -> float:
-        """The time (s) to a place of a train in a state that has these speeds at the nodes ahead."""
+        """The time (s) in which a train that has these speeds at the nodes ahead reaches a place (m)."""
         at_m = np.append(s_m, self.section.node_m[-len(speeds_mps) :])
         speeds = np.append(v_mps, speeds_mps)
         steps_s = 2.0 * np.diff(at_m) / np.maximum(speeds[1:] + speeds[:-1], 0.1)
         return float(np.interp(to_m, at_m, np.append(0.0, np.cumsum(steps_s))))
 
     def needed(self, s_m: float, v_mps: float) -> NeededBrake:
-        """The brake with which a train in a state keeps all that is ahead; the largest where none is enough."""
+        """The least braking from here that keeps every limit and the stop ahead; the largest if none is enough."""
         ahead = (self._foot_m > s_m) & (self._foot_mps < v_mps - SPEED_SLACK_MPS)
         place_m, speed_mps = self._foot_m[ahead], self._foot_mps[ahead]
         rate_mps2 = (v_mps**2 - speed_mps**2) / (2.0 * np.maximum(place_m - s_m, 1.0))
@@ -142,11 +149,11 @@ class BrakingAhead:
             if rate >= RIVALS * largest
         ]
         most = max(rivals).effort
-        # Of places that ask for nearly the same the nearest is named: the driver comes to it first.
+        # Of places that need nearly the same effort, the nearest is named: the driver reaches it first.
         return next(one for one in rivals if one.effort >= ALIKE * most)._replace(effort=most)
 
     def effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
-        """The least effort with which a train in a state comes down to a speed at a place; the largest if none does."""
+        """The least effort that slows the train from here to a speed at a place; the largest if none is enough."""
         section = self.section
         stops = target_mps <= SPEED_SLACK_MPS
         to_m = to_m + STOP_SLACK_M if stops else to_m
@@ -163,11 +170,11 @@ class BrakingAhead:
         )
 
     def largest(self, v_mps: float) -> float:
-        """The effort of all brakes that may be used at a speed."""
+        """The effort of all brakes of the train together at a speed."""
         return float(kernels.largest_effort(max(v_mps, 0.1), self._train))
 
     def full(self, s_m: float, v_mps: float) -> float:
-        """The effort of the full brake in a state, with which the curve of what is allowed is drawn."""
+        """The effort of full braking here, as used for the curve of the highest allowed speeds."""
         section, v = self.section, max(v_mps, 0.1)
         here = on_supply(section.train, section.supply[self._interval(s_m)])
         slowed_n = here.max_deceleration_mps2 * here.inertial_mass_kg - section.resistance_n(s_m, v)
@@ -175,31 +182,31 @@ class BrakingAhead:
         return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(v)))
 
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
-        """The wheel force (N, <= 0) of an effort in a state, as far as the brakes give it there."""
+        """The wheel force (N, <= 0) of a braking effort here, at most what the brakes give."""
         v = max(v_mps, 0.1)
         here = on_supply(self._train, self.section.supply[self._interval(s_m)])
         most_n = float(brake_limit(v, here, here.friction_force_n))
         return -min(effort * float(kernels.full_effort(v, self._train)), most_n)
 
     def effort_of(self, rate_mps2: float, s_m: float, v_mps: float) -> float:
-        """The effort that decelerates a train in a state at a rate, within what its brakes give."""
+        """The braking effort that decelerates the train at a rate (m/s²) here, at most what its brakes give."""
         section, v = self.section, max(v_mps, 0.1)
         force_n = section.train.inertial_mass_kg * rate_mps2 - section.resistance_n(s_m, v)
         full_n = float(kernels.full_effort(v, self._train))
         return min(max(force_n / full_n, 0.0), self.largest(v)) if full_n > 0.0 else 0.0
 
     def back_under(self, s_m: float, v_mps: float, limit_mps: float) -> NeededBrake:
-        """The brake that brings a train in a state below a limit that it is above."""
+        """The braking that brings a train above a limit back to it within `BACK_IN_S`; effort 0 if it is not above."""
         excess_mps = v_mps - limit_mps
         effort = self.effort_of(excess_mps / BACK_IN_S, s_m, v_mps) if excess_mps > 0 else 0.0
         return NeededBrake(effort, limit_mps, s_m)
 
     def rolls_mps2(self, s_m: float, v_mps: float) -> float:
-        """The acceleration of a train in a state that coasts."""
+        """The acceleration (m/s²; < 0: it slows down) of a train that coasts here."""
         return -self.section.resistance_n(s_m, v_mps) / self.section.train.inertial_mass_kg
 
     def accelerates_mps2(self, share: float, s_m: float, v_mps: float) -> float:
-        """The acceleration of a train in a state with a share of its traction."""
+        """The acceleration (m/s²) of the train here with a share of its largest traction."""
         train = self.section.train
         gained = share * float(traction_limit(max(v_mps, 0.1), train)) / train.inertial_mass_kg
         return gained + self.rolls_mps2(s_m, v_mps)

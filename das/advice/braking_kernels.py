@@ -1,4 +1,7 @@
-"""Numba kernels of braking: the effort that a brake needs from a state to a speed at a place."""
+"""Numba kernels of braking: the effort that slows a train from its present speed to a lower one at a place.
+
+A braking effort is the braking force as a share of what the motors can brake with at the present speed.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,14 @@ from das.compiling import kernel
 from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, on_supply
 
 STEPS = 4
-"""The speed at the end of an interval is found in so many steps."""
+"""The speed at the end of an interval is found by this many iterations."""
 TRIES, NEAR_W = 14, 0.02
-"""An effort is narrowed down so many times, or until v² is met to within this (m²/s²)."""
+"""The search for an effort takes at most `TRIES` steps, and ends when v² is met to within `NEAR_W` (m²/s²)."""
 
 
 @kernel
 def full_effort(v, p):
-    """The force (N) of the effort 1 at a speed: of the motors, or of all brakes of a train that brakes without them."""
+    """The force (N) of effort 1 at a speed: that of the motors, or of all brakes if the motors do not brake."""
     electric = electric_limit(v, p)
     if electric > 0.0 and not p.brakes_dissipate:
         return electric
@@ -25,14 +28,14 @@ def full_effort(v, p):
 
 @kernel
 def largest_effort(v, p):
-    """The effort of all brakes together at a speed."""
+    """The effort of all brakes of the train together at a speed."""
     full = full_effort(v, p)
     return brake_limit(v, p, p.friction_force_n) / full if full > 0.0 else 0.0
 
 
 @kernel
 def _braked_w(effort, w0, h, g, q, p, here):
-    """v² after an interval with an effort of the brakes; below 0: it stands before."""
+    """v² (m²/s²) at the end of an interval in which the train brakes with an effort; < 0 if it stops before the end."""
     v0 = math.sqrt(w0)
     v1, w1 = v0, w0
     for _ in range(STEPS):
@@ -47,9 +50,10 @@ def _braked_w(effort, w0, h, g, q, p, here):
 
 @kernel
 def left_over_w(effort, s, v, first, last, to_m, nodes, line, p):
-    """v² that is left at a place of a train that brakes with an effort from s and v on.
+    """v² (m²/s²) that is left at `to_m` if a train at s with speed v brakes with an effort from there on.
 
-    `first` and `last` are the intervals of both places. Below 0 it stands before; then it falls with the way left.
+    `first` and `last` are the intervals of s and of `to_m`. A result below 0 means that the train stops before `to_m`;
+    the further before, the lower it is.
     """
     _, g, q, u = line
     w = v * v
@@ -68,7 +72,7 @@ def left_over_w(effort, s, v, first, last, to_m, nodes, line, p):
 
 @kernel
 def needed_effort(s, v, first, last, to_m, target, nodes, line, p):
-    """The least effort with which a train at s and v is no faster than `target` at a place; the largest if none is."""
+    """The least effort that slows a train at s with speed v to `target` (m/s) at `to_m`; the largest if none does."""
     wanted = target * target
     most = largest_effort(v, p)
     low, low_w = 0.0, left_over_w(0.0, s, v, first, last, to_m, nodes, line, p) - wanted
@@ -78,7 +82,7 @@ def needed_effort(s, v, first, last, to_m, target, nodes, line, p):
     if high_w >= 0.0:
         return most
     for _ in range(TRIES):
-        # By the line between both ends, but not so near to one of them that the other stays.
+        # Interpolated between both ends (regula falsi), but not too near to either, so that both of them move.
         share = min(max(low_w / (low_w - high_w), 0.1), 0.9)
         middle = low + (high - low) * share
         middle_w = left_over_w(middle, s, v, first, last, to_m, nodes, line, p) - wanted
@@ -93,7 +97,7 @@ def needed_effort(s, v, first, last, to_m, target, nodes, line, p):
 
 @kernel
 def lowest_w(s, to_m, nodes, envelope_w):
-    """The least v² of an envelope between two places; 0 beyond the last node."""
+    """The least v² (m²/s²) of an envelope from position s to `to_m`; 0 if `to_m` is not before the last node."""
     if to_m >= nodes[nodes.size - 1]:
         return 0.0
     least = linear(nodes, envelope_w, s)

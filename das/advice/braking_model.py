@@ -1,7 +1,7 @@
-"""The last word's own model of a line and a train: which speeds full braking can still bring down in time.
+"""The last word's own model of a line and a train: the highest speeds from which full braking is still in time.
 
-It is made of the route, the train and the restrictions alone, and shares no code with the solver: an error there must
-not be repeated here.
+It is made from the route, the train and the restrictions alone. It shares no code with the solver, so that an error in
+the solver is not repeated here.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 Floats = NDArray[np.float64]
 
 LIMIT_TOLERANCE_MPS = 0.5
-"""Half of the 1 m/s above limit or curve that is promised never to be exceeded: the other half is the driver's."""
+"""Half of the 1 m/s by which no train may ever exceed a limit or braking curve; the other half is for the driver."""
 STOP_TOLERANCE_M = 5.0
-"""Half of the 10 m by which no stop may be missed: the mark is found by eye, from a speed of 2 m/s or so."""
+"""Half of the 10 m by which no train may ever pass a stop; the driver finds the mark by eye, from about 2 m/s on."""
 STEP_M = 20.0
-"""The curve is computed at least every so many metres, and wherever a limit or the supply changes: the effect of
-gradients and curves on a whole train changes slowly."""
+"""The braking curve is computed at least every so many metres, and wherever a limit or the supply changes. This is
+enough because the effect of gradients and curves on a whole train changes slowly."""
 BEYOND_TOP_MPS = 20.0
-"""Forces are known up to this much above the train's top speed."""
+"""Forces are tabulated up to this much above the train's top speed."""
 BEHIND_M = 100.0
 """The model begins this far before the section, where a train that is about to depart may still stand."""
 
 
 class BrakingBasis(NamedTuple):
-    """What the highest speeds depend on: line, train, its brakes, what is in force, and the two ends of the section."""
+    """What the highest speeds depend on: line, train, brakes, restrictions, conditions, and the ends of the section."""
 
     route: Route
     vehicle: Vehicle
@@ -49,7 +49,7 @@ class BrakingBasis(NamedTuple):
 
 
 class Needed(NamedTuple):
-    """The deceleration (m/s²) that a train needs, the speed (m/s) that it must come down to, and where (m)."""
+    """The deceleration (m/s²) that a train needs, the speed (m/s) that it must slow down to, and where (m)."""
 
     rate_mps2: float
     speed_mps: float
@@ -59,8 +59,9 @@ class Needed(NamedTuple):
 class BrakingModel:
     """Limits, full braking and forces of one train on one section.
 
-    The train has the brakes of its policy, without the electric brake where the line does not take its power. It is no
-    lighter and has no more resistance than its file says. Gradients and curves are averaged over its length.
+    The train uses the brakes that its policy names, without the electric brake where the line does not take its power.
+    Where mass or resistance were measured, the model is cautious: the train is never lighter, and never has more
+    resistance, than its file says. Gradients and curves are averaged over the length of the train.
     """
 
     def __init__(self, basis: BrakingBasis) -> None:
@@ -80,17 +81,17 @@ class BrakingModel:
         supply = basis.route.supply().minimum(nodes_m[:-1], nodes_m[1:])
         places[kernels.MOTORS] = (supply >= 0) | (basis.brakes is BrakePolicy.FRICTION)
         places[kernels.ALLOWED + 2] = places[kernels.LIMIT] ** 2
-        # The model ends beyond the stop, by the tolerance; there the train stands at the latest.
+        # The model ends where the tolerance beyond the stop ends; there the train stands at the latest.
         places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
         self.line = nodes_m, places, _forces_n(train)
         self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
-        """`line` and `train` are the model as the kernels take it, without and with the figures of the train."""
+        """The model as the kernels take it: the arrays of `line`, then the train's mass and largest deceleration."""
         for row in (kernels.ALLOWED, kernels.BOUND):
             kernels.fill_curve(*self.train, row)
 
     @property
     def mass_kg(self) -> float:
-        """The mass that is slowed down, with the rotating parts."""
+        """The inertial mass (kg): that of the train with its rotating parts."""
         return self.train[3]
 
     def limit_mps(self, s_m: float) -> float:
@@ -108,7 +109,7 @@ class BrakingModel:
         return float(kernels.speed_at(*self.line[:2], kernels.ALLOWED, s_m))
 
     def bound_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) at a position from which full braking keeps limits and stop within tolerances."""
+        """The highest speed (m/s) at a position from which full braking keeps limits and stop within the tolerances."""
         return float(kernels.speed_at(*self.line[:2], kernels.BOUND, s_m))
 
     def traction_n(self, v_mps: float) -> float:
@@ -129,13 +130,13 @@ class BrakingModel:
         return float(kernels.force_at(self.line[2], kernels.MOST, v_mps))
 
     def resisting_n(self, s_m: float, v_mps: float) -> float:
-        """Running resistance, gradient and curves (N) at a position and speed."""
+        """The resistance (N) at a position and speed: running resistance, gradient and curves."""
         return float(kernels.resisting(*self.line, self.mass_kg, s_m, v_mps))
 
     def needed(self, s_m: float, v_mps: float, within_s: float) -> Needed:
-        """The least steady braking from here that keeps every limit ahead and the stop, and the limit here in time.
+        """The least constant deceleration from here that keeps every limit ahead and the stop.
 
-        A train above the limit here comes down to it in `within_s`.
+        A train above the limit where it is comes down to that limit within `within_s` as well.
         """
         nodes_m, places, _ = self.line
         i = int(kernels.interval(nodes_m, s_m))
@@ -151,7 +152,7 @@ class BrakingModel:
 
 
 def _forces_n(train: Vehicle) -> Floats:
-    """The forces of a train at every tenth of a m/s, in the rows that the kernels know."""
+    """The forces (N) of a train at speeds 0.1 m/s apart, in the rows that the kernels name."""
     speeds = np.arange(0.0, train.max_speed_mps + BEYOND_TOP_MPS, 1.0 / kernels.STEPS_PER_MPS)
     electric_n, both_n = train.electric_brake_effort_n(speeds), train.brake_effort_n(speeds)
     friction_n = np.minimum(train.friction_brake_force_n, both_n)
@@ -168,7 +169,7 @@ def _forces_n(train: Vehicle) -> Floats:
 
 
 def _nodes(basis: BrakingBasis, length_m: float) -> Floats:
-    """Every place where something under the train changes, and more in between."""
+    """The nodes (m): every place where a limit or the supply changes, and more in between."""
     route, last_m = basis.route, basis.end_m + STOP_TOLERANCE_M
     begins_m = basis.start_m - BEHIND_M
     rising_m = [route.limits_mps.start_m, *(np.array([x.end_m]) for x in basis.restrictions)]
@@ -189,7 +190,7 @@ def _nodes(basis: BrakingBasis, length_m: float) -> Floats:
 
 
 def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
-    """The lowest limit over the train in each interval, with the restrictions in force."""
+    """For each interval, the lowest limit (m/s) over the whole train, with the restrictions in force."""
     from_m, to_m = nodes_m[:-1], nodes_m[1:]
     limit = basis.route.limits_mps.minimum(from_m - length_m, to_m)
     middle_m = 0.5 * (from_m + to_m)
@@ -200,7 +201,7 @@ def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
 
 
 def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
-    """The force per mass with which gradient and curves slow a train (m/s², uphill > 0), averaged over its length."""
+    """The deceleration (m/s², uphill > 0) of a train by gradient and curves, averaged over its length."""
     curves = Stretches(
         start_m=route.curvature_per_m.start_m.copy(), value=curve_resistance_mps2(route.curvature_per_m.value)
     )

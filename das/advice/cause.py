@@ -1,4 +1,4 @@
-"""Why there is no advice, as data. `das.cab.withdrawal` decides it; `das.advice.wording` says it."""
+"""Why there is no advice, as data. `das.cab.withdrawal` decides the cause; `das.advice.wording` puts it into words."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from das.estimate.estimate import Problem, ProblemKind
 
 
 class Cause(IntEnum):
-    """Why advice is withdrawn, in the order in which it is decided; the numbers are those of the bus message."""
+    """Why advice is withdrawn, in the order in which causes are checked; the numbers are those of the bus message."""
 
     NONE = 0
     """Advice is given."""
     TWO_PUBLISHERS = 1
-    """Two publishers say where the train is, and one of them is wrong."""
+    """Two publishers send positions of the train, and nobody can tell which one is right."""
     TWO_OPERATORS = 2
-    """Two publishers say which restrictions are in force, and they differ."""
+    """Two publishers send different lists of restrictions."""
     RESTRICTIONS_UNHEEDED = 3
-    """Restrictions were received that cannot be heeded."""
+    """Restrictions were received that cannot be applied."""
     JOURNEY_REFUSED = 4
-    """The last journey received cannot be driven, or is not for this node."""
+    """The last journey received was refused: it cannot be driven, or is not meant for this node."""
     INTERNAL_ERROR = 5
-    """Something went wrong in the program that nobody foresaw."""
+    """The program met an error that it was not prepared for."""
     NO_JOURNEY = 6
-    """No journey has been heard yet."""
+    """No journey has been received yet."""
     RESTRICTIONS_UNTOLD = 7
-    """No list of restrictions has been heard, not even an empty one."""
+    """No list of restrictions has been received, not even an empty one."""
     SECTION_IMPOSSIBLE = 8
-    """The section cannot be driven under what is in force, or could not be solved."""
+    """The section cannot be driven under the limits in force, or could not be solved."""
     NO_POSITION = 9
-    """Nothing has been heard of the train's position."""
+    """No position has been received yet."""
     POSITION_REJECTED = 10
     """The position received is impossible or unusable."""
     POSITION_STALE = 11
     """The last position is too old, or positions come too rarely."""
     POSITION_AHEAD = 12
-    """The position is ahead of the clock."""
+    """The time stamp of the position is ahead of the clock."""
     POSITION_UNCERTAIN = 13
-    """Position or speed are too uncertain."""
+    """Position or speed is too uncertain."""
     OUTSIDE_SECTION = 14
     """The train is not on the section."""
     MOVING_UP = 15
@@ -46,7 +46,7 @@ class Cause(IntEnum):
     PAST_STOP = 16
     """The train has run past its stop."""
     NO_PLAN = 17
-    """From this state the section cannot be finished."""
+    """From the train's state the end of the section cannot be reached."""
     TWO_NODES = 18
     """Another node advises this train as well."""
 
@@ -74,19 +74,19 @@ OF_PROBLEM = {
     ProblemKind.POSITION_UNCERTAIN: Cause.POSITION_UNCERTAIN,
     ProblemKind.SPEED_UNCERTAIN: Cause.POSITION_UNCERTAIN,
 }
-"""The cause that follows from each problem of a position."""
+"""The cause of a withdrawal for each problem of a position."""
 
 
 @dataclass(frozen=True)
 class Withdrawal:
-    """Why there is no advice, with the facts that belong to the cause; what a cause does not need stays empty."""
+    """Why there is no advice: the cause and its facts. Fields that the cause does not need keep their defaults."""
 
     cause: Cause
     text: str = ""
-    """Words from another part of the program: why a journey or section is refused, the error, two publishers' names."""
+    """Text from elsewhere: why a journey or section was refused, an error message, or the names of two publishers."""
     problem: Problem | None = None
-    """What is wrong with the position."""
+    """What is wrong with the position; None if the position is not the cause."""
     position_m: float = 0.0
-    """Where the train is, or how far it ran past its stop."""
+    """Where the train is (m), or how far it has run past its stop (m)."""
     section_m: tuple[float, float] = (0.0, 0.0)
-    """The section's two ends."""
+    """The two ends of the section (m)."""

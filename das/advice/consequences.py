@@ -1,4 +1,4 @@
-"""What comes of an advice: where a driver gets who does what is shown, from anywhere the train may be."""
+"""The consequences of an advice: what speeds the train reaches if the driver does what is shown."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from das.advice.regimes import Regime
 from das.estimate.estimate import Estimate
 
 SDS_AHEAD = 2.0
-"""The train may be ahead of its estimate by so many standard deviations of the position."""
+"""The train is assumed to be ahead of its estimated position by this many standard deviations."""
 BY_EYE_M = 10.0
-"""Nearer than this to the mark the driver sees where he is: the deviation brings the train no nearer to it."""
+"""This near to the stop the driver sees the mark: the train counts as nearer only if its estimated position is."""
 HELD_ABOVE_MPS = 1.0
-"""A train above what is allowed by no more than this is brought down to a speed to hold; a faster one must brake."""
+"""A driver above the allowed speed by at most this may be told to hold a lower speed; a faster one must brake."""
 BACK_IN_S = 5.0
-"""A train above a limit may be braked so gently that it is below it after so long (s)."""
+"""For a train above a limit, braking is strong enough if the train is back under the limit after this time."""
 FULL_RATIO = 0.97
-"""A brake from this share of the full one on counts as full: nothing stronger can be asked for."""
+"""Braking with at least this share of the full braking force counts as full: nothing stronger can be asked for."""
 FORCE_RATIO = 1.02
-"""A force above the largest one at this speed by no more than a fiftieth is a matter of rounding."""
+"""A force up to this multiple of the largest one at the speed counts as available: the difference is rounding."""
 LONGEST_S = 30.0
-"""Brakes that are announced for later than this are judged later: by then they are announced again."""
+"""Braking announced for later than this is not judged yet: it is announced, and judged, again before then."""
 STOPPED_MPS = 0.1
-"""A train slower than this stands."""
+"""A train slower than this counts as standing."""
 
 
 class Doing(NamedTuple):
-    """What a driver does up to a time (s): a wheel force (N), with which he goes to a speed (m/s) and holds it.
+    """What the driver does until a time (s): he applies a wheel force (N) to reach a speed (m/s).
 
-    The force of an effort grows as the electric brake does while the train slows down: `of_n` is that brake (N) where
-    it begins; 0: the force is what it is.
+    `holds`: he then holds the speed, with whatever force that takes. `of_n`: the braking force is a share of the
+    electric brake, which grows as the train slows down; it is the electric brake (N) at the start. 0: the force is
+    constant.
     """
 
     until_s: float
@@ -46,36 +47,39 @@ class Doing(NamedTuple):
 
 
 class Excess(NamedTuple):
-    """A speed that is reached (m/s), and the highest one there (m/s)."""
+    """A speed (m/s) that is too high, and the highest safe speed (m/s) there (NaN: it could not be judged)."""
 
     value_mps: float
     bound_mps: float
 
 
 class Consequences:
-    """A train at a moment, on its way with whatever a driver does until an advice expires.
+    """Follows a train from now on, under whatever its driver does until an advice expires.
 
-    It may be ahead of its estimate, by `SDS_AHEAD` deviations; everything is counted from there.
+    The train starts from `ahead_m`: it may be ahead of its estimated position by `SDS_AHEAD` standard deviations.
     """
 
     def __init__(self, model: BrakingModel, here: Estimate, valid_s: float) -> None:
         self.model, self.v_mps = model, max(here.speed_mps, 0.0)
         self.valid_s = min(max(valid_s, kernels.STEP_S), LONGEST_S)
-        """How long the advice is valid."""
+        """How long the advice is still valid (s)."""
         deviation_m = SDS_AHEAD * here.position_sd_m
         self.behind_m, self.s_m = here.s_m - deviation_m, here.s_m
         self.ahead_m = min(here.s_m + deviation_m, max(here.s_m, model.end_m - BY_EYE_M))
-        """Where the train may be at most."""
+        """The furthest position (m) at which the train may be."""
 
     def excess(self, doings: Sequence[Doing], lasts_s: float, since_s: float = 0.0) -> Excess | None:
-        """Where a driver who does this is too fast for what is ahead; None where he never is."""
+        """The first speed between `since_s` and `lasts_s` that is too high if the driver does this; None if none is."""
         done = np.array(doings, dtype=float)
         tuned = FULL_RATIO, HELD_ABOVE_MPS, STOPPED_MPS, BACK_IN_S
         found = kernels.first_excess(*self.model.train, done, self.ahead_m, self.v_mps, since_s, lasts_s, tuned)
         return Excess(*found) if found[0] >= 0 else None
 
     def braking(self) -> tuple[float, Needed]:
-        """The force (N, <= 0) that is needed from here, and what for; all brakes where a steady one is not enough."""
+        """The braking force (N, <= 0) needed from here, and the speed and place that need it.
+
+        If the constant force that should suffice does not, it is that of all brakes.
+        """
         model, v_mps = self.model, self.v_mps
         needed = model.needed(self.ahead_m, v_mps, self.valid_s)
         wanted_n = needed.rate_mps2 * model.mass_kg - model.resisting_n(self.ahead_m, v_mps)
@@ -85,7 +89,7 @@ class Consequences:
         return (force_n if self.excess([doing], self.valid_s) is None else -most_n), needed
 
     def mode_of(self, force_n: float) -> Regime:
-        """The mode of a braking force (N, <= 0) here: with friction where the electric brake is not enough."""
+        """The mode of a braking force (N, <= 0) here; the friction brake if the electric brake is not enough."""
         electric_n = self.model.electric_n(self.v_mps) if self.model.has_motors(self.ahead_m) else 0.0
         if force_n >= 0:
             return Regime.COAST
@@ -94,12 +98,15 @@ class Consequences:
         return Regime.FULL_BRAKE if -force_n >= FULL_RATIO * electric_n else Regime.REDUCED_BRAKE
 
     def unavailable(self, force_n: float, v_mps: float) -> Excess | None:
-        """Forces that the train does not have at its speed are none that a driver could give."""
+        """An excess if the train does not have this force (N) at the speed `v_mps`, so that no driver can apply it."""
         most_n = self.model.traction_n(v_mps) if force_n > 0 else self.model.most_brake_n(v_mps)
         return Excess(self.v_mps, math.nan) if abs(force_n) > FORCE_RATIO * most_n + 1.0 else None
 
     def braked_horizon(self, force_n: float, to_mps: float, seconds: int) -> dict[str, tuple[float, ...]]:
-        """The horizon of a brake to a speed, by the names of its fields: nowhere above what is allowed."""
+        """The horizon fields of an advice, by name, for braking with a force (N) to a speed (m/s).
+
+        No speed is above what is allowed.
+        """
         model, s_m, v_mps = self.model, self.ahead_m, self.v_mps
         doing = np.array(Doing(math.inf, force_n, to_mps), dtype=float)
         speeds: list[float] = []
@@ -113,5 +120,5 @@ class Consequences:
         return {"horizon_speed_mps": tuple(speeds), "horizon_force_n": tuple(forces)}
 
     def brake_n(self, effort_ratio: float) -> float:
-        """The force (N, < 0) of an effort, as a share of what the motors brake with now; of all brakes without them."""
+        """The braking force (N) of an effort: a share of the motors' braking now, or of all brakes without motors."""
         return effort_ratio * (self.model.electric_n(self.v_mps) or self.model.most_brake_n(self.v_mps))

@@ -1,4 +1,4 @@
-"""The display: it builds every advice of a leg, from a plan and from what it showed before."""
+"""The display: it builds every advice on a section, from the plan and from what it showed before."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from das.solver.solution import Fit
 
 
 class Scene(NamedTuple):
-    """What an advice is about: the state, the estimate behind it, the planner, the goal, and what the coach says."""
+    """What an advice is built from: state, estimated position and speed, planner, goal, and the coach's advice."""
 
     state: TrainState
     here: Estimate
@@ -37,7 +37,7 @@ class Scene(NamedTuple):
 
 
 class _Change(NamedTuple):
-    """The next mode, and the distance (m) and time (s) to it."""
+    """The next mode, and the distance (m) and time (s) until it begins."""
 
     mode: Regime
     way_m: float
@@ -45,12 +45,12 @@ class _Change(NamedTuple):
 
     @classmethod
     def to(cls, one: Instruction) -> _Change:
-        """The change to an instruction of the coach."""
+        """The change that an announced instruction of the coach makes."""
         return cls(one.mode, one.way_m, one.in_s)
 
 
 class Display:
-    """Builds the advice and remembers what it showed, so that modes and speeds stand still long enough to be read."""
+    """Builds each advice and remembers what it showed, so that modes and speeds stay long enough to be read."""
 
     def __init__(self, settings: AdviceSettings = DEFAULT) -> None:
         self._settings = settings
@@ -60,7 +60,7 @@ class Display:
         self._shown_mps = math.nan
 
     def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
-        """No advice, with its cause and the reason in words."""
+        """The message that there is no advice, with the cause and the reason in words."""
         self._show(Regime.NONE, here.time_ns)
         return Advice(
             time_ns=here.time_ns,
@@ -74,7 +74,7 @@ class Display:
         )
 
     def standing(self, scene: Scene, reason: str, reduced_max_speed_mps: float = math.nan) -> Advice:
-        """The train stands at a stop and stays there."""
+        """The advice for a train that stands at a stop and is to stay there."""
         state, here, planner, _, coach = scene
         horizon_s = self._settings.display.horizon_s
         self._show(Regime.STOP, state.now_ns)
@@ -101,18 +101,18 @@ class Display:
         )
 
     def waiting(self, scene: Scene) -> Advice:
-        """The train stands before its departure; what is known of the trip ahead is shown already."""
+        """The advice for a train that stands before its departure; the top speed of the trip ahead is shown already."""
         state, _, planner, goal, _ = scene
         reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
         return self.standing(scene, wording.departs_in((goal.departure_ns - state.now_ns) * NS), reduced_mps)
 
     def departing(self, scene: Scene, plan: Plan) -> Advice:
-        """The train stands and is due to go on: it is told to stand until cleared, and how to depart then.
+        """The advice for a standing train that is due to depart: stand until cleared, then depart as shown.
 
-        Speed, force and horizon are those of a standing train, so that a driver who keeps to them does not depart.
+        Speed, force and horizon are those of a standing train, so that a driver who follows them does not depart.
         """
         horizon_s = self._settings.display.horizon_s
-        self._show(Regime.STOP, scene.state.now_ns)  # A mode from before the stop is not held.
+        self._show(Regime.STOP, scene.state.now_ns)  # Otherwise a mode from before the stop might be shown on.
         moving = self.following(scene, plan)
         self._show(Regime.DEPART, scene.state.now_ns)
         run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
@@ -144,7 +144,7 @@ class Display:
         )
 
     def braking(self, scene: Scene, reason: str) -> Advice:
-        """Full brake without a plan: to a stop at the section's end, or down to what is allowed."""
+        """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
         state, here, planner, _, coach = scene
         train, v_mps = planner.section.train, state.v_mps
         available_n = _available_n(planner.section, -1.0, v_mps)
@@ -154,7 +154,7 @@ class Display:
         allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
         seconds = np.arange(1, self._settings.display.horizon_s + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
-        # The lowest speed allowed up to where the train is by then, so that it is never told to speed up again.
+        # The lowest speed allowed on the way to where the train is by then: it is never told to speed up again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
         there = np.minimum.accumulate([planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m])
         return Advice(
@@ -182,7 +182,7 @@ class Display:
         )
 
     def following(self, scene: Scene, plan: Plan) -> Advice:
-        """The advice that follows from a plan at the train's position."""
+        """The advice for a moving train, from its plan and the coach's advice."""
         state, here, planner, goal, coach = scene
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
@@ -235,7 +235,7 @@ class Display:
         )
 
     def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
-        """Speeds and forces of the next seconds; a train above its plan brakes for as long as the advice is valid."""
+        """Speeds and forces of the next seconds; a brake stronger than planned lasts as long as the advice is valid."""
         state, planner, display = scene.state, scene.planner, self._settings.display
         place = plan.at(state.s_m)
         speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, display.horizon_s)
@@ -251,7 +251,7 @@ class Display:
         return state.now_ns + round(self._settings.display.valid_for_s / NS)
 
     def _buffer_ratio(self, scene: Scene) -> float:
-        """The time left divided by the least possible, minus 1; NaN if hardly any driving time is left."""
+        """The buffer: time left divided by the least driving time, minus 1; NaN if hardly any driving time is left."""
         state, _, planner, goal, _ = scene
         least_s = planner.least_time_s(state.s_m, state.v_mps)
         enough = least_s > self._settings.display.least_for_buffer_s
@@ -261,9 +261,9 @@ class Display:
         self._mode, self._mode_since_ns = mode, now_ns
 
     def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Regime:
-        """Choose the mode to show, and keep its force: those of the plan, or of a stronger brake if one is needed."""
+        """Choose the mode to show, and remember its force: those of the plan, or of stronger braking if needed."""
         shown_n = float(plan.shown_force_n[place.interval])
-        eased = too_fast and shown_n > 0  # The plan begins at the brake curve: above it there is no traction.
+        eased = too_fast and shown_n > 0  # The plan begins on the braking curve; a train above it gets no traction.
         wanted = Regime.COAST if eased else Regime(int(plan.modes[place.interval]))
         planned, planned_n = wanted, 0.0 if eased else shown_n
         wanted, shown_n = braked_enough(
@@ -295,9 +295,9 @@ class Display:
         return self._mode, _Change(Regime.STOP, end_m - state.s_m, plan.solution.time_s - place.time_s)
 
     def held_mode(self, wanted: Regime, now_ns: int) -> Regime:
-        """The mode to show.
+        """The mode to show, given the wanted one.
 
-        A new mode is shown only after the last was held for a while, unless it asks for less traction or more brake.
+        A new mode is shown only after the last one was shown for a while, or if it has less traction or more braking.
         """
         urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)
         held_s = (now_ns - self._mode_since_ns) * NS
@@ -309,18 +309,18 @@ class Display:
         return self._mode
 
     def _next_change(self, plan: Plan, shown: Regime, state: TrainState, place: Place) -> _Change:
-        """The mode after the shown one."""
+        """The change to the mode after the one shown."""
         run, planned = plan.solution.trajectory, int(plan.modes[place.interval])
         change = int(plan.next_change[place.interval])
         mode = Regime(int(plan.modes[change])) if change < len(plan.modes) else Regime.STOP
         found = _Change(mode, float(run.s_m[change]) - state.s_m, float(run.t_s[change]) - place.time_s)
         wait_s = max(self._settings.modes.hold_s - (state.now_ns - self._mode_since_ns) * NS, 0.0)
-        if shown != planned and wait_s < found.time_s:  # The planned mode is held back for now.
+        if shown != planned and wait_s < found.time_s:  # The planned mode has to wait until the shown one may change.
             return _Change(Regime(planned), wait_s * place.speed_mps, wait_s)
         return found
 
     def _four_modes(self, plan: Plan, shown: Regime, found: FourModes, following: _Change) -> tuple[Regime, _Change]:
-        """What a display of four modes shows: the mode now, and the next one, as far as both are safe."""
+        """What a display of four modes shows: the mode now and the next one, both replaced if they are not safe."""
         after, _, after_s = self._next_of_four(plan, shown, found.state, following)
         safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
         if safe is not self._four_mode or safe is Regime.FULL_BRAKE or then is not after:
@@ -332,7 +332,7 @@ class Display:
         return safe, _Change(after, math.nan, after_s)
 
     def _next_of_four(self, plan: Plan, shown: Regime, state: TrainState, following: _Change) -> _Change:
-        """Chooses which of four modes is wanted now, by the plan or by the mode `shown`; returns the next one."""
+        """Choose which of the four modes is wanted now, by the plan or by the mode `shown`; return the next one."""
         place = plan.at(state.s_m)
         planned = Regime(int(plan.four_modes[place.interval]))
         if self._coached:
@@ -343,7 +343,7 @@ class Display:
         if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:
             self._four_mode = planned
         elif self._four_mode is Regime.FULL_BRAKE and shown in (Regime.CRUISE, Regime.COAST):
-            self._four_mode = shown  # Full brakes are not kept up once the other displays no longer brake.
+            self._four_mode = shown  # Full braking ends as soon as the other displays no longer show a brake.
         if self._four_mode is not planned:
             return following._replace(mode=planned)
         change = int(plan.next_four_change[place.interval])
@@ -351,7 +351,7 @@ class Display:
         return _Change(after, math.nan, float(plan.solution.trajectory.t_s[change]) - place.time_s)
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
-        """The advised speed in whole steps, held within a band, never above what is allowed."""
+        """The speed to display (m/s): the advised one in whole steps, steady within a band, never above the allowed."""
         step, band = self._settings.display.speed_step_mps, self._settings.display.speed_band_ratio
         away = abs(advised_mps - self._shown_mps)
         if not away <= band * step or self._shown_mps > allowed_mps:
@@ -360,7 +360,7 @@ class Display:
         return self._shown_mps
 
     def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> str:
-        """Why this advice, in words."""
+        """The reason of the advice, in words."""
         planner, goal = scene.planner, scene.goal
         basis, fit = planner.basis, plan.solution.fit
         if excess_mps > OVERSPEED_MPS:
@@ -379,7 +379,7 @@ class Display:
         return wording.on_time(goal.operator_delay_s)
 
     def _window_said(self, scene: Scene, plan: Plan) -> str:
-        """Words on a point ahead: how long to wait before passing it, or that its window is missed; else empty."""
+        """Words on a point ahead: how long it may not be passed yet, or that it is passed too late; else empty."""
         state, _, planner, goal, _ = scene
         point = goal.passing
         if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:
@@ -391,20 +391,20 @@ class Display:
 
 
 def _top_speed_mps(scene: Scene) -> float:
-    """The top speed to show (m/s), for displays that show nothing else."""
+    """The top speed (m/s) for displays that show only a top speed."""
     state, reduced = scene.state, scene.planner.reduced
     return reduced.shown_mps(state.s_m, state.v_mps, state.now_ns, scene.goal.arrival_ns)
 
 
 def _missed_s(point: PassingTarget, plan: Plan) -> float:
-    """How long after the end of its window (s) a plan passes a point (minus infinity: the window has no end)."""
+    """How long (s) after the end of its window a plan passes a point; minus infinity if the window has no end."""
     if point.latest_ns is None:
         return -math.inf
     return (plan.made_ns - point.latest_ns) * NS + time_at(plan.solution.trajectory, point.s_m)
 
 
 def _available_n(section: Section, force_n: float, v_mps: float) -> float:
-    """The largest force in the direction of `force_n` (N, > 0)."""
+    """The largest force (N, > 0) that the train has in the direction of `force_n`."""
     train, v = section.train, max(v_mps, 0.1)
     if force_n >= 0:
         return float(traction_limit(v, train))

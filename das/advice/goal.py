@@ -1,4 +1,4 @@
-"""What advice starts from: the train's state and the goal of its section, with the rules that all advice shares."""
+"""What advice is made for: the train's state and the goal of its section, with the rules that all advice shares."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 
 OVERSPEED_MPS: Final = 0.5
-"""A train faster than allowed by more than this is too fast, and its driver is told so."""
+"""A train faster than allowed by more than this counts as too fast, and its driver is told so."""
 COASTS_IN_S: Final = 5.0
-"""A train above a limit is told to coast if that brings it down to the limit in this time, else to hold it or brake."""
+"""A driver above a limit is told to coast if coasting reaches the limit in this time, else to hold it or to brake."""
 UNHURRIED_S: Final = 0.5
-"""A plan arrives this much later than asked: so much the build-up of effort takes, and to make up for it would cost
+"""A plan arrives this much later than asked. The build-up of effort costs this time, and making up for it would cost
 0.4 % of the energy on 6 km."""
 DEVIATION_NAMED_S: Final = 5.0
-"""A reason names how early or late the train arrives from this deviation on."""
+"""The reason of an advice says how early or late the train arrives if it is at least this much."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PassingTarget:
-    """A point of the line to be passed not before and not after (ns since 1970; None: open), and why."""
+    """A point of the line (m), the earliest and latest time to pass it (ns since 1970; None: any), and why."""
 
     s_m: float
     earliest_ns: int | None = None
@@ -36,7 +36,7 @@ class PassingTarget:
 class TrainState(NamedTuple):
     """A train at a moment: time (ns since 1970), position (m) and speed (m/s).
 
-    `ahead_m`: how much further ahead (m) the train may be than the braking is planned for.
+    `ahead_m` is an extra distance (m): the train may be this much further ahead than the plans for braking assume.
     """
 
     now_ns: int
@@ -46,17 +46,17 @@ class TrainState(NamedTuple):
 
     @property
     def braked_m(self) -> float:
-        """The position (m) from which limits and the stop ahead are braked for."""
+        """The position (m) from which braking for limits and the stop ahead is computed."""
         return self.s_m + self.ahead_m
 
 
 @dataclass(frozen=True, kw_only=True)
 class Goal:
-    """What the train has to keep to on a section.
+    """The times that the train has to keep on a section.
 
-    `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none), `target_ns` is the
-    arrival that traffic management wants (None: that of the timetable). `passing` is the next point to be passed in a
-    window of time, `operator_delay_s` the delay that the operator stated.
+    `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none). `target_ns` is the
+    arrival that traffic management wants (None: that of the timetable). `passing` is the next point that must be passed
+    in a window of time, `operator_delay_s` the delay that the operator stated; None if there is none.
     """
 
     departure_ns: int = 0
@@ -67,19 +67,19 @@ class Goal:
 
     @property
     def arrival_ns(self) -> int:
-        """When to arrive: as traffic management wants, else by the timetable."""
+        """The arrival to aim at (ns since 1970): that of traffic management, else that of the timetable."""
         return self.target_ns if self.target_ns is not None else self.due_ns
 
     def left_s(self, now_ns: int) -> float:
-        """The time that is left to the arrival."""
+        """The time (s) left until the arrival; < 0 once it has passed."""
         return (self.arrival_ns - now_ns) * NS
 
     def late_s(self, arrival_ns: int) -> float:
-        """How late (> 0) or early a train is that arrives then."""
+        """How late (s; < 0: early) a train is that arrives at this time."""
         return (arrival_ns - self.arrival_ns) * NS
 
     def waits(self, state: TrainState) -> bool:
-        """Whether the point ahead may not be passed yet."""
+        """Whether there is a point ahead that may not be passed yet."""
         point = self.passing
         return (
             point is not None
@@ -89,5 +89,5 @@ class Goal:
         )
 
     def aimed_s(self, now_ns: int) -> float:
-        """The time that a plan may take."""
+        """The time (s) that a plan made now may take to the end of the section."""
         return self.left_s(now_ns) + UNHURRIED_S

@@ -1,9 +1,9 @@
-"""The last word: every advice is judged once more before it leaves the cab, and what is not safe is replaced.
+"""The last word: it judges every advice once more before the advice is sent, and replaces what is not safe.
 
-The rule: a driver who does what is shown until the advice expires, from anywhere the train may be, and then brakes
-fully, exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than `STOP_TOLERANCE_M`. What is
-shown further ahead is no faster than is allowed where it leads to. The model is that of `das.advice.braking_model`;
-nothing here is shared with the planner, the coach or the display.
+The rule: assume that the driver does what is shown until the advice expires, and then brakes fully, wherever the train
+may really be. Then the train exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than
+`STOP_TOLERANCE_M`. Speeds shown for places further ahead are no higher than allowed there. The judgement uses its own
+model, `das.advice.braking_model`, and shares nothing with the planner, the coach or the display.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from das.domain.units import KMH, NS
 from das.estimate.estimate import Estimate
 
 SHOWN_MPS = 0.5 * KMH
-"""A speed shown may be above what is allowed where it leads to by half the last digit of a display."""
+"""A speed shown may exceed the allowed one by half the last digit of a display in whole km/h."""
 MAY_BE_UNKNOWN = (
     "reduced_max_speed_mps",
     "next_change_m",
@@ -38,13 +38,13 @@ MAY_BE_UNKNOWN = (
     "buffer_ratio",
     "energy_to_go_j",
 )
-"""Figures of an advice that are not always known (NaN); infinite they are never."""
+"""Figures of an advice that may be unknown (NaN), but never infinite."""
 
 _STANDS = (Regime.STOP, Regime.DEPART)
 
 
 class Part(StrEnum):
-    """The parts of an advice that are judged, by their names in events."""
+    """The parts of an advice that the last word judges; the values are their names in events."""
 
     STATE = "position and speed"
     EFFORT = "advised effort"
@@ -61,9 +61,9 @@ class Part(StrEnum):
 
 
 class Act(NamedTuple):
-    """What the last word replaced: the part, what it would have led to and what is allowed, and what is said instead.
+    """One replacement by the last word: which part, the speed it would have led to, and the highest safe speed (m/s).
 
-    All are speeds in m/s; `instead_n` is the wheel force (N) said instead, where it is one.
+    The part now shows the speed `instead_mps` or the wheel force `instead_n` (NaN: it is not one of these).
     """
 
     part: Part
@@ -74,14 +74,14 @@ class Act(NamedTuple):
 
 
 class LastWord:
-    """Judges advices. It keeps the model for what it was asked about last, and remembers nothing else."""
+    """Judges each advice by itself. All it remembers is the braking model of the last section and train."""
 
     def __init__(self) -> None:
         self._basis: BrakingBasis | None = None
         self._model: BrakingModel | None = None
 
     def judge(self, advice: Advice, here: Estimate, basis: BrakingBasis) -> tuple[Advice, tuple[Act, ...]]:
-        """The advice itself where nothing is wrong with it, else a safe one, and what was replaced."""
+        """The advice itself if it is safe, else a safe one, and the replacements made in it."""
         if advice.mode is Regime.NONE:
             return advice, ()
         if not _finite(here.s_m, here.speed_mps, here.position_sd_m):
@@ -92,18 +92,18 @@ class LastWord:
 
 
 class _Judgement:
-    """One advice under judgement: what is replaced is collected part by part."""
+    """The judgement of one advice, part by part; it collects the replacements."""
 
     def __init__(self, advice: Advice, here: Estimate, model: BrakingModel) -> None:
         self._advice, self._model = advice, model
         self._train = Consequences(model, here, (advice.valid_until_ns - advice.time_ns) * NS)
         self._told_from_m = advice.s_m
-        """Ways are told from here: a train that has not quite reached the begin of its section is taken to be there."""
+        """Distances in the advice count from here: the start of the section for a train just before it."""
         self._bound_mps = model.bound_mps(self._train.ahead_m)
         self._acts: list[Act] = []
 
     def result(self) -> tuple[Advice, tuple[Act, ...]]:
-        """The advice as it may be said, and what was replaced."""
+        """The advice as it may be sent, and the replacements made in it."""
         self._judge_figures()
         self._judge_effort()
         self._judge_speeds()
@@ -117,7 +117,7 @@ class _Judgement:
         self._advice = replace(self._advice, **changes)
 
     def _judge_figures(self) -> None:
-        """An infinite figure is not known."""
+        """Replace infinite figures by NaN: not known."""
         infinite = [name for name in MAY_BE_UNKNOWN if math.isinf(getattr(self._advice, name))]
         if infinite:
             self._replace(Act(Part.FIGURES, math.inf, math.nan), **dict.fromkeys(infinite, math.nan))
@@ -125,7 +125,7 @@ class _Judgement:
     # --- the full advice ---------------------------------------------------------------------------------------------
 
     def _judge_effort(self) -> None:
-        """The force advised, with the speeds and forces shown for the next seconds."""
+        """Judge the advised force, together with the speeds and forces shown for the next seconds."""
         advice = self._advice
         if advice.mode in _STANDS and self._train.v_mps < STOPPED_MPS:
             return
@@ -139,10 +139,10 @@ class _Judgement:
             self._brake(excess)
 
     def _shown(self) -> Iterator[Doing]:
-        """What the full advice says to do: the force advised until the next change, then that of each second.
+        """What the full advice tells the driver to do: the advised force until the next change, then the horizon's.
 
-        A brake that is to become stronger does so in time. There is no traction beyond the speeds shown, and a speed of
-        0 that is shown asks to stop, whatever the force.
+        If the horizon shows a brake becoming stronger, the driver follows it. He uses traction only up to the speeds
+        shown, and stops where the speed shown is 0, whatever the force.
         """
         advice = self._advice
         speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
@@ -159,7 +159,7 @@ class _Judgement:
             yield Doing(until_s, force_n, to_mps if holds else speed_mps, holds)
 
     def _brake(self, excess: Excess) -> None:
-        """The whole advice becomes a brake as strong as needed."""
+        """Replace the whole advice by braking as strong as needed."""
         force_n, needed = self._train.braking()
         allowed_mps, v_mps = self._model.allowed_mps(self._train.ahead_m), self._train.v_mps
         seconds = max(len(self._advice.horizon_speed_mps), 1)
@@ -184,7 +184,7 @@ class _Judgement:
         )
 
     def _judge_speeds(self) -> None:
-        """The speeds that are shown for here, and the limit."""
+        """Judge the speeds shown for the present position, and the limit."""
         advice, allowed_mps = self._advice, self._model.allowed_mps(self._train.ahead_m)
         for part, name, shown_mps in (
             (Part.ADVISED_SPEED, "advised_speed_mps", advice.advised_speed_mps),
@@ -192,7 +192,7 @@ class _Judgement:
             (Part.TOP_SPEED, "reduced_max_speed_mps", advice.reduced_max_speed_mps),
         ):
             if math.isnan(shown_mps) and part is not Part.ADVISED_SPEED:
-                continue  # It is not shown.
+                continue  # This speed is not shown.
             if not shown_mps <= self._bound_mps + SHOWN_MPS:
                 instead_mps = allowed_mps if part is Part.ADVISED_SPEED else _whole(allowed_mps)
                 self._replace(Act(part, shown_mps, self._bound_mps, instead_mps), **{name: instead_mps})
@@ -202,7 +202,7 @@ class _Judgement:
             self._replace(Act(Part.LIMIT, advice.limit_mps, limit_mps, instead_mps), limit_mps=instead_mps)
 
     def _judge_horizon(self) -> None:
-        """No speed of the horizon is above what is allowed at the place that it leads to."""
+        """Lower each speed of the horizon that is above what is allowed at the place it leads to."""
         advice, (nodes_m, places, _) = self._advice, self._model.line
         speeds = np.array(advice.horizon_speed_mps, dtype=float)
         kept = np.empty(len(speeds))
@@ -216,7 +216,7 @@ class _Judgement:
     # --- four modes --------------------------------------------------------------------------------------------------
 
     def _judge_four_modes(self) -> None:
-        """The mode of the display of four modes, and the next one where it is due before the advice expires."""
+        """Judge the mode of the display of four modes, and the next one if it is due before the advice expires."""
         advice = self._advice
         if advice.four_mode in (Regime.NONE, *_STANDS):
             return
@@ -248,7 +248,7 @@ class _Judgement:
     # --- the coach ---------------------------------------------------------------------------------------------------
 
     def _judge_coach(self) -> None:
-        """The instruction that is due, with its force and that of the reference, and those that are announced."""
+        """Judge the coach's present instruction, with its force and the reference's, and those that it announces."""
         coach = self._advice.coach
         if coach is None or coach.now.mode in (Regime.NONE, *_STANDS):
             return
@@ -260,7 +260,7 @@ class _Judgement:
         self._judge_following()
 
     def _excess_of(self, coach: Coaching) -> Excess | None:
-        """Where a driver is too fast who does what the coach says, with the force shown or that of the reference."""
+        """The excess of a driver who does what the coach says, with the force shown or with the reference's, if any."""
         now = coach.now
         if not _finite(coach.force_n, coach.reference_force_n, now.speed_mps, now.way_m, now.in_s, coach.target_m):
             return Excess(self._train.v_mps, math.nan)
@@ -272,14 +272,14 @@ class _Judgement:
         return None
 
     def _led(self, coach: Coaching, force_n: float) -> list[Doing]:
-        """What a driver led by the coach does up to the next change and after it.
+        """What a driver who follows the coach does until the next change and after it.
 
-        Until an instruction is due he keeps his speed.
+        Until an instruction is due, he keeps his speed.
         """
         now, following = coach.now, coach.following
         after = following[0] if following and _finite(following[0].in_s, following[0].speed_mps) else None
         waiting = [Doing(now.in_s, 0.0, self._train.v_mps, True)] if now.in_s > 0 else []
-        # The force of a brake grows with that of the motors, as the effort that is shown stays.
+        # The effort shown stays the same, so the braking force grows with that of the motors.
         of_n = self._model.electric_n(self._train.v_mps)
         doing = _instructed(now, force_n, math.inf if after is None else after.in_s)
         doings = [*waiting, doing._replace(of_n=of_n)]
@@ -290,7 +290,10 @@ class _Judgement:
         return [*doings, _instructed(after, self._train.brake_n(after.effort_ratio) if brakes else most_n, math.inf)]
 
     def _braked_coach(self, coach: Coaching) -> Coaching:
-        """An instruction to brake as strongly as needed, and what comes after that brake."""
+        """The coach's advice, replaced by an instruction to brake as strongly as needed.
+
+        The announced instructions that come after this braking are kept.
+        """
         force_n, needed = self._train.braking()
         way_m, scale_n = max(needed.at_m - self._train.s_m, 0.0), self._train.brake_n(1.0)
         now = Instruction(
@@ -310,7 +313,11 @@ class _Judgement:
         )
 
     def _judge_speed_of(self, now: Instruction) -> None:
-        """The speed to reach or to hold is allowed here, or where the instruction is due; of a brake, where it ends."""
+        """Lower the speed of the present instruction to what is allowed.
+
+        A speed to reach or to hold is judged here and where the instruction is due; one to brake or coast to, where
+        the braking or coasting ends.
+        """
         coach, model = self._advice.coach, self._model
         assert coach is not None
         leads = now.mode in (*BRAKES, Regime.COAST)
@@ -323,7 +330,7 @@ class _Judgement:
             self._replace(act, coach=replace(coach, now=replace(now, speed_mps=instead_mps)))
 
     def _judge_following(self) -> None:
-        """No speed is announced above the limit at its place, and no brake later than full braking needs."""
+        """Lower announced speeds that are above the limit at their place, and drop a brake announced too late."""
         coach = self._advice.coach
         assert coach is not None
         kept: list[Instruction] = []
@@ -332,9 +339,9 @@ class _Judgement:
             excess = self._late(coach) if k == 0 and one.mode in BRAKES else None
             if excess is not None or not _finite(one.speed_mps, one.way_m, one.in_s):
                 first = first or Act(Part.COACH_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
-                break  # What comes after it has no place any more.
+                break  # The instructions after it no longer apply.
             at_m = self._told_from_m + one.way_m
-            # A speed to reach or to hold counts where it begins, one to coast or to brake to where that ends.
+            # A speed to reach or to hold applies where it begins, one to coast or brake to where that ends.
             ends = k + 1 < len(coach.following) and one.mode in (*BRAKES, Regime.COAST)
             to_m = self._told_from_m + coach.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
@@ -346,25 +353,25 @@ class _Judgement:
             self._replace(first, coach=replace(coach, following=tuple(kept)))
 
     def _late(self, coach: Coaching) -> Excess | None:
-        """Whether a driver who does what holds now is too fast when the brake after it is due."""
+        """The excess of a driver who does what is shown now until the announced brake is due; None if none."""
         in_s = coach.following[0].in_s
         if not in_s <= LONGEST_S:
             return None
         led = self._led(coach, coach.force_n)[:-1]
         if coach.now.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
-            led[-1] = led[-1]._replace(holds=True)  # By then the speed that the train accelerates to is one to hold.
+            led[-1] = led[-1]._replace(holds=True)  # He accelerates to that speed and then holds it.
         return self._train.excess(led, in_s, in_s)
 
 
 def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:
-    """What a driver does who is told an instruction."""
+    """What a driver does who follows an instruction with a wheel force (N) until a time (s)."""
     if one.mode is Regime.CRUISE:
         return Doing(until_s, 0.0, one.speed_mps, True)
     return Doing(until_s, 0.0, 0.0) if one.mode is Regime.COAST else Doing(until_s, force_n, one.speed_mps)
 
 
 def _withdrawn(advice: Advice) -> Advice:
-    """Without a state nothing can be judged, and nothing is safe to say."""
+    """No advice: without position and speed the advice cannot be judged."""
     why = Withdrawal(Cause.POSITION_REJECTED, wording.NOTHING_TO_JUDGE_BY)
     return Advice(
         time_ns=advice.time_ns,

@@ -1,8 +1,9 @@
-"""The last word's numbers: full braking backwards along a section, and what a driver comes to who does what is shown.
+"""Numba kernels of the last word: the curve of full braking, and what happens if a driver does what is shown.
 
-A model is three arrays and two numbers. `nodes` are the positions (m) between the intervals of the line. `places` has a
-row for each of the `PLACE` quantities of the intervals, and `forces` one for each of the `FORCE` quantities at the
-speeds i / `STEPS_PER_MPS`.
+The braking model is three arrays and two numbers. `nodes` are the positions (m) that bound the intervals of the line.
+`places` has one column for each interval; its rows are named from `LIMIT` to `BOUND`. `forces` has one column for each
+speed i / `STEPS_PER_MPS` (m/s); its rows are named from `TRACTION` to `RUNNING`. The numbers are the train's inertial
+mass (kg) and `most`, its largest deceleration (m/s²).
 """
 
 from __future__ import annotations
@@ -14,22 +15,22 @@ import numpy as np
 from das.compiling import kernel
 
 STEPS_PER_MPS = 10.0
-"""Forces are tabulated at so many speeds in each m/s."""
+"""Forces are tabulated at this many speeds for each m/s."""
 STEP_S = 0.5
-"""What a driver does is followed in steps of this."""
+"""The movement of the train is followed in time steps of this length."""
 
 LIMIT, LINE, MOTORS, ALLOWED, BOUND, PLACES = 0, 1, 2, 3, 6, 9
-"""Rows of places: the limit over the train (m/s), what gradient and curves take (m/s²), and whether the motors brake
-(1 or 0); then three rows for the speeds allowed and three for the bounds: the square of a speed at the begin of the
-interval, at its end, and the highest in it (m²/s²)."""
+"""Rows of `places`: the limit over the train (m/s), the deceleration by gradient and curves (m/s²), and whether the
+motors can brake (1 or 0); then three rows for the allowed speeds, and three for the bounds, which include tolerances:
+the square of the speed at the beginning of the interval, at its end, and the highest in it (m²/s²)."""
 TRACTION, ELECTRIC, MOST, BRAKE, BRAKE_WITHOUT_MOTORS, RUNNING = 0, 1, 2, 3, 4, 5
-"""Rows of forces (N): the largest traction, electric brake, and brake of all kinds, the full brake by the train's
-policy with and without motors, and the running resistance."""
+"""Rows of `forces` (N): the largest traction, the largest electric brake, the largest force of all brakes, the full
+brake that the train's policy permits with motors and without them, and the running resistance."""
 
 
 @kernel
 def interval(nodes, s):
-    """Index of the interval that a position is in; before and beyond the nodes the first and the last."""
+    """Index of the interval that contains a position; before the nodes the first, beyond them the last."""
     low, high = 0, nodes.size - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -53,7 +54,7 @@ def highest_limit(nodes, places, start, end):
 
 @kernel
 def speed_at(nodes, places, row, s):
-    """The speed (m/s) of a curve, `ALLOWED` or `BOUND`, at a position."""
+    """The highest speed (m/s) at a position, by the curve in `row`: `ALLOWED`, or `BOUND` with tolerances."""
     i = interval(nodes, s)
     share = min(max((s - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0), 1.0)
     w = places[row, i] + (places[row + 1, i] - places[row, i]) * share
@@ -62,28 +63,29 @@ def speed_at(nodes, places, row, s):
 
 @kernel
 def force_at(forces, row, v):
-    """A force (N) at a speed."""
+    """The force (N) of a row of `forces` at a speed."""
     return forces[row, min(int(v * STEPS_PER_MPS + 0.5), forces.shape[1] - 1)]
 
 
 @kernel
 def resisting(nodes, places, forces, mass, s, v):
-    """Running resistance, gradient and curves (N) at a position and speed."""
+    """The resistance (N) at a position and speed: running resistance, gradient and curves."""
     return force_at(forces, RUNNING, v) + places[LINE, interval(nodes, s)] * mass
 
 
 @kernel
 def planned_brake(nodes, places, forces, mass, most, s, v):
-    """The full brake (N, > 0) by the train's policy at a position and speed, within its largest deceleration."""
+    """The full braking force (N, >= 0) that the train's policy permits at a position and speed."""
     row = BRAKE if places[MOTORS, interval(nodes, s)] > 0.0 else BRAKE_WITHOUT_MOTORS
     return max(min(force_at(forces, row, v), most * mass - resisting(nodes, places, forces, mass, s, v)), 0.0)
 
 
 @kernel
 def fill_curve(nodes, places, forces, mass, most, row):
-    """Fill in a curve, `ALLOWED` or `BOUND`: the highest speeds from which full braking keeps its third row.
+    """Fill in the curve `ALLOWED` or `BOUND`: the highest speeds from which full braking keeps those of its third row.
 
-    The train stands at the last node. v² grows over a step by 2·h times the mean deceleration of its two ends (Heun).
+    The curve is computed backwards from the last node, where the train stands. Over a step of length h, v² grows by 2·h
+    times the mean deceleration of its two ends (Heun).
     """
     w = 0.0
     for i in range(nodes.size - 2, -1, -1):
@@ -98,7 +100,7 @@ def fill_curve(nodes, places, forces, mass, most, row):
 
 @kernel
 def _deceleration(places, forces, mass, most, i, w):
-    """Full braking in an interval at the square of a speed; a hill may slow a train more than its largest one."""
+    """The deceleration (m/s²) of full braking at v² = w: at most `most`, unless the hill alone slows the train more."""
     x = min(math.sqrt(max(w, 0.0)) * STEPS_PER_MPS, forces.shape[1] - 1.001)
     k = int(x)
     row = BRAKE if places[MOTORS, i] > 0.0 else BRAKE_WITHOUT_MOTORS
@@ -109,14 +111,14 @@ def _deceleration(places, forces, mass, most, i, w):
 
 @kernel
 def asked(forces, doing, v):
-    """The force (N) that a driver is asked for at a speed: a brake may grow as the electric one does."""
+    """The force (N) that an instruction asks for at a speed; a brake may grow as the electric brake does."""
     grows = doing[1] < 0.0 and doing[4] > 0.0
     return doing[1] * force_at(forces, ELECTRIC, v) / doing[4] if grows else doing[1]
 
 
 @kernel
 def after_step(nodes, places, forces, mass, doing, s, v):
-    """The speed (m/s) one step later of a driver who does something (see `first_excess`)."""
+    """The speed (m/s) one time step later if the driver does `doing`, one row of what `first_excess` describes."""
     force, goal, holds = asked(forces, doing, v), doing[2], doing[3] > 0.0
     faster = v >= goal
     if holds:
@@ -134,14 +136,16 @@ def after_step(nodes, places, forces, mass, doing, s, v):
 
 @kernel
 def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, tuned):
-    """The first speed above its bound, and the bound (m/s), of a driver who does `doings`; minus ones: there is none.
+    """The first speed above its bound (m/s) that the train reaches if the driver does `doings`, and that bound.
 
-    It is looked for between the times `since` and `lasts` (s).
-    A row of `doings` says until when (s) which force (N) is given to come to a speed (m/s), and whether the speed is to
-    be held (1 or 0); a force that grows as the electric brake does begins where that is the last number (N). A train
-    that is too fast already is let off where it is asked for all that is needed: the share `full_ratio` of the full
-    brake, or to hold a speed while it is no more than `held_above` above what is allowed, or, above a limit, as much as
-    brings it back in the time `back_in` (s). `tuned` are these ratios and bounds.
+    Returns -1, -1 if there is none between the times `since` and `lasts` (s). A row of `doings` holds the time until
+    which it applies (s), a wheel force (N), the speed to reach with it (m/s), whether to hold that speed (1 or 0), and
+    the electric brake at its beginning (N); if the last is above 0, a braking force grows as the electric brake does.
+
+    A train that is too fast already is no excess if the driver is told to do enough about it. Enough is the share
+    `full_ratio` of full braking; or to hold a permitted speed, if the train is at most `held_above` (m/s) above what is
+    allowed; or, above a level limit, braking that brings the train back under it in the time `back_in` (s). A train
+    slower than `stopped` (m/s) is no excess either. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
     """
     k, (full_ratio, held_above, stopped, back_in) = 0, tuned
     for step in range(math.ceil(lasts / STEP_S) + 1):
@@ -167,9 +171,9 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
 
 @kernel
 def keep_horizon(nodes, places, speeds, s, before, slack, kept):
-    """Fill in `kept`, the speeds of a horizon (1 s apart) as they are allowed where they lead to.
+    """Fill in `kept`: the speeds of a horizon (1 s apart), each lowered to what is allowed at the place it leads to.
 
-    Returns the number of the first one that is not as it was (-1: all are), and its bound (m/s).
+    Returns the index of the first speed that was changed (-1 if none was), and its bound (m/s).
     """
     first, first_bound = -1, -1.0
     for n in range(speeds.size):

@@ -1,7 +1,8 @@
-"""A point to be passed in a window of time: the optimum up to it and the optimum from it on.
+"""A point that must be passed in a window of time: the optimum up to the point and the optimum from there on.
 
-Up to the point the run ends at any speed; what lies ahead is priced by its value at the multiplier that the time left
-behind the point asks for. So both parts together are the least energy of the whole, up to the step of the ladder.
+The part before the point may end at any speed. Each such speed is priced by the energy that the rest then costs, at the
+multiplier (price of time) that fits the time left after the point. So both parts together need the least energy, up to
+the step between two multipliers.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ from das.solver.state import fastest
 
 Floats = NDArray[np.float64]
 SAME_W = 1e-6
-"""Squares of speeds (m²/s²) nearer to each other than this are the same."""
+"""Squares of speeds that differ by less than this (m²/s²) count as equal."""
 
 
 class PassingRun(NamedTuple):
-    """The run that fronts are solved for: its state (m, m/s), the time to the point (s) and to the end (s)."""
+    """What fronts are solved for: the train's state (m, m/s), and its times to the point and to the end (s)."""
 
     s_m: float
     v_mps: float
@@ -41,7 +42,7 @@ class PassingRun(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PassingFronts:
-    """Fronts of the way up to a point and from there on."""
+    """Two fronts of optimal trajectories: one up to a point of the line, one from there to the end of the section."""
 
     before: Front
     after: Front
@@ -52,10 +53,10 @@ class PassingFronts:
 
     @classmethod
     def solve(cls, section: Section, at_m: float, ladder_w: Floats, run: PassingRun) -> PassingFronts:
-        """Solve both parts for a run that passes the point `at_m` (m), with a ladder of multipliers (W).
+        """Solve both parts for a trajectory that passes the point `at_m` (m), for each multiplier (W) of a ladder.
 
-        The fronts answer for other times and states as well, but their runs then cost a little more than the optimum.
-        Raises DasError for a point that is not on the way, InfeasibleError where the parts cannot be driven.
+        The fronts also serve other times and states, but their trajectories then cost a little more than the optimum.
+        Raises DasError for a point that is not on the way, InfeasibleError if one of the parts cannot be driven.
         """
         first, last = _parts(section, at_m)
         after = solve_front(last, lambda_w=ladder_w)
@@ -71,9 +72,9 @@ class PassingFronts:
         return cls(before=before, after=after)
 
     def trajectory(self, to_point_s: float, total_s: float, s_m: float, v_mps: float, tolerance_s: float) -> Solution:
-        """The run from a state before the point that passes it after `to_point_s` and ends after `total_s`.
+        """The trajectory from a state before the point that passes it after `to_point_s` and ends after `total_s`.
 
-        Where that leaves too little time, both parts are as fast as they can be; raises as `Front.trajectory` does.
+        A part with too little time is as fast as possible. Raises as `Front.trajectory` does.
         """
         first = self.before.trajectory(max(to_point_s, 0.1), s_m, v_mps, tolerance_s=tolerance_s)
         if first.fit is Fit.EARLY:
@@ -91,9 +92,10 @@ class PassingFronts:
         )
 
     def _slowed(self, slowest: Solution, wanted_s: float, s_m: float, v_mps: float) -> Solution:
-        """A run slower than any of least energy: under the highest top speed that takes the wanted time.
+        """A trajectory slower than any of the front: under the highest top speed with which it takes the wanted time.
 
-        The train brakes easily to it, or fully where that is too late; where even a crawl is too quick, it crawls.
+        The train brakes gently to that speed, or fully if gentle braking is too quick. If even a crawl is too quick, it
+        crawls.
         """
         low = DEFAULT.passing.crawl_mps
         high = max(float(slowest.trajectory.v_mps.max()), 2 * low)
@@ -110,7 +112,7 @@ class PassingFronts:
         return run is not None and run.time_s >= wanted_s
 
     def _under(self, top_mps: float, braking_mps2: float, s_m: float, v_mps: float) -> Solution | None:
-        """The fastest run under a top speed, braked to at a rate; None where it does not get over a hill."""
+        """The fastest trajectory that brakes at a rate to a top speed and keeps it; None if a hill stops the train."""
         section = self.before.section
         way_m = np.maximum(section.node_m - s_m, 0.0)
         falling_w = v_mps**2 - 2 * braking_mps2 * way_m if math.isfinite(braking_mps2) else np.zeros(len(way_m))
@@ -122,7 +124,7 @@ class PassingFronts:
 
 
 def time_at(run: Trajectory, s_m: float) -> float:
-    """When a run is at a position (s from its start); constant acceleration between its nodes."""
+    """When a trajectory is at a position (s from its start), with constant acceleration between its nodes."""
     i = int(np.clip(np.searchsorted(run.s_m, s_m, side="right") - 1, 0, len(run.s_m) - 2))
     way, length = s_m - run.s_m[i], run.s_m[i + 1] - run.s_m[i]
     speed = np.sqrt(run.v_mps[i] ** 2 + (run.v_mps[i + 1] ** 2 - run.v_mps[i] ** 2) * way / length)
@@ -130,7 +132,7 @@ def time_at(run: Trajectory, s_m: float) -> float:
 
 
 def _parts(section: Section, at_m: float) -> tuple[Section, Section]:
-    """The section cut at a point; the first part ends at any speed from which the second can be driven."""
+    """The two parts of a section cut at a point; the first may end at any speed from which the second can be driven."""
     start = Call(name="start", position_m=section.start_m, departure=Window(earliest_s=0.0))
     end = Call(name="end", position_m=section.end_m, arrival=Window(latest_s=1e9))
     points = (start, Passing(name="target", position_m=at_m), end)
@@ -142,19 +144,19 @@ def _parts(section: Section, at_m: float) -> tuple[Section, Section]:
 
 
 def _under(section: Section, part: Section) -> Section:
-    """A part of a section, nowhere faster than the section lets the train be: its drivers may brake earlier."""
+    """A part of a section, nowhere faster than the section's own envelope, which may brake earlier than the part's."""
     lower_w = np.interp(part.node_m, section.node_m, section.envelope_mps**2)
     return capped(part, np.sqrt(lower_w)) if np.any(lower_w < part.envelope_mps**2 - SAME_W) else part
 
 
 def _price_index(after: Front, v_mps: float, time_s: float) -> int:
-    """The multiplier whose run from the point takes about a time."""
+    """The index of the multiplier whose trajectory from the point takes closest to `time_s`."""
     times_s, _ = after.by_multiplier(after.section.start_m, v_mps)
     return int(np.argmin(np.abs(times_s - time_s)))
 
 
 def _value_ahead(first: Section, after: Front, price: int) -> Floats:
-    """What the way from the point on costs (J), by the speeds of the last node before it."""
+    """What the way from the point on costs (J), for each speed at the end of the first part."""
     last = after.section
     known = np.linspace(last.floor_mps[0], last.envelope_mps[0], last.speed_steps + 1)
     speeds = np.linspace(first.floor_mps[-1], first.envelope_mps[-1], first.speed_steps + 1)
@@ -163,7 +165,7 @@ def _value_ahead(first: Section, after: Front, price: int) -> Floats:
 
 
 def _joined(first: Trajectory, last: Trajectory) -> Trajectory:
-    """Two runs, one after the other."""
+    """Two trajectories joined into one."""
     parts = {x.name: (getattr(first, x.name), getattr(last, x.name)) for x in fields(Trajectory)}
     parts["t_s"] = (first.t_s, first.time_s + last.t_s)
     of_nodes = ("s_m", "t_s", "v_mps")

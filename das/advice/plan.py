@@ -1,4 +1,4 @@
-"""A plan: a continuation from a state, the modes of its intervals, and what else advice reads from it."""
+"""A plan: a trajectory from the train's state to the end of the section, with the mode of each of its intervals."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Modes = NDArray[np.int64]
 
 
 def classify_modes(solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
-    """The mode of each interval of a run, from its forces compared with those available, and from its acceleration.
+    """The mode of each interval of a trajectory, from its acceleration and from its force as a share of the available.
 
-    Between two stretches of cruising, a train that keeps its speed within a ripple is cruising as well: advising coast
-    and traction in turn would ask for what a driver who holds the speed does anyway.
+    A stretch between two stretches of cruising counts as cruising too if the speed hardly changes in it
+    (`settings.ripple_mps`). A driver who is told to hold the speed needs no alternating advice to coast and to pull.
     """
     run, train, vehicle = solution.trajectory, section.train, section.vehicle
     mean = np.maximum(run.mean_speed_mps(), 1e-3)
@@ -58,15 +58,15 @@ def classify_modes(solution: Solution, section: Section, settings: ModeSettings 
 
 
 def without_short(modes: Modes, t_s: Floats, settings: ModeSettings = DEFAULT.modes) -> Modes:
-    """The modes without those too short for a driver to follow; these become the mode before them.
+    """The modes of the intervals, where each mode too short for a driver to follow is replaced by the one before it.
 
-    Successive modes that are left out last less than `settings.hold_s` together. Brakes are never left out.
+    Modes replaced in a row last less than `settings.hold_s` together. Brakes are never replaced.
     """
     return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), settings.hold_s))
 
 
 def four_modes(modes: Modes, solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
-    """The modes of a run's intervals as the four that the simplest display knows."""
+    """The modes of a trajectory's intervals, reduced to the four of the simplest display."""
     run = solution.trajectory
     return _as_four(modes, run.force_el_n, run.mean_speed_mps(), section, settings)
 
@@ -74,25 +74,25 @@ def four_modes(modes: Modes, solution: Solution, section: Section, settings: Mod
 def four_mode(
     mode: Regime, force_n: float, v_mps: float, section: Section, settings: ModeSettings = DEFAULT.modes
 ) -> Regime:
-    """A mode with a wheel force (N) as one of the four that the simplest display knows."""
+    """A mode with its wheel force (N) and speed (m/s), reduced to one of the four modes of the simplest display."""
     return Regime(int(_as_four(np.array(mode), np.array(force_n), np.array(v_mps), section, settings)))
 
 
 def _as_four(modes: Modes, force_n: Floats, v_mps: Floats, section: Section, settings: ModeSettings) -> Modes:
-    """The modes as four: an electric brake far below the full one counts as coasting."""
+    """The modes reduced to four; electric braking far below the full effort counts as coasting."""
     electric_n = section.vehicle.electric_brake_effort_n(np.maximum(v_mps, 1e-3))
     weak = (modes == Regime.REDUCED_BRAKE) & (-force_n < settings.weak_brake_ratio * electric_n)
     return np.where(weak, int(Regime.COAST), FOUR_MODES[modes])
 
 
 def next_changes(modes: Modes) -> Modes:
-    """For each interval, the next one in which another mode begins (the number of intervals if there is none)."""
+    """For each interval, the index of the next one with another mode (the number of intervals if there is none)."""
     changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
     return np.asarray(changes[np.searchsorted(changes, np.arange(len(modes)), side="right")])
 
 
 class Place(NamedTuple):
-    """Where on a plan a position is: its interval, the planned speed (m/s), and the time since the plan's start (s)."""
+    """A position on a plan: its interval, the planned speed there (m/s), and the planned time since the start (s)."""
 
     interval: int
     speed_mps: float
@@ -101,28 +101,28 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A solution from a state, with what advice reads from it; arrays hold one value an interval unless stated."""
+    """A solution from the train's state, with what advice reads from it; arrays hold a value for each interval."""
 
     made_ns: int
     solution: Solution
     force_n: Floats
     shown_force_n: Floats
-    """The force shown with the mode (N): where a short mode is left out, no more than that of the mode before it."""
+    """The force shown with the mode (N); where a short mode was replaced, at most the force of the mode before."""
     modes: NDArray[np.int64]
     four_modes: NDArray[np.int64]
     next_change: NDArray[np.int64]
-    """For each interval, the next one in which another mode begins (the number of intervals if there is none)."""
+    """For each interval, the index of the next one with another mode (the number of intervals if there is none)."""
     next_four_change: NDArray[np.int64]
-    """For each interval, the next one in which another of the four modes begins (their number if there is none)."""
+    """As `next_change`, for the four modes of the simplest display."""
     energy_j: Floats
     energy_after_j: Floats
     """For each interval, the energy of all later intervals (J)."""
     speed_w: Floats
-    """v² at the nodes."""
+    """v² at the nodes (m²/s²)."""
 
     @classmethod
     def of(cls, solution: Solution, section: Section, now_ns: int, settings: ModeSettings = DEFAULT.modes) -> Plan:
-        """The plan made at a moment from a solution of the section."""
+        """The plan that follows a solution of the section; `now_ns` is when it is made."""
         run = solution.trajectory
         energy_j = run.input_j(run.loss_j(section.loss))
         planned = classify_modes(solution, section, settings)
@@ -145,31 +145,31 @@ class Plan:
         )
 
     def arrival_ns(self, now_ns: int, place: Place) -> int:
-        """When a train that is at a place of the plan now arrives (ns since 1970)."""
+        """The arrival (ns since 1970) of a train that is now at a place on the plan and follows it."""
         return now_ns + round((self.solution.time_s - place.time_s) / NS)
 
     def speeds_mps(self, s_m: Floats) -> Floats:
-        """The planned speeds at positions (before and beyond the run: as at its ends)."""
+        """The planned speeds (m/s) at positions (m); beyond either end of the plan, the speed at that end."""
         return np.asarray(np.sqrt(np.interp(s_m, self.solution.trajectory.s_m, self.speed_w)))
 
     def at(self, s_m: float) -> Place:
-        """Where on the plan a position is (before and beyond the run: in its first, its last interval)."""
+        """The place of a position (m) on the plan; beyond either end of the plan, that end."""
         run = self.solution.trajectory
         return Place(*kernels.place(s_m, run.s_m, run.t_s, run.v_mps, self.speed_w))
 
     def energy_to_go_j(self, interval: int, s_m: float) -> float:
-        """The energy (J, at the current collector) from a position in an interval to the end."""
+        """The planned energy (J, at the current collector) from a position in an interval to the end."""
         run = self.solution.trajectory
         part = (run.s_m[interval + 1] - s_m) / (run.s_m[interval + 1] - run.s_m[interval])
         return float(self.energy_j[interval] * part + self.energy_after_j[interval])
 
     def ahead_m(self, here_s: float, count: int) -> Floats:
-        """The planned positions (m) 1, 2 … `count` seconds after a time of the plan (s)."""
+        """The planned positions (m) 1, 2 … `count` seconds after `here_s` (s since the plan's start)."""
         run = self.solution.trajectory
         return np.asarray(np.interp(here_s + np.arange(1.0, count + 1.0), run.t_s, run.s_m))
 
     def horizon(self, here_s: float, section: Section, envelope_w: Floats, count: int) -> tuple[Floats, Floats]:
-        """Planned speed (m/s) and force (N) of the next seconds; no speed is above what limits and the stop allow."""
+        """Planned speeds (m/s) and forces (N) of the next seconds; no speed is above what limits and the stop allow."""
         run, speeds, forces = self.solution.trajectory, np.empty(count), np.empty(count)
         kernels.horizon(
             here_s, run.s_m, run.t_s, run.v_mps, self.force_n, section.node_m, envelope_w, section.limit_mps,

@@ -1,4 +1,4 @@
-"""Numba kernels of plans: what an advice reads from one, second by second."""
+"""Numba kernels for plans: they find modes, and read speed and force from a plan once a second."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from das.compiling import kernel
 
 @kernel
 def interval(nodes, x):
-    """Index of the interval between nodes that x is in (before and beyond them: the first, the last).
+    """Index of the interval between nodes that contains x (x before the nodes: the first; beyond them: the last).
 
-    It is written out because numba's `searchsorted` brings its linear algebra along, and with it scipy.
+    It is written out because numba's `searchsorted` would load numba's linear algebra and with it scipy.
     """
     low, high = 0, nodes.size - 1
     while high - low > 1:
@@ -33,13 +33,13 @@ def linear(nodes, values, x):
 
 @kernel
 def allowed(nodes, envelope_w, limit, s):
-    """The highest speed from which limits and the stop can still be kept (m/s)."""
+    """The highest speed (m/s) at position s from which the limits and the stop can still be kept."""
     return min(math.sqrt(linear(nodes, envelope_w, s)), limit[interval(nodes, s)])
 
 
 @kernel
 def place(s, s_m, t_s, v, w):
-    """Interval of a run that a position is in, speed there (v² is linear in between) and time since the run's start."""
+    """Interval of a trajectory that contains a position, speed there (v² is linear in it) and time since the start."""
     i = interval(s_m, s)
     way = min(max(s - s_m[i], 0.0), s_m[i + 1] - s_m[i])
     speed = math.sqrt(w[i] + (w[i + 1] - w[i]) * way / (s_m[i + 1] - s_m[i]))
@@ -49,7 +49,7 @@ def place(s, s_m, t_s, v, w):
 
 @kernel
 def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces):
-    """Fill in speed and force of a run 1, 2, … s after `here_s`, never above what limits and the stop allow there."""
+    """Fill in speed and force of a trajectory 1, 2, … s after `here_s`; limits and the stop bound each speed."""
     for n in range(speeds.size):
         at_s = here_s + n + 1.0
         i = interval(t_s, at_s)
@@ -63,7 +63,7 @@ def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces
 
 @kernel
 def _is_among(values, one):
-    """Whether an array holds a number."""
+    """Whether an array contains a number."""
     found = False
     for value in values:
         found = found or value == one
@@ -72,12 +72,12 @@ def _is_among(values, one):
 
 @kernel
 def without_ripples(modes, v, cruise, rolling, band):
-    """Modes per interval, where what lies between two stretches of `cruise` counts as cruising as well.
+    """Modes per interval; a stretch between two stretches of `cruise` becomes `cruise` as well if it hardly differs.
 
-    That holds while the speeds in between stay within `band` (m/s) of each other and only the modes `rolling` occur.
+    It hardly differs if its speeds stay within `band` (m/s) of each other and only the modes `rolling` occur in it.
     """
     result = modes.copy()
-    after = -1  # where the last stretch of cruising has ended
+    after = -1  # where the last stretch of cruising ended
     low = high = 0.0
     for i in range(modes.size):
         if modes[i] == cruise:
@@ -93,9 +93,9 @@ def without_ripples(modes, v, cruise, rolling, band):
 
 @kernel
 def without_short(modes, t_s, brakes, least_s):
-    """Modes per interval without those that last less than `least_s`: each of these becomes the mode before it.
+    """Modes per interval, where each mode that lasts less than `least_s` is replaced by the one before it.
 
-    The modes hidden in a row last less than `least_s` together. Modes from `brakes` on are never hidden.
+    Modes replaced in a row last less than `least_s` together. Modes numbered `brakes` or higher are never replaced.
     """
     result = modes.copy()
     hidden_s = 0.0

@@ -1,8 +1,8 @@
 """The planner of a section: it makes the plan for a state and a goal, without a bus, a clock or randomness.
 
-A plan is the optimal continuation from a state, or what keeping the coach's reference comes to. It is kept while the
-train stays near it, so that the advice does not chase the driver; outside the band it is made anew from where the train
-is. The same inputs give the same plans, bit for bit.
+A plan is the optimal trajectory from the train's state, or the trajectory that keeps the coach's reference. While the
+train stays near the plan, the plan is kept, so that the advice does not follow every deviation of the driver. A train
+that leaves this band gets a new plan from where it is. The same inputs give the same plans, bit for bit.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from das.solver.state import fastest, least_time_s
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanBasis:
-    """What a section is planned with.
+    """What the plans of a section are made from.
 
-    `front` is that of the `section`, or None while none is known; then the plan is the fastest safe run, nowhere
-    faster than `before`, the plan that the train has followed so far. `passing` holds the fronts for a point that is to
-    be passed in a window of time, and `meanwhile` says why no front is known yet.
+    `front` is the section's front of optimal trajectories. While it is None (not known yet, for the reason that
+    `meanwhile` gives), the plan is the fastest safe trajectory, nowhere faster than `before`, the plan that the train
+    has followed so far. `passing` holds the fronts for a point that must be passed in a window of time; None if there
+    is no such point.
     """
 
     section: Section
@@ -48,18 +49,18 @@ class PlanBasis:
 
 
 class Planner:
-    """Makes and keeps the plan of a section under one basis."""
+    """Makes the plans of a section from one `PlanBasis`, and keeps each while the train follows it."""
 
     def __init__(self, basis: PlanBasis, settings: AdviceSettings = DEFAULT) -> None:
         self.basis, self.section = basis, basis.section
         self.allowed_w = self.section.allowed_mps**2
         self._planned_w = self.section.envelope_mps**2
         self.plan: Plan | None = None
-        """The plan behind the present advice; None: the next state needs a new one."""
+        """The plan behind the present advice; None if the next state needs a new one."""
         self.ahead = BrakingAhead(self.section)
         """What limits and the stop ahead ask of the brakes."""
         self.reduced = ReducedSpeed(self.section)
-        """The one top speed that keeps the timetable, for displays that show nothing else."""
+        """The one top speed with which the train keeps the timetable, for displays that show only a top speed."""
         self._settings = settings
         self._braked_early = False
         self._schedule: Schedule | None = None
@@ -70,14 +71,14 @@ class Planner:
         return self.plan or self.basis.before
 
     def forget(self) -> None:
-        """Drop the plan: it no longer holds."""
+        """Drop the plan, because it no longer holds."""
         self.plan = None
 
     def plan_for(self, state: TrainState, goal: Goal, reference: Scheduled | None = None) -> Plan:
         """The plan for a state: the present one if the train follows it, else a new one.
 
-        With a `reference` of the coach the plan is what keeping to it comes to, so that all parts of an advice say one
-        thing. Raises DasError for a state outside the section, InfeasibleError if the section cannot be finished.
+        If the coach has a `reference`, the plan keeps to it, so that all parts of an advice agree. Raises DasError for
+        a state outside the section, InfeasibleError if the train cannot reach the end of the section.
         """
         schedule = None if reference is None else reference.schedule
         if self.plan is None or schedule is not self._schedule or not self._follows(self.plan, state):
@@ -94,24 +95,27 @@ class Planner:
         return self.plan
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) from which limits and the stop can still be kept."""
+        """The highest speed (m/s) at a position from which the limits and the stop can still be kept."""
         section = self.section
         return float(plan_kernels.allowed(section.node_m, self.allowed_w, section.limit_mps, s_m))
 
     def _planned_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) that is planned: a reserve below what is allowed."""
+        """The highest speed (m/s) that a plan may have at a position: a reserve below what is allowed."""
         section = self.section
         return float(plan_kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
 
     def allowed_for(self, state: TrainState) -> float:
-        """The highest speed (m/s) from which limits and the stop are kept, wherever the train may really be."""
+        """The highest speed (m/s) allowed for a train whose true position may be ahead of the estimated one."""
         feared_m = self.ahead.feared_m(state.braked_m)
         if feared_m <= state.s_m:
             return self.allowed_mps(state.s_m)
         return self.lowest_allowed_mps(state.s_m, feared_m)
 
     def brakes_late(self, state: TrainState, v_mps: float, within_s: float) -> bool:
-        """Whether full brakes after `within_s` at a speed would be too late for the limits and the stop ahead."""
+        """Whether full braking comes too late for the limits and the stop ahead if it begins after `within_s` (s).
+
+        Until then the train runs at `v_mps`.
+        """
         section, from_m = self.section, state.braked_m
         lowest_w = braking_kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
         return math.sqrt(lowest_w) < min(v_mps, self.allowed_mps(state.s_m)) - BEGINS_MPS
@@ -129,11 +133,11 @@ class Planner:
         return float(self.section.limit_mps[plan_kernels.interval(self.section.node_m, s_m)])
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
-        """The time (s) of the fastest run from a state."""
+        """The time (s) that the fastest trajectory from a state takes to the end of the section."""
         return least_time_s(self.section, s_m, v_mps)
 
     def fronts_of(self, point: PassingTarget | None) -> PassingFronts | None:
-        """The fronts for a point; None if they are not known yet or are those of another point."""
+        """The fronts for passing a point in its window; None if they are not known (yet)."""
         fronts = self.basis.passing
         if point is None or fronts is None or abs(fronts.at_m - point.s_m) > self._settings.plan.same_point_m:
             return None
@@ -163,9 +167,9 @@ class Planner:
         return self._braked_early
 
     def _solution(self, state: TrainState, goal: Goal, at_least_s: float) -> Solution:
-        """The run for the time that is left, or the most efficient one that is not absurdly slow.
+        """The optimal trajectory for the time left; with very much time left, the slowest that the settings permit.
 
-        The run takes at least `at_least_s` more than the fastest run.
+        The trajectory takes at least `at_least_s` longer than the fastest one.
         """
         front, settings = self.basis.front, self._settings.plan
         if front is None:
@@ -181,13 +185,16 @@ class Planner:
         return fronts.trajectory(to_point_s, left_s, state.s_m, state.v_mps, settings.tolerance_s)
 
     def _time_to_point(self, free: Solution, state: TrainState, point: PassingTarget | None) -> float | None:
-        """The time (s) to the point for a run that keeps its window; None if the free run keeps the window already."""
+        """The time (s) in which the train must reach the point to pass it within its window.
+
+        None if there is no point ahead, or if `free`, the optimum without the window, keeps the window already.
+        """
         settings = self._settings.plan
         if point is None or state.s_m >= point.s_m - settings.passed_m:
             return None
         free_s = time_at(free.trajectory, point.s_m)
         if point.earliest_ns is not None:
-            # A driver may be this much ahead of the plan and still count as following it.
+            # A driver who is ahead of the plan by this time still counts as following it.
             earliest_s = (point.earliest_ns - state.now_ns) * NS + settings.time_band_s
             if free_s < earliest_s:
                 return earliest_s
@@ -196,11 +203,11 @@ class Planner:
         return None
 
     def _cautious(self, state: TrainState) -> Solution:
-        """The run of the previous plan, but nowhere faster than is safe now; without such a plan the fastest run."""
+        """The trajectory of the previous plan, slowed to what is safe now; the fastest one if there is no such plan."""
         before = self.basis.before
         if before is not None:
             try:
                 return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)
             except DasError:
-                pass  # There is a hill that cannot be climbed so slowly.
+                pass  # At the speeds of the previous plan the train does not get over a hill.
         return fastest(self.section, state.s_m, state.v_mps)

@@ -1,6 +1,6 @@
-"""The reduced maximum speed: the one highest speed with which a train that brakes easily keeps the timetable.
+"""The reduced maximum speed: the one top speed with which a train that brakes gently keeps the timetable.
 
-It is shown as a staircase of whole steps, which goes down where braking for a lower speed begins.
+A display shows it in whole steps, as a staircase that goes down where braking for a lower speed begins.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 LEVEL_MPS = 1e-6
-"""A curve that falls by less than this over an interval is level."""
+"""A curve that falls by less than this over an interval counts as level."""
 
 
 class Staircase:
-    """The top speed to show on a section under a curve of easy braking.
+    """The top speed to show at each position of a section, under a curve of gentle braking.
 
     The speed shown is never above the limit over the train, nor above the curve. Where it would be above the curve,
     the speed at the foot of the curve is shown instead: the next lower limit, or before a stop the slowest speed of
@@ -33,26 +33,26 @@ class Staircase:
     that stands short of the mark must still be able to move up. In the last metres, where full braking from the slowest
     speed would no longer stop the train at the mark, that speed is halved as often as it takes.
 
-    A train so much slower than the curve that speeding up saves time is shown a speed that it can reach before it
-    must brake. That speed stands until the curve comes down to it.
+    A train may be so much slower than the curve that speeding up saves time. Then it is shown a speed that it can reach
+    before it must brake, until the curve has fallen to that speed.
     """
 
     def __init__(self, section: Section, curve_mps: Floats, braking_mps2: float, settings: AdviceSettings) -> None:
         self._section, self._settings, self._braking_mps2 = section, settings, braking_mps2
         self._falls = np.diff(curve_mps) < -LEVEL_MPS
-        # Where the curve rises, because the limit does, the interval has the speed with which the next one begins.
+        # Where the curve rises, because the limit does, the interval already has the speed of the next one's start.
         starts = np.where(self._falls, curve_mps[:-1], curve_mps[1:])
         self._start_w, self._end_w = starts**2, curve_mps[1:] ** 2
         self._foot_mps, self._full_w = _feet(self._falls, curve_mps[1:]), section.envelope_mps**2
         self._judged_mps = self._shown_mps = math.nan
 
     def at(self, s_m: float, v_mps: float, judged_mps: float) -> float:
-        """The speed to show (m/s) to a train with this position and speed, under the judged top speed."""
+        """The speed to show (m/s) to a train in a state; `judged_mps` is its reduced maximum speed."""
         i = int(plan_kernels.interval(self._section.node_m, s_m))
         limit_mps = float(self._section.limit_mps[i])
         free_mps = min(self._held(judged_mps), self._whole(limit_mps))
         curve_mps = self.curve_mps(s_m)
-        # A train that is slowing down is not shown a higher speed while it is still above that speed.
+        # The speed shown to a train that is slowing down does not rise while the train is still above the new speed.
         slows = self._falls[i] and v_mps > free_mps > self._shown_mps
         if curve_mps >= free_mps:
             self._shown_mps = self._shown_mps if slows else free_mps
@@ -64,14 +64,14 @@ class Staircase:
         return min(self._shown_mps, limit_mps)
 
     def curve_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) at a place from which easy braking keeps every limit and stop ahead."""
+        """The highest speed (m/s) at a place from which gentle braking keeps every limit and stop ahead."""
         section = self._section
         i = int(plan_kernels.interval(section.node_m, s_m))
         share = min(max((s_m - section.node_m[i]) / (section.node_m[i + 1] - section.node_m[i]), 0.0), 1.0)
         return math.sqrt(self._start_w[i] + (self._end_w[i] - self._start_w[i]) * share)
 
     def _held(self, judged_mps: float) -> float:
-        """The judged speed in whole steps; it changes only when the judged speed has clearly changed."""
+        """The reduced maximum speed in whole steps, which changes only when `judged_mps` has clearly changed."""
         display = self._settings.display
         if not abs(judged_mps - self._judged_mps) <= display.speed_band_ratio * display.speed_step_mps:
             self._judged_mps = round(judged_mps / display.speed_step_mps) * display.speed_step_mps
@@ -96,7 +96,7 @@ class Staircase:
         return speed_mps
 
     def _worth_reaching(self, i: int, v_mps: float, curve_mps: float) -> float:
-        """The speed (m/s) that a train can reach before it must brake, 0 where speeding up to it saves too little.
+        """The speed (m/s) that a train can reach before it must brake; 0 if speeding up to it saves too little time.
 
         With the train's speed v, the curve's speed c here, acceleration a and braking b, the train reaches
         u² = (b·v² + a·c²)/(a + b), over a distance of (c² − v²)/(2b), in the time (u − v)·(1/a + 1/b).
@@ -119,7 +119,7 @@ class Staircase:
 
 
 def _feet(falls: NDArray[np.bool_], ends_mps: Floats) -> Floats:
-    """For each interval of a curve, the speed at the end of the fall that it is in or that follows it."""
+    """For each interval of a curve, the speed at the foot of the falling part that it is in or that follows it."""
     feet = ends_mps.copy()
     for i in range(len(falls) - 2, -1, -1):
         if falls[i + 1]:
@@ -128,25 +128,28 @@ def _feet(falls: NDArray[np.bool_], ends_mps: Floats) -> Floats:
 
 
 class ReducedSpeed:
-    """The reduced maximum speed of a section, judged at the departure and then every while: it stands still between."""
+    """The reduced maximum speed of a section: the one top speed with which the train keeps the timetable.
+
+    It is computed at the departure and again at regular intervals, and is constant in between.
+    """
 
     def __init__(self, section: Section, settings: AdviceSettings = DEFAULT) -> None:
         self._settings, self._longest_ratio = settings.reduced, settings.plan.longest_ratio
         easy_mps2 = min(settings.reduced.easy_braking_mps2, section.train.max_deceleration_mps2)
         easy = section.train._replace(max_deceleration_mps2=easy_mps2)
         ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy, FULL_BRAKES)
-        # Where a descent cannot be braked so easily, the envelope of the section holds.
+        # On a descent where such gentle braking is not enough, the envelope of the section counts.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
         self._staircase = Staircase(section, self._ceiling_mps, easy_mps2, settings)
         self._judged_ns, self._for_ns, self._speed_mps = 0, 0, math.nan
 
     def shown_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
-        """The top speed to show (m/s) in a state: the judged one, or a lower one that holds here or ahead."""
+        """The top speed to show (m/s): the reduced maximum speed, or a lower one that applies here or ahead."""
         return self._staircase.at(s_m, v_mps, self.judged_mps(s_m, v_mps, now_ns, arrival_ns))
 
     def judged_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
-        """The reduced maximum speed (m/s) from a state: the one for the whole way that is left."""
+        """The reduced maximum speed (m/s) for the rest of the section; computed anew only if the last one is old."""
         age_s = (now_ns - self._judged_ns) * NS
         if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < self._settings.judged_every_s:
             before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan
@@ -170,7 +173,7 @@ class ReducedSpeed:
         return high
 
     def time_s(self, s_m: float, v_mps: float, top_mps: float) -> float:
-        """Time to the end under a top speed, braking easily (inf: a hill cannot be climbed so slowly)."""
+        """The time (s) to the section's end under a top speed, braking gently; infinity if a hill stops the train."""
         section = self._section
         first = int(np.searchsorted(section.node_m, s_m, side="right")) - 1
         first = min(max(first, 0), len(section.step_m) - 1)

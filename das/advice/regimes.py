@@ -1,4 +1,4 @@
-"""Driving regimes: what a driver does with the controller. `das.advice.plan` finds those of a run."""
+"""Driving regimes, called modes: what the driver does with the controller."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Regime(IntEnum):
-    """What to do with the controller; the numbers are those of the bus message."""
+    """A driving mode: what to do with the controller. The numbers are those of the bus message."""
 
     NONE = 0
     FULL_TRACTION = 1
@@ -22,13 +22,13 @@ class Regime(IntEnum):
     FRICTION_BRAKE = 7
     STOP = 8
     DEPART = 9
-    """The train stands; it may depart when it is cleared, and not before."""
+    """The train stands and may depart as soon as it is cleared."""
 
 
 TRACTION: Final = frozenset({Regime.FULL_TRACTION, Regime.REDUCED_TRACTION})
 BRAKES: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
 FULL_RATIO: Final = 0.97
-"""An effort that the coach shows counts as full if it is at least this share of the largest."""
+"""An effort that the coach shows counts as full if it is at least this share of the largest one."""
 
 EFFORT_ORDER = (
     Regime.FULL_TRACTION,
@@ -42,13 +42,13 @@ EFFORT_ORDER = (
     Regime.FULL_BRAKE,
     Regime.FRICTION_BRAKE,
 )
-"""The modes from the most traction to the most brake; a change forwards in this order is never delayed."""
+"""The modes from most traction to most braking. A change to a later one in this order is never delayed."""
 
 ROLLING = np.array([Regime.REDUCED_TRACTION, Regime.COAST], dtype=np.int64)
-"""Modes that count as cruising between two stretches of cruising if the speed changes by no more than a ripple."""
+"""Modes that count as cruising if they lie between two stretches of cruising and the speed hardly changes."""
 
 FOUR_MODES = np.arange(len(Regime))
-"""Each mode as one of the four that the simplest display knows: traction, a speed to hold, coast, brake."""
+"""For each mode, the one of four that the simplest display shows: full traction, hold a speed, coast, full brake."""
 FOUR_MODES[[Regime.REDUCED_TRACTION, Regime.REDUCED_BRAKE, Regime.FRICTION_BRAKE]] = (
     Regime.CRUISE,
     Regime.FULL_BRAKE,
@@ -57,7 +57,7 @@ FOUR_MODES[[Regime.REDUCED_TRACTION, Regime.REDUCED_BRAKE, Regime.FRICTION_BRAKE
 
 
 def departure_regime(effort_ratio: float) -> Regime:
-    """The mode of a departure with a share of the largest traction; NaN: as much as the speed to hold needs."""
+    """The mode of a departure with a share of the largest traction (NaN: the traction that holding a speed needs)."""
     if math.isnan(effort_ratio):
         return Regime.CRUISE
     return Regime.FULL_TRACTION if effort_ratio >= FULL_RATIO else Regime.REDUCED_TRACTION

@@ -1,4 +1,4 @@
-"""The tuning of the advice on one section, as frozen data: each figure with its meaning and why it is what it is."""
+"""The settings of the advice on one section, as frozen data: each figure with its meaning and reason."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from das.domain.units import KMH
 
 @dataclass(frozen=True, kw_only=True)
 class ModeSettings:
-    """How the intervals of a run become modes that a driver can follow."""
+    """How the intervals of a trajectory become modes that a driver can follow."""
 
     full_effort_ratio: float = 0.97
     """An effort above this share of the largest available one counts as full."""
     idle_effort_ratio: float = 0.02
     """A force below this share of the largest traction force counts as none."""
     cruise_acceleration_mps2: float = 0.02
-    """A train whose speed changes more slowly than this holds its speed."""
+    """A train whose speed changes more slowly than this counts as holding its speed."""
     ripple_mps: float = 2.0 * KMH
-    """Speeds within this range count as one speed to hold, because nobody holds a speed more closely."""
+    """Speeds within this range count as one speed to hold, because no driver holds a speed more closely."""
     weak_brake_ratio: float = 0.6
-    """A display of four modes shows an electric brake below this share of the full one as coasting: a driver who knows
-    only full brakes would brake too early."""
+    """A display of four modes shows electric braking below this share of the full effort as coasting: its only brake is
+    the full one, with which the driver would brake too early."""
     hold_s: float = 3.0
-    """A new mode is shown only after the one before has lasted this long. One that asks for less traction or for more
-    brake is shown at once."""
+    """A new mode is shown only after the one before has lasted this long; but a mode with less traction or more braking
+    is shown at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanSettings:
-    """When a plan is kept, and what a new one aims at."""
+    """When a plan is kept, and how a new one is made."""
 
     faster_band_mps: float = 0.8
     """A plan is kept while the train is faster than planned by no more than this."""
@@ -39,110 +39,111 @@ class PlanSettings:
     time_band_s: float = 2.0
     """A plan is kept while the train is earlier or later than planned by no more than this."""
     longest_age_s: float = 60.0
-    """A plan older than this is made anew."""
+    """A plan older than this is replaced by a new one."""
     tolerance_s: float = 0.2
     """A plan arrives within this time of the wanted one."""
     braking_ahead_mps2: float = 0.25
-    """A train that has to slow down at this rate from here on, for a limit or a stop, is braking for it."""
+    """A limit or stop ahead counts as being braked for if reaching it takes at least this deceleration from here on."""
     slower_than_planned_mps: float = 1.0
-    """A train slower than planned by more than this, before what it brakes for, has braked early."""
+    """A driver has braked early for a limit or stop if the train is slower than planned by more than this before it."""
     braked_early_s: float = 5.0
     """A driver who braked early for a limit or stop is told to speed up again, by a plan or by a higher top speed, only
-    if that saves at least this long."""
+    if that saves at least this much time."""
     overspeed_eased_mps: float = 1.0
-    """A train above the brake curve by no more than this is planned from the curve, so that it need not brake hard."""
+    """For a train above the planned braking curve by at most this, the plan starts on the curve: no hard braking."""
     longest_ratio: float = 2.5
-    """No run is planned to take more than this times the least time from its state: with much more time left, the train
-    arrives early and waits at the stop instead of crawling (without idle losses, the least energy is a crawl)."""
+    """No plan takes longer than this multiple of the least time from its state. With more time left, the train arrives
+    early and waits at the stop instead of crawling (without idle losses, a crawl would need the least energy)."""
     passed_m: float = 5.0
-    """A point nearer ahead than this counts as passed: no plan can change when it is passed."""
+    """A point less than this ahead counts as passed: it is too near for a plan to change when it is passed."""
     same_point_m: float = 0.01
-    """Two points of the line this near to each other are the same point."""
+    """Two points of the line this near to each other count as the same point."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FourModeSettings:
-    """How much before full brakes are needed a display of four modes shows them."""
+    """How long before full braking is needed a display of four modes shows it."""
 
     before_s: float = 4.0
-    """So long: an advice is valid for 3 s, and the brakes build up."""
+    """Full braking is shown this long before it is needed: an advice is valid for 3 s, and the brakes build up."""
     slow_mps: float = 4.0
-    """A train slower than this is shown them"""
+    """For a train slower than this, `before_m` and `least_s` count instead of `before_s`."""
     before_m: float = 5.0
-    """this way before, so that it does not stand further than that from its mark,"""
+    """To a slow train full braking is shown this far before it is needed, so that it stands at most this far short."""
     least_s: float = 2.0
-    """but no later than so long before: a driver acts so much later."""
+    """To a slow train full braking is shown at least this long before it is needed: a driver takes this long to act."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DisplaySettings:
-    """What an advice holds and how steady it is."""
+    """What an advice contains, and how steady it is."""
 
     horizon_s: int = 30
     """An advice looks this many seconds ahead, in steps of 1 s."""
     valid_for_s: float = 3.0
     """An advice is valid for this long."""
     missed_named_s: float = 1.0
-    """A train that passes a point later after the end of its window than this is told so."""
+    """The reason says that a point is passed too late if it is passed at least this long after its window."""
     four: FourModeSettings = field(default_factory=FourModeSettings)
     speed_step_mps: float = 1.0 * KMH
     """The displayed speed is a whole number of these steps."""
     speed_band_ratio: float = 0.75
-    """The displayed speed changes when the advised one is further from it than this share of a step."""
+    """The displayed speed changes when the advised speed differs from it by more than this share of a step."""
     least_for_buffer_s: float = 10.0
-    """With less driving time left than this, the buffer is no meaningful ratio any more."""
+    """With less driving time left than this, no buffer ratio is given: it would no longer mean anything."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PassingSettings:
-    """How a train that must pass a point late enough is slowed down more than any run of least energy is."""
+    """How a train is slowed if even the slowest optimal trajectory passes a point too early."""
 
     slowing_mps2: float = 0.4
-    """The train brakes at this rate to the lower speed, where that is soon enough."""
+    """The train brakes to the lower speed at this rate, or harder if this is not slow enough."""
     crawl_mps: float = 0.5
-    """No train is made slower than this."""
+    """No train is told to go slower than this."""
     halvings: int = 24
-    """The lower speed is found by halving an interval so many times."""
+    """The lower speed is found by halving an interval this many times."""
     prices_tried: int = 2
-    """The price of time behind the point is guessed so many times, each time by the speed found at the point."""
+    """The price of time after the point is estimated this many times, each time from the latest speed at the point."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedSpeedSettings:
-    """How the one reduced maximum speed is judged."""
+    """How the reduced maximum speed, the one top speed that keeps the timetable, is found."""
 
     easy_braking_mps2: float = 0.5
-    """Comfortable service braking (assumption)."""
+    """The deceleration of comfortable service braking (assumption)."""
     judged_every_s: float = 30.0
-    """The judged speed stands still for this long before it is judged anew."""
+    """The reduced maximum speed is computed anew this often."""
     slowest_mps: float = 20.0 * KMH
-    """No lower speed is asked for, except under a lower limit; before a stop this is the speed shown, and in the last
-    metres the half of it, and so on."""
+    """No lower speed is shown, except under a lower limit and in the last metres before a stop. Before a stop this is
+    the speed shown; in the last metres it is halved, if need be several times."""
     halvings: int = 12
-    """The speed is found by halving an interval so many times."""
+    """The reduced maximum speed is found by halving an interval this many times."""
     below_ratio: float = 0.999
-    """A train faster than easy braking allows is judged from this share of what it allows."""
+    """For a train faster than comfortable braking allows, the computation starts from the allowed speed, divided by
+    this ratio."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StopSettings:
-    """What it means to be at a stop."""
+    """When a train counts as being at a stop."""
 
     standstill_m: float = 1.0
-    """Nearer to the end of the section than this there is nothing left to plan: the train stops."""
+    """Closer to the end of the section than this, nothing is planned any more: the train is to stop."""
     at_stop_m: float = 50.0
-    """A standing train this near to a stop is at it; a train further beyond it than this has run past it."""
+    """A standing train within this distance of a stop is at the stop. A train further beyond has run past it."""
     lost_beyond_m: float = 500.0
-    """A train further beyond the section's end than this is somewhere else."""
+    """A train further beyond the end of the section than this is not on the section at all."""
     deviations: float = 2.0
-    """The train may be ahead of its estimate by so many standard deviations of the position."""
+    """The train is assumed to be ahead of its estimated position by at most this many standard deviations."""
     back_m: float = 200.0
-    """A train that has begun a section is put back to the one before only where it is heard further back than this."""
+    """A train that has begun a section returns to the one before only if a position lies further back than this."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceSettings:
-    """All the tuning of the advice on a section."""
+    """All settings of the advice on a section."""
 
     modes: ModeSettings = field(default_factory=ModeSettings)
     plan: PlanSettings = field(default_factory=PlanSettings)

@@ -1,4 +1,4 @@
-"""Advice that keeps limits and the stop: for a train above its plan or too fast, and for a display of four modes."""
+"""Keeps advice safe: stronger brakes for a train that is too fast or above its plan, and safe choices of four modes."""
 
 from __future__ import annotations
 
@@ -13,29 +13,32 @@ from das.advice.regimes import Regime
 from das.advice.settings import DisplaySettings
 
 LATE_S = 2.0
-"""A driver does what is shown up to so much later."""
+"""A driver may take this long to do what is shown."""
 NEXT_S = 1.0
-"""The next advice comes after so long: a brake that is due by then is told now."""
+"""The next advice comes after this time; a brake that is due by then is shown now."""
 GAINS_MPS2 = 0.1
-"""A train gains no speed to speak of in that time at an acceleration below this."""
+"""Below this acceleration the speed gained until the driver acts is negligible."""
 AT_FOOT_MPS = 0.5
-"""Too fast by more than this where a lower limit is about to begin, a train needs all of its brakes."""
+"""A train above the allowed speed by more than this, just before a lower limit, must use all of its brakes."""
 BRAKED_MORE = 1.1
-"""A train above its plan is braked by a tenth more than it needs, so that it need not brake harder later."""
+"""A train above its plan is told to brake this many times as hard as needed, so that it need not brake harder later."""
 
 
 def braked_enough(
     mode: Regime, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
 ) -> tuple[Regime, float]:
-    """Mode and force (N), or those of the brake that limits and the stop ask of a train above its plan, or too fast."""
+    """The mode and force (N) to show: those given, or those of the braking that the limits and the stop need.
+
+    Braking is needed if the train is above its plan or too fast.
+    """
     ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
     pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2
     if pulls:
-        # A driver who is late with the brake after this traction must not be too fast by then.
+        # A driver who starts the next brake late must not be too fast by then.
         until_s = NEXT_S + LATE_S
         if not ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * until_s, until_s):
-            # Nor must who leaves this traction late be above the limit by then.
+            # A driver who cuts off traction late must not be above the limit by then.
             room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / until_s
             too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
             return mode, max(force_n - too_much_n, 0.0)
@@ -56,10 +59,11 @@ def braked_enough(
 def kept_behind(
     speeds_mps: Floats, advised_mps: float, state: TrainState, planned_m: Floats, planner: Planner
 ) -> Floats:
-    """The horizon of a train that is too fast: nowhere above what is allowed between where it leads and the plan.
+    """The horizon speeds of a train that is too fast, lowered to what is allowed on the way to the planned positions.
 
-    The plan brakes from the train's speed, and its samples are cut to what is allowed. A driver who keeps to the
-    samples is therefore behind the plan (m), and may still be under a limit that the plan has left.
+    The plan brakes from the train's speed, while the horizon shows no speed above the allowed one. A driver who follows
+    the horizon therefore falls behind the planned positions `planned_m`, and may still be under a lower limit that the
+    plan has already left.
     """
     kept, at_m, before = speeds_mps.copy(), state.s_m, advised_mps
     for i, to_m in enumerate(planned_m.tolist()):
@@ -69,9 +73,10 @@ def kept_behind(
 
 
 class FourModes(NamedTuple):
-    """What a train in a state may be told by four modes: all traction, a speed to hold, coasting and full brakes.
+    """Decides which of the four modes a train may be shown: full traction, hold a speed, coast, full brake.
 
-    `held_mps` is the highest speed that it may be told to hold, `excess_mps` how much faster it is than allowed (m/s).
+    `held_mps` is the highest speed that the train may be told to hold (m/s), `excess_mps` is how much faster it is than
+    allowed (m/s).
     """
 
     settings: DisplaySettings
@@ -81,9 +86,10 @@ class FourModes(NamedTuple):
     excess_mps: float
 
     def safe(self, four: Regime, mode: Regime) -> Regime:
-        """One of the four, or what limits and the stop ahead ask for: a weak brake is not shown as coasting then.
+        """The mode `four` if it is safe, else the one of the four that the limits and the stop ahead need.
 
-        `mode` is what other displays show.
+        `mode` is what the other displays show. If they show braking to a train that is too fast, this is full braking,
+        however weak theirs is.
         """
         settings, planner, state, v_mps = self.settings, self.planner, self.state, self.state.v_mps
         too_fast, pulls = self.excess_mps > OVERSPEED_MPS, four is Regime.FULL_TRACTION
@@ -100,14 +106,17 @@ class FourModes(NamedTuple):
         if pulls and (planner.brakes_late(state, v_mps + gained_mps, before_s) or too_fast):
             return Regime.COAST
         if pulls and self.excess_mps + gained_mps > OVERSPEED_MPS:
-            return Regime.CRUISE  # All traction would soon carry the train above the limit.
+            return Regime.CRUISE  # Full traction would soon take the train above the limit.
         above = self.excess_mps + gained_mps > 0.0
         if rolls and above and gained_mps2 * COASTS_IN_S > -self.excess_mps:
             return Regime.CRUISE  # Coasting would not come down to the limit.
         return four
 
     def full_brake_due_s(self, four: Regime) -> float:
-        """In how many whole seconds one of the modes ends in full brakes; inf: not while the advice is valid."""
+        """In how many whole seconds full braking must follow the mode `four`.
+
+        Infinity if not while the advice is valid, or if `four` is full braking.
+        """
         if four is Regime.FULL_BRAKE:
             return math.inf
         planner, valid_s = self.planner, math.ceil(self.settings.valid_for_s)
@@ -121,6 +130,6 @@ class FourModes(NamedTuple):
         return math.inf
 
     def _gained_mps2(self, four: Regime) -> float:
-        """The acceleration of the train with all traction, or of one that coasts."""
+        """The acceleration (m/s²) of the train with full traction if `four` is that, else when it coasts."""
         full = 1.0 if four is Regime.FULL_TRACTION else 0.0
         return self.planner.ahead.accelerates_mps2(full, self.state.s_m, self.state.v_mps)

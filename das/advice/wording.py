@@ -1,4 +1,4 @@
-"""The words that go with advice, and with withdrawals. Programs must read causes and modes, never these texts."""
+"""The texts of advice and withdrawals, for people. Programs must read the causes and modes, never these texts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ UNSTAMPED: Final = (
 
 
 def withdrawal(why: Withdrawal) -> str:
-    """Why there is no advice."""
+    """The text on why there is no advice."""
     if why.problem is not None:
         return problem(why.problem)
     texts = {
@@ -41,7 +41,7 @@ def withdrawal(why: Withdrawal) -> str:
 
 
 def problem(what: Problem) -> str:
-    """What is wrong with a position."""
+    """The text on what is wrong with a position."""
     kind, value = what
     texts = {
         ProblemKind.NO_POSITION: "no position yet",
@@ -65,24 +65,24 @@ def problem(what: Problem) -> str:
 
 
 def deviation(late_s: float) -> str:
-    """How late (> 0) or early a train is."""
+    """The text on how late (> 0) or early (< 0) a train is (s)."""
     if abs(late_s) < 1.0:
         return "on time"
     return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
 
 
 def arrived(late_s: float) -> str:
-    """For a train that stands at its stop."""
+    """The reason for a train that stands at its stop."""
     return f"arrived, {deviation(late_s)}"
 
 
 def departs_in(seconds: float) -> str:
-    """For a train that waits for its departure."""
+    """The reason for a train that waits for its departure."""
     return f"depart in {seconds:.0f} s"
 
 
 def departs_when_cleared(then: str) -> str:
-    """For a train that stands and is due to go on; `then` is the reason of the advice after its departure."""
+    """The reason for a standing train that is due to depart; `then` is the reason for what it does after departing."""
     return f"depart when cleared: {then}"
 
 
@@ -93,55 +93,55 @@ NOTHING_TO_JUDGE_BY: Final = "the advice could not be judged: no position or spe
 
 
 def brake_for(speed_mps: float, at_m: float, *, stops: bool) -> str:
-    """For a train that must brake at once, for a limit or for the stop."""
+    """The reason for a train that must brake at once, for a limit or for the stop."""
     return "brake for the stop" if stops else f"brake to {speed_mps / KMH:.0f} km/h by km {at_m / KM:.2f}"
 
 
 def no_plan_too_fast(why: str) -> str:
-    """For a train that is too fast for any plan, and must brake."""
+    """The reason for a train that is too fast for any plan and must brake."""
     return f"too fast; no plan from here ({why})"
 
 
 def too_fast(excess_mps: float) -> str:
-    """For a train that is faster than limits and the stop allow."""
+    """The reason for a train that is faster than limits and the stop allow."""
     return f"{excess_mps / KMH:.0f} km/h too fast"
 
 
 def meanwhile(why: str, *, follows_plan: bool) -> str:
-    """For advice without an optimum, while one is being solved."""
+    """The reason for advice without an optimum; `why` says why there is none (yet)."""
     how = "as before, no faster than is allowed now" if follows_plan else "the fastest safe run"
     return f"{why}: {how}"
 
 
 def fastest(late_s: float) -> str:
-    """For a train that cannot keep the time."""
+    """The reason for a train that is as fast as possible but late."""
     return f"fastest, {deviation(late_s)}"
 
 
 def least_energy(late_s: float) -> str:
-    """For a train that saves energy, with how late it arrives."""
+    """The reason for a train that saves energy, with how late (s) it arrives."""
     return f"least energy, {deviation(late_s)}"
 
 
 def wait_at(late_s: float, stop: str) -> str:
-    """For a train that arrives before its time and waits at the stop."""
+    """The reason for a train that arrives early and then waits at the stop."""
     return f"least energy, {deviation(late_s)}: wait at {stop}"
 
 
 def on_time(operator_delay_s: float | None) -> str:
-    """For a train that keeps the time, with the delay that the operator stated, if any."""
+    """The reason for a train that arrives on time, with the delay (s) that the operator stated (None: no delay)."""
     late = operator_delay_s is not None and operator_delay_s >= 1
     return "least energy on time" + (f", operator says {deviation(operator_delay_s)}" if late else "")  # type: ignore[arg-type]
 
 
 def wait_for_point(point: PassingTarget, now_ns: int) -> str:
-    """For a point of the line that must not be passed before a time."""
+    """The reason for a train with a point ahead that it must not pass before a time."""
     assert point.earliest_ns is not None
     return f"{_pass(point)} in {(point.earliest_ns - now_ns) * NS:.0f} s or later{_because(point)}"
 
 
 def point_missed(point: PassingTarget, missed_s: float) -> str:
-    """For a point of the line that is passed after its window."""
+    """The reason for a train that passes a point `missed_s` after the end of its window."""
     return f"{_pass(point)} as soon as possible, {missed_s:.0f} s too late{_because(point)}"
 
 
@@ -154,7 +154,7 @@ def _because(point: PassingTarget) -> str:
 
 
 class Aim(NamedTuple):
-    """What an instruction leads to: a speed (m/s; 0: a stop), where (m), and the name of the stop."""
+    """What an instruction leads to: a speed (m/s; 0: a stop), where it is reached (m), and the name of the stop."""
 
     speed_mps: float
     at_m: float
@@ -162,7 +162,7 @@ class Aim(NamedTuple):
 
 
 def instructed(mode: Regime, speed_mps: float, ahead: Aim | None, late_s: float) -> str:
-    """Why a driver is told to do something; `ahead` is the limit or stop that comes next, if one is near."""
+    """The reason of a coach's instruction; `ahead` is the limit or stop that it leads to, None if none is near."""
     place = "" if ahead is None else f" for {_named(ahead)}"
     if mode is Regime.COAST:
         return f"coast{place}{_spare(late_s)}"
@@ -174,7 +174,7 @@ def instructed(mode: Regime, speed_mps: float, ahead: Aim | None, late_s: float)
 
 
 def slow_for_point(point: PassingTarget, now_ns: int, clock: str) -> str:
-    """A train that must not pass a point before a time; `clock` is that time of day."""
+    """The reason of the coach for a train that must not pass a point before a time; `clock` is that time of day."""
     why = f"{point.reason}: " if point.reason else ""
     seconds = (point.earliest_ns - now_ns) * NS if point.earliest_ns is not None else 0.0
     return f"slow: {why}km {point.s_m / KM:.1f} not before {clock}, in {seconds:.0f} s"
@@ -187,7 +187,7 @@ def _named(ahead: Aim) -> str:
 
 
 def _spare(late_s: float) -> str:
-    """How early or late the train is, where that is worth saying."""
+    """How early or late the train is; empty if it is nearly on time."""
     if late_s <= -DEVIATION_NAMED_S:
         return f", {-late_s:.0f} s spare"
     return f", {deviation(late_s)}" if late_s >= DEVIATION_NAMED_S else ""

@@ -1,4 +1,4 @@
-"""Work that the advice need not wait for: done in a thread of its own, or at once where time stands still meanwhile."""
+"""A worker for long computations: in a background thread, so that advice goes on meanwhile, or at once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ T = TypeVar("T")
 class Worker:
     """Does one piece of work after the other.
 
-    `background`: in a thread of that name; else each is done when `submit` returns, so that what follows from it
-    depends on what was asked alone. Use `close` at the end.
+    With `background` the work is done in a thread called `name`. Without it `submit` returns only when the work is
+    done, so that the same inputs always give the same results. Call `close` at the end.
     """
 
     def __init__(self, name: str = "worker", *, background: bool = False) -> None:
@@ -21,11 +21,11 @@ class Worker:
 
     @property
     def in_background(self) -> bool:
-        """Whether the work is done in a thread of its own."""
+        """Whether the work is done in a background thread."""
         return self._pool is not None
 
     def submit(self, work: Callable[[], T]) -> Future[T]:
-        """Do this work; the answer, or what went wrong, is in the future."""
+        """Have this work done; the future holds its result, or the exception that it raised."""
         if self._pool is not None:
             return self._pool.submit(work)
         answer: Future[T] = Future()
@@ -36,10 +36,10 @@ class Worker:
         return answer
 
     def close(self) -> None:
-        """End the thread; what waits for its turn is given up."""
+        """End the thread after its present work; work still waiting is cancelled."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 AT_ONCE = Worker()
-"""Does everything at once."""
+"""A worker without a thread: all work is done when `submit` returns."""

@@ -1,4 +1,7 @@
-"""The judge of the assessment: every part of every advice, and what came of obeying it, by limits from raw files."""
+"""The judge of the assessment (random days): it judges every part of every advice, and the drive that obeys it.
+
+It knows limits and braking curves from the raw files of line and train, by an independent calculation.
+"""
 
 from __future__ import annotations
 
@@ -17,26 +20,26 @@ from tests.support.obedient_drivers import BRAKES, TRACTION
 from tests.support.raw_witness import HELD_STEP_S, Allowed, Place, RawLine, RawTrain, highest
 
 SDS = 2.0
-"""Positions count within so many of the deviations that the advice states."""
+"""Positions are compared to within this many of the standard deviations that the advice states."""
 SLACK_M = 2.0
 SLACK_MPS = 0.15
-"""The brake curve of the witness (steps of 1 m) and the solver's differ by less."""
+"""The braking curves of the independent calculation (steps of 1 m) and of the solver differ by less than this."""
 OBEYED_MPS = 1.0
-"""A driver who obeys is nowhere faster than allowed by more than this."""
+"""A driver who obeys the advice is never faster than allowed by more than this."""
 MOST_MISSED_M = 10.0
 HELD_S = 3.0
-"""With the force of an advice held so long, and full brakes afterwards, limits and stop are kept."""
+"""Limits and stop must be kept if the force of an advice is applied for this long, and full brakes afterwards."""
 FORCE_RATIO, FORCE_N = 1.02, 3000.0
-"""A force may be above what the train has at its speed by this, because the speed is measured."""
+"""A force may exceed the train's largest one by this factor and this amount, because the speed is measured."""
 WAY_RATIO = 0.02
-"""The place of an announced change is known to this share of the way to it."""
+"""The place of an announced change may be off by this share of the distance to it."""
 MOVES_MPS = 0.5
 LIED_MPS = 0.5
-"""A sensor that lies has misled the cab where the speed of the advice is off by more than this."""
+"""A faulty sensor has misled the cab if the speed in the advice is wrong by more than this."""
 
 
 class Problem(NamedTuple):
-    """Something that must not be: of what kind, when (s), by how much (in the unit of the kind), and in words."""
+    """Something that must not happen: its kind, when (s), by how much (in the unit of the kind), and in words."""
 
     kind: str
     second: float
@@ -45,14 +48,14 @@ class Problem(NamedTuple):
 
 
 class Judge:
-    """Judges by one line and one train; what is allowed under a list of restrictions is worked out once."""
+    """Knows one line and one train; the allowed speeds under a list of restrictions are computed once."""
 
     def __init__(self, route: Path, vehicle: Path) -> None:
         self.line = RawLine(route, RawTrain.read(vehicle))
         self._known: dict[tuple[tuple[Place, ...], float], Allowed] = {}
 
     def allowed(self, places: tuple[Place, ...], stop_m: float) -> Allowed:
-        """Limits and brake curve before a stop, under restrictions."""
+        """The limits, and the braking curve before a stop, under restrictions."""
         key = places, stop_m
         if key not in self._known:
             self._known[key] = self.line.allowed(places, stop_m)
@@ -60,7 +63,7 @@ class Judge:
 
 
 class DayJudge:
-    """Judges one day, second by second; remembers what came too late for any driver."""
+    """Judges one day, second by second; it excuses what no driver could avoid because a message came too late."""
 
     def __init__(self, judge: Judge, drawn: Drawn) -> None:
         self._judge, self._drawn, self.line = judge, drawn, judge.line
@@ -69,10 +72,10 @@ class DayJudge:
         self._excused_mps = [0.0] * (int(judge.line.length_m) + 1)
         self._excused_to_m = -math.inf
         self.worst_excess_mps = 0.0
-        """By how much the train was faster than allowed at most while its driver obeyed (m/s)."""
+        """The most by which the train was faster than allowed while its driver obeyed (m/s)."""
 
     def problems(self, seen: Seen) -> Iterator[Problem]:
-        """What is wrong in a second."""
+        """The problems of a second."""
         self._excuse(seen)
         self._allowed = self._judge.allowed(seen.places, seen.stop_m)
         advice = seen.advice
@@ -80,7 +83,7 @@ class DayJudge:
             return
         self._off_m = SDS * advice.position_sd_m + SLACK_M
         if self._misled(seen):
-            self._obeyed = False  # What came of it is not the advice's fault, once it is right again.
+            self._obeyed = False  # When the advice is right again, the present speed is not its fault.
             return
         if seen.obeyed:
             yield from self._driven(seen)
@@ -91,29 +94,29 @@ class DayJudge:
             yield from self._coached(seen, advice, advice.coach)
 
     def stood(self, stood: Stood) -> Problem | None:
-        """What is wrong with where the train stood at the end of a leg; the careless driver sees the mark himself."""
+        """The problem of where the train stopped at the end of a leg, if any; careless drivers find the mark by eye."""
         if self._drawn.style is Style.CARELESS:
             return None
         beyond_m = stood.s_m - max(stood.stop_m, self._excused_to_m)
         short_m = stood.stop_m - stood.s_m
         if beyond_m > MOST_MISSED_M:
             return Problem("beyond-stop", stood.second, beyond_m, f"stands {beyond_m:.1f} m beyond its stop")
-        # Full brakes for the speed of a card are harder than it says; the cab takes this driver to have arrived.
+        # A driver who only goes by speeds brakes fully, harder than shown; the cab counts him as arrived all the same.
         most_short_m = AT_STOP_M if self._drawn.style is Style.SPEED else MOST_MISSED_M
         if short_m > most_short_m:
             return Problem("short-of-stop", stood.second, short_m, f"stands {short_m:.1f} m before its stop")
         return None
 
     def _misled(self, seen: Seen) -> bool:
-        """Whether a sensor that lies for long, with a small stated deviation, has made the cab believe it."""
+        """Whether the cab believes a sensor that is wrong for long while it states a small deviation."""
         advice, state = seen.advice, seen.state
         off = abs(advice.s_m - state.s_m) > self._off_m or abs(advice.speed_mps - state.speed_mps) > LIED_MPS
         return off and self._drawn.sensors.lies
 
     def _excuse(self, seen: Seen) -> None:
-        """Work out what nobody can avoid, where something new was told, or advice comes again, too late.
+        """Compute the speeds that no driver can avoid if a restriction, a stop or the next advice comes too late.
 
-        Something new excuses a train only where it allows less than before.
+        A new message excuses a train only where it allows less than before.
         """
         key, before, state = (seen.places, seen.stop_m), self._key, seen.state
         if before is not None and seen.stop_m != before[1] and state.speed_mps <= 0:
@@ -130,19 +133,19 @@ class DayJudge:
         self._key, self._obeyed = key, seen.obeyed
 
     def _highest_mps(self, s_m: float, off_m: float | None = None) -> float:
-        """The highest speed that a train can be blamed for not keeping, around a position."""
+        """The highest speed near a position for which the driver is not to blame: allowed or unavoidable."""
         off_m = self._off_m if off_m is None else off_m
         return max(self._allowed.curve(s_m - off_m, s_m + off_m), highest(self._excused_mps, s_m - off_m, s_m + off_m))
 
     def _driven(self, seen: Seen) -> Iterator[Problem]:
-        """How the train runs that obeys."""
+        """The problem of a train that is too fast because its driver obeys."""
         excess_mps = seen.state.speed_mps - self._highest_mps(seen.state.s_m)
         self.worst_excess_mps = max(self.worst_excess_mps, excess_mps)
         if excess_mps > OBEYED_MPS:
             yield self._problem("too-fast-by-obeying", seen, excess_mps, f"{excess_mps:.2f} m/s too fast by obeying")
 
     def _shown(self, seen: Seen) -> Iterator[Problem]:
-        """Speeds, forces and horizon of the advice."""
+        """The problems of the speeds, forces and horizon of the advice."""
         advice, true_m, off_m = seen.advice, seen.state.s_m, self._off_m
         here = self._allowed.curve(true_m - off_m, true_m + off_m) + SLACK_MPS
         limit = self._allowed.limit(true_m - off_m, true_m + off_m) + 1e-6
@@ -151,7 +154,7 @@ class DayJudge:
         yield from self._above("limit", seen, advice.limit_mps, limit)
         yield from self._above("top-speed", seen, advice.reduced_max_speed_mps, limit)
         yield from self._horizon(seen, advice)
-        # The force belongs to the advised speed, which a driver may not have yet.
+        # The force belongs to the advised speed, which the train may not have yet.
         yield from self._force("force", seen, advice.advised_force_n, min(advice.speed_mps, advice.advised_speed_mps))
 
     def _horizon(self, seen: Seen, advice: Advice) -> Iterator[Problem]:
@@ -166,7 +169,7 @@ class DayJudge:
                 return
 
     def _coached(self, seen: Seen, advice: Advice, coach: Coaching) -> Iterator[Problem]:
-        """Speeds, efforts and forces of the coach."""
+        """The problems of the coach's speeds, efforts and forces."""
         now, true_m, off_m = coach.now, seen.state.s_m, self._off_m
         if now.mode in (Regime.NONE, Regime.STOP, Regime.DEPART):
             return
@@ -184,7 +187,10 @@ class DayJudge:
         yield from self._announced(seen, coach)
 
     def _announced(self, seen: Seen, coach: Coaching) -> Iterator[Problem]:
-        """No change is announced with a speed above the limit at its place: of one to reach, up to the next change."""
+        """Announced instructions with a speed above the limit where it applies.
+
+        A speed to reach may be that of any limit up to the next change.
+        """
         ends_m = [*(after.way_m for after in coach.following[1:]), math.inf]
         for after, end_m in zip(coach.following, ends_m, strict=False):
             at_m = seen.state.s_m + after.way_m
@@ -199,7 +205,7 @@ class DayJudge:
         return self._allowed.limit(s_m - off_m, s_m + off_m) + SLACK_MPS
 
     def _effort(self, seen: Seen, now: Instruction) -> Iterator[Problem]:
-        """The effort of an instruction has the sign of its mode, and is one that the train has."""
+        """The problem of an effort with the wrong sign for its mode, or that the train does not have."""
         train, share = self.line.train, now.effort_ratio
         most = 1.0 + train.service_friction_n / train.electric_n(seen.advice.speed_mps)
         wrong = (now.mode in TRACTION and not 0 < share <= 1.001) or (
@@ -209,7 +215,7 @@ class DayJudge:
             yield self._problem("coach-effort", seen, abs(share), f"effort {share:.2f} with {now.mode.name}")
 
     def _card(self, now: Instruction) -> Callable[[float, float], float]:
-        """The force of a driver who does what the card shows until its speed is reached."""
+        """The force (N) by position and speed of a driver who follows an instruction until its speed is reached."""
         train, line = self.line.train, self.line
 
         def force_n(s_m: float, v_mps: float) -> float:
@@ -223,12 +229,15 @@ class DayJudge:
         return force_n
 
     def _held(self, kind: str, seen: Seen, force_n: Callable[[float, float], float]) -> Iterator[Problem]:
-        """With a force held for a while and full brakes afterwards, limits and stop are kept, if they can be."""
+        """The problem of a force that, applied for a while before full brakes, breaks a limit or passes the stop.
+
+        What no driver could avoid is excused.
+        """
         state, train = seen.state, self.line.train
         held = self.line.driven(state.s_m, state.speed_mps, force_n, HELD_S)
         above = [v - self._highest_mps(at_m) for at_m, v in held]
         over_limit = [v > self._allowed.limit(at_m - self._off_m, at_m + self._off_m) for at_m, v in held]
-        over_limit[-1] = True  # Before its end only limits count: the brakes are still to come.
+        over_limit[-1] = True  # Before the end only limits count, because the brakes are applied afterwards.
         if max(excess for excess, judged in zip(above, over_limit, strict=True) if judged) <= OBEYED_MPS:
             return
         braked = self.line.driven(state.s_m, state.speed_mps, lambda s, v: -train.brakes_n(v), HELD_S)
@@ -240,7 +249,7 @@ class DayJudge:
                 return
 
     def _force(self, kind: str, seen: Seen, force_n: float, speed_mps: float) -> Iterator[Problem]:
-        """A force is one that the train has at a speed."""
+        """The problem of a force that the train does not have at a speed."""
         train = self.line.train
         low = -FORCE_RATIO * (train.electric_n(speed_mps) + train.service_friction_n) - FORCE_N
         high = FORCE_RATIO * train.pulling_n(speed_mps) + FORCE_N
@@ -261,5 +270,5 @@ class DayJudge:
 
 
 def _wanted(now: Instruction) -> float:
-    """The speed that an instruction sends the train to; a brake or coasting leads down to its own."""
+    """The speed that an instruction tells the driver to reach or to hold; 0 for a brake or coasting."""
     return now.speed_mps if now.mode in TRACTION or now.mode is Regime.CRUISE else 0.0

@@ -30,7 +30,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
 
 
 def line_of(seen: Seen) -> str:
-    """A second in one line: where the train is, and what it is told."""
+    """One second as a line of text: where the train is, and what the advice says."""
     state, advice = seen.state, seen.advice
     text = (
         f"{seen.second:5.0f} s {state.s_m:7.1f} m {state.speed_mps:6.2f} m/s {state.acceleration_mps2:+5.2f} | "
@@ -51,7 +51,7 @@ def line_of(seen: Seen) -> str:
 
 
 def _excerpt(verdict: Verdict, seconds: list[Seen], around_s: int, kind: str) -> None:
-    """Print the seconds around the first problem (of a kind)."""
+    """Print the seconds around the first problem of a kind."""
     chosen = [one for one in verdict.problems if one.kind == kind] if kind else verdict.problems
     if not chosen or math.isnan(chosen[0].second):
         return

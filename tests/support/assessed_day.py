@@ -1,4 +1,4 @@
-"""A random day in closed loop for the assessment: line, train, driver, operators, sensors and clocks that go wrong."""
+"""A random day of the assessment, driven in closed loop: with operators, sensors and clocks that go wrong."""
 
 from __future__ import annotations
 
@@ -50,19 +50,19 @@ START_NS = 1_800_000_000 * S
 BEGINS_S = -10
 LOOK_S = 0.2
 SPEED_SD_MPS = 0.05
-"""Deviation of the measured speed."""
+"""The standard deviation of the measured speed."""
 POSITION_SD_M = 3.0
 DWELL_S = 15.0
 LONGEST_S = 2000.0
 AT_STOP_M = 50.0
-"""For the cab, a train that stands this near to a stop has arrived there."""
+"""The cab counts a train that stands this near to a stop as arrived."""
 CLEAR_M = 300.0
-"""A stop is added no nearer than this to the next one."""
+"""A stop is added no nearer than this to another one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DayStop:
-    """A stop of the journey as it is ordered now: its times are in s, NaN where there is none."""
+    """A stop of the journey as now ordered; its times are in s, NaN if there is none."""
 
     name: str
     s_m: float
@@ -72,13 +72,13 @@ class DayStop:
 
 @dataclass(kw_only=True)
 class Seen:
-    """What the witness is told of a second: where the train truly is, what truly holds, and what was said."""
+    """One second for the judge: the true state of the train, the true restrictions, and the advice."""
 
     second: float
     state: PlantState
     places: tuple[Place, ...]
     stop_m: float
-    """Where the train is to stand next (m)."""
+    """Where the train must stop next (m)."""
     advice: Advice
     obeyed: bool
     """Whether the driver does what the advice shows."""
@@ -86,7 +86,7 @@ class Seen:
 
 @dataclass(frozen=True, kw_only=True)
 class Stood:
-    """Where the train stood at the end of a leg, and where it should have stood (m)."""
+    """Where the train stopped at the end of a leg, and where it should have stopped (m)."""
 
     second: float
     s_m: float
@@ -95,7 +95,7 @@ class Stood:
 
 @dataclass(kw_only=True)
 class Said:
-    """What was said on the day beside advice."""
+    """What the cab sent on the day besides advice, and where the train stopped."""
 
     estimates: list[Estimated] = field(default_factory=list)
     events: list[tuple[float, str]] = field(default_factory=list)
@@ -103,11 +103,11 @@ class Said:
 
 
 class NeverArrivedError(Exception):
-    """The train has not come to its last stop within the longest time."""
+    """The train did not reach its last stop within the longest time."""
 
 
 class AssessedDay:
-    """Drives one day; iterate over `seconds`, then look at `said`."""
+    """Drives one day: iterate over `seconds`, then read `said`."""
 
     def __init__(self, drawn: Drawn, route: Path, vehicle: Path, raw: RawLine, fronts: Fronts) -> None:
         self.drawn, self.said = drawn, Said()
@@ -133,7 +133,7 @@ class AssessedDay:
             if self._operators.restarts(second):
                 self._cab.close()
                 self._cab = self._new_cab()
-            # Where nothing changes the journey, it is told once more.
+            # If nothing changes the journey, it is sent once more.
             told_journey = second in (BEGINS_S, changes_at) or self._operators.restarts(second)
             if told_journey:
                 heard.insert(0, self._journey(second))
@@ -162,7 +162,7 @@ class AssessedDay:
         raise NeverArrivedError(f"the train did not arrive, it is at {state.s_m:.0f} m")
 
     def _driven(self, state: PlantState, advice: Advice, next_stop: int, second: int) -> PlantState:
-        """The state one second later."""
+        """The state of the train one second later."""
         for _ in range(round(1.0 / LOOK_S)):
             at = partial(self._view, state, next_stop)
             scene = Scene(state, self._stops[next_stop - 1].departure_s, self._stops[next_stop].s_m, at, advice)
@@ -170,7 +170,7 @@ class AssessedDay:
         return state._replace(time_s=float(second + 1))
 
     def _has_arrived(self, state: PlantState, advice: Advice, stop_m: float) -> bool:
-        """Whether the train stands at its stop; the cab may see this at a speed that is within the measured noise."""
+        """Whether the train stands at its stop; the cab may decide so while noise hides a small speed."""
         near_m, slow_mps = (AT_STOP_M, 0.1 + SPEED_SD_MPS) if advice.mode is Regime.STOP else (10.0, 0.0)
         return state.speed_mps <= slow_mps and stop_m - state.s_m <= near_m
 
@@ -208,7 +208,7 @@ class AssessedDay:
         return Cab(post, situation, self._fronts, CabSettings(calibrate=True, advice=AdviceSettings(coach=coach)))
 
     def _clock_ns(self, second: float) -> int:
-        """What the clock of the cab shows."""
+        """The time of the cab's clock (ns since 1970)."""
         at_s, by_s = self.drawn.sensors.clock_step
         return START_NS + round((second + (by_s if second >= at_s else 0.0)) * S)
 
@@ -232,7 +232,7 @@ class AssessedDay:
 
 
 def changed(stops: list[DayStop], next_stop: int, state: PlantState, drawn: Drawn) -> list[DayStop]:
-    """The stops after a change of the journey under way; as they are where the change makes no sense."""
+    """The stops after a change of the journey under way; unchanged if the change would make no sense."""
     share, now_s = drawn.change_by, state.time_s
     done, coming = stops[:next_stop], stops[next_stop:]
     if drawn.change is Change.DROPPED_STOP and len(coming) > 1 and state.speed_mps > 0:
@@ -256,7 +256,7 @@ def changed(stops: list[DayStop], next_stop: int, state: PlantState, drawn: Draw
 
 
 class _Operators:
-    """The operators of a day: what each says of restrictions, and what truly holds."""
+    """The operators of a day: which restrictions each of them sends, and which are truly in force."""
 
     def __init__(self, drawn: Drawn) -> None:
         self._drawn, self._is_lost = drawn, False
@@ -265,12 +265,12 @@ class _Operators:
         self.in_force: tuple[Place, ...] = ()
 
     def restarts(self, second: int) -> bool:
-        """Whether the node is started anew in this second."""
+        """Whether the node is restarted in this second."""
         kinds = (Operators.NODE_RESTARTED, Operators.NODE_RESTARTED_ALONE)
         return self._drawn.operators in kinds and second == self._happens_s
 
     def says(self, second: int, head_m: float) -> Iterator[Heard | PublisherSeen]:
-        """What is said by whom in a second, with the train's head at a position."""
+        """The messages of all operators in a second, with the train's head at a position."""
         if second == BEGINS_S:
             for told in (Kind.JOURNEY, Kind.RESTRICTION):
                 yield PublisherSeen(kind=told, source="a", there=True)
@@ -281,7 +281,7 @@ class _Operators:
                     self._told[second + 2] = _list(second, self.in_force, "a")
                     yield self._told[second + 2]
             if second in self._told and self._drawn.sensors.late_ratio and self._told[second] == self._newest():
-                yield self._told[second]  # The bus says it once more.
+                yield self._told[second]  # The bus delivers it once more.
         if second == self._happens_s:
             yield from self._incident(second)
 
@@ -289,7 +289,7 @@ class _Operators:
         return self._told[max(self._told)]
 
     def _incident(self, second: int) -> Iterator[Heard | PublisherSeen]:
-        """Operators come and go, or the node is started anew."""
+        """Operators come and go, or the node is restarted."""
         kind, rival = self._drawn.operators, self._drawn.rival
         gone = PublisherSeen(kind=Kind.RESTRICTION, source="a", there=False)
         if kind is Operators.LOST:
@@ -318,7 +318,7 @@ def _list(second: int, places: tuple[Place, ...], source: str) -> RestrictionsHe
 
 
 class _Measuring:
-    """What the sensors say of the train, with all that is wrong with them on the day."""
+    """The measurements of the sensors, with all their faults of the day."""
 
     def __init__(self, drawn: Drawn) -> None:
         self._sensors = drawn.sensors

@@ -1,4 +1,4 @@
-"""Drives and judges the days of the assessment, and says in a table what came of them."""
+"""Drives and judges the days of the assessment, and prints the results as a table."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from tests.support.assessed_day import AssessedDay, NeverArrivedError, Seen, Sto
 from tests.support.drawn_day import LINES, Drawn, Operators, Style, Upset, draw, write_files
 
 LAST_WORD = "last word:"
-"""The text of an event begins so where the second check has changed an advice."""
+"""The text of an event begins with this if the last word has changed an advice."""
 WRONG_GAIN = 0.08
-"""A gain further from 1 than this must not be planned with."""
+"""A force sensor whose gain differs from 1 by more than this must not influence plans."""
 LEAST_ADVISED = 0.99
-"""On a steady day there is advice in this share of the seconds in which the train moves."""
+"""On a steady day there must be advice in at least this share of the seconds in which the train moves."""
 KEPT_BYTES = 400_000_000
 
 
 @dataclass(kw_only=True)
 class Verdict:
-    """What came of a day."""
+    """The result of a day: its problems and counts."""
 
     drawn: Drawn
     problems: list[Problem] = field(default_factory=list)
@@ -39,7 +39,7 @@ class Verdict:
 
     @property
     def kinds(self) -> Counter[str]:
-        """How often each kind of problem was met."""
+        """How often each kind of problem occurred."""
         return Counter(one.kind for one in self.problems)
 
     def firsts(self) -> list[Problem]:
@@ -50,7 +50,7 @@ class Verdict:
         return list(found.values())
 
     def said(self) -> str:
-        """The day and its problems, one a kind: the first, how many there are, and by how much the worst."""
+        """The day and its problems as text: for each kind the first one, the number, and the size of the worst."""
         lines = [self.drawn.said]
         for first in self.firsts():
             same = [one for one in self.problems if one.kind == first.kind]
@@ -59,7 +59,7 @@ class Verdict:
 
 
 class Assessor:
-    """Drives days; keeps lines, trains, what is allowed and fronts from day to day."""
+    """Drives days; it keeps lines, trains, allowed speeds and fronts from day to day."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -67,7 +67,7 @@ class Assessor:
         self._judges: dict[tuple[Path, Path], Judge] = {}
 
     def assess(self, drawn: Drawn, kept: list[Seen] | None = None) -> Verdict:
-        """What came of a day; each second is added to `kept`."""
+        """Drive and judge a day; each second is appended to `kept`."""
         verdict = Verdict(drawn=drawn)
         try:
             self._assess(drawn, verdict, kept)
@@ -87,7 +87,7 @@ class Assessor:
             for seen in day.seconds():
                 if kept is not None:
                     kept.append(seen)
-                for one in day.said.stood[stood:]:  # Judged before what holds on the next leg is known.
+                for one in day.said.stood[stood:]:  # Before the judge learns what applies on the next leg.
                     _add_stood(verdict, of_day, one)
                 stood = len(day.said.stood)
                 verdict.problems += of_day.problems(seen)
@@ -101,7 +101,7 @@ class Assessor:
 
 
 def _add_stood(verdict: Verdict, of_day: DayJudge, stood: Stood) -> None:
-    """Judge where the train stood."""
+    """Judge where the train stopped."""
     problem = of_day.stood(stood)
     verdict.missed_m = max(verdict.missed_m, abs(stood.s_m - stood.stop_m))
     if problem is not None:
@@ -112,7 +112,7 @@ def _count(verdict: Verdict, seen: Seen) -> None:
     advised = seen.advice.cause is Cause.NONE
     verdict.counts["advised" if advised else seen.advice.cause.label] += 1
     careless = verdict.drawn.style is Style.CARELESS
-    passed = careless and seen.advice.cause is Cause.PAST_STOP  # He did not look in time.
+    passed = careless and seen.advice.cause is Cause.PAST_STOP  # The driver did not look in time.
     if seen.state.speed_mps > MOVES_MPS and not passed:
         verdict.moving_s += 1
         shown = advised if careless else seen.obeyed
@@ -120,12 +120,12 @@ def _count(verdict: Verdict, seen: Seen) -> None:
 
 
 def _of_operators(drawn: Drawn, seen: Seen, counts: Counter[str]) -> list[Problem]:
-    """Advice that there must not be, because nobody knows what is in force."""
+    """Advice that should have been withdrawn, because it is not known which restrictions are in force."""
     if seen.advice.cause is not Cause.NONE or seen.second <= drawn.happens_s:
         counts["two-operators seen"] += seen.advice.cause is Cause.TWO_OPERATORS
         return []
     found, kind, second = [], drawn.operators, seen.second
-    # A list of that moment, or said once more then, is heard by the new node.
+    # The new node hears a list that is sent, or sent once more, at that moment.
     told_at_once = any(0 <= round(drawn.happens_s) - round(one.at_s) <= 2 for one in drawn.lists)
     if kind is Operators.NODE_RESTARTED_ALONE and not told_at_once:
         found.append("advice without having heard of restrictions")
@@ -138,14 +138,14 @@ def _of_operators(drawn: Drawn, seen: Seen, counts: Counter[str]) -> list[Proble
 
 
 def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Problem]:
-    """What is wrong with the day as a whole."""
+    """The problems of the day as a whole."""
     found, said = [], day.said
     acts = [(second, text) for second, text in said.events if text.startswith(LAST_WORD)]
     verdict.acts = len(acts)
     if acts and drawn.clean:
         found.append(Problem("last-word", acts[0][0], len(acts), f"{acts[0][0]:.0f} s: {acts[0][1]}"))
     usable = any(one.usable for one in said.estimates)
-    # A wrong speed hides a wrong gain: force and acceleration are too small alike.
+    # A wrong speed hides a wrong gain: force and acceleration are both too small by the same factor.
     seen = drawn.sensors.upset is not Upset.WRONG_SPEED
     if usable and seen and abs(drawn.sensors.gain - 1.0) > WRONG_GAIN:
         text = f"forces with a gain of {drawn.sensors.gain:.2f} were trusted: {said.estimates[-1]}"
@@ -166,12 +166,12 @@ def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Proble
 def drawn_days(
     first: int, days: int, presentation: Presentation | None = None, style: Style | None = None
 ) -> list[Drawn]:
-    """The days with these numbers, perhaps all with one presentation or one style of driving."""
+    """The days with these numbers; `presentation` and `style`, if given, apply to all of them."""
     return [draw(seed, presentation, style) for seed in range(first, first + days)]
 
 
 def table(verdicts: Iterable[Verdict]) -> str:
-    """One row for each presentation and driver, and below it one for each kind of problem."""
+    """The results as text: one row for each presentation and driver, then one for each kind of problem."""
     rows: dict[tuple[str, str], list[Verdict]] = {}
     for one in verdicts:
         rows.setdefault((one.drawn.presentation.value, one.drawn.style.value), []).append(one)
@@ -191,7 +191,7 @@ def table(verdicts: Iterable[Verdict]) -> str:
 
 
 def _kinds(rows: dict[tuple[str, str], list[Verdict]]) -> list[str]:
-    """How many days each kind of problem spoiled, the smallest of them, and the worst."""
+    """Rows of text: for each kind of problem the number of days with it, the lowest day number, and the worst size."""
     kinds: dict[str, list[Verdict]] = {}
     for group in rows.values():
         for one in group:

@@ -1,4 +1,4 @@
-"""The public benchmark library TTOBench: its figures in tests/data, and all of it where ../shared is present."""
+"""The public benchmark library TTOBench: its figures in tests/data, and all of it if ../shared exists."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ JOURNEY = "CH_StGallen_Wil_Journey_01"
 
 
 def shared_data(*, module: bool = True) -> Path:
-    """The third-party data beside the checkout: where they are missing, a failure in CI and a skip elsewhere.
+    """The folder of third-party data beside the checkout; if missing, the test fails in CI and is skipped elsewhere.
 
-    With `module` a whole test file is skipped, for tests that are about these data and nothing else.
+    With `module` the whole test file is skipped, for files that test only these data.
     """
     if not SHARED.is_dir():
         if os.environ.get("CI"):
@@ -41,13 +41,13 @@ def shared_data(*, module: bool = True) -> Path:
 
 
 def track_path(track: str) -> Path:
-    """The file of a track: this project's own where tests/data has one, else the library's."""
+    """The file of a track: this project's own if tests/data has one, else the library's."""
     own = DATA / "routes" / f"{track}.toml"
     return own if own.is_file() else SHARED / "ttobench" / "tracks" / f"{track}.json"
 
 
 def train_path(train: str) -> Path:
-    """The file of a train: tests/data has them all."""
+    """The file of a train, in tests/data."""
     return DATA / "vehicles" / f"{train}.toml"
 
 
@@ -57,7 +57,7 @@ def journey_path() -> Path:
 
 
 def tracks_here() -> list[str]:
-    """Tracks that can be read: all of the library, or on a user's clone those of tests/data."""
+    """The names of the tracks that can be read: all of the library, or on a user's clone those of tests/data."""
     return [track for track in TRACKS if track_path(track).is_file()]
 
 
@@ -79,7 +79,7 @@ class ReferenceResult:
 
     @property
     def problem(self) -> tuple[str, ...]:
-        """What results with several times have in common."""
+        """The route, vehicle, losses and brakes: equal for results of one problem at different times."""
         return self.route, self.vehicle, self.losses, self.brakes
 
 

@@ -1,4 +1,4 @@
-"""Cells of speeds beside a run: the shortest path over them is near the run's own cost, and must not be above it."""
+"""Cells of speeds around a trajectory: the cheapest path through them must cost no more than the trajectory itself."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from das.solver.kernels.speed_cells import Cells
 
 
 def cells_near(speeds_mps: NDArray[np.float64], cells: Cells) -> Cells:
-    """The cells, with only those open that a run with these speeds at the nodes goes through, and one on each side."""
+    """The cells, all closed except those that a trajectory with these speeds passes, and one on each side of them."""
     at = np.minimum(np.floor(np.sqrt(speeds_mps) / cells.width).astype(int), cells.size - 1)
     cells.open[:] = False
     for beside in (-1, 0, 1):

@@ -1,4 +1,4 @@
-"""Large arrays compared at once: `pytest.approx` compares one element after the other, which takes minutes."""
+"""Comparison of large arrays at once; `pytest.approx` compares element by element, which would take minutes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 def assert_close(
     found: npt.NDArray[np.floating], expected: npt.NDArray[np.floating], *, rel: float = 0.0, absolute: float = 0.0
 ) -> None:
-    """Every element differs by at most the larger of `rel` times what is expected and `absolute`."""
+    """Assert that every element differs by at most `rel` times the expected one or `absolute`, whichever is larger."""
     assert found.shape == expected.shape
     allowed = np.maximum(rel * np.abs(expected), absolute)
     near = (found == expected) | (np.abs(found - expected) <= allowed)

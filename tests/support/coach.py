@@ -1,4 +1,4 @@
-"""A coach's reference on a bundled section, and trains that keep to it or do not."""
+"""A coach's reference on a bundled section, and trains that keep it or lose time against it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T0 = 1_800_000_000_000_000_000
 
 
 def ns(seconds: float) -> int:
-    """A moment by the seconds since the departure."""
+    """The time in ns since 1970, given the seconds since the departure."""
     return T0 + round(seconds / NS)
 
 
@@ -35,12 +35,12 @@ def keeper_of(which: Which, settings: CoachSettings = DEFAULT) -> Keeper:
 
 
 def goal_of(which: Which, buffer_ratio: float, **more: object) -> Goal:
-    """The timetable of a section with a buffer."""
+    """The goal of a section: its timetable with a buffer over the least time."""
     return Goal(departure_ns=ns(0), due_ns=ns(asked_s(which, buffer_ratio)), **more)  # type: ignore[arg-type]
 
 
 class Keeping:
-    """A train that keeps exactly to a forecast, which begins at a time and place."""
+    """A train that drives exactly as forecast, from a given time and place on."""
 
     def __init__(self, schedule: Schedule, forecast: Prospect, begin_s: float, s_m: float) -> None:
         times, self._node_m = elapsed_s(schedule, forecast, s_m)
@@ -49,7 +49,7 @@ class Keeping:
         self.end_s = float(self._times[-1])
 
     def at(self, second: float, *, behind_s: float = 0.0) -> TrainState:
-        """Where the train is at a moment, or would be if it had lost some time: constant acceleration between nodes."""
+        """The train's state at a second, `behind_s` later than forecast; constant acceleration between nodes."""
         there = min(max(second - behind_s, self._times[0]), self.end_s)
         i = min(int(np.searchsorted(self._times, there, side="right")) - 1, len(self._times) - 2)
         spent, span = there - self._times[i], self._times[i + 1] - self._times[i]
@@ -59,7 +59,7 @@ class Keeping:
 
 
 def started(keeper: Keeper, which: Which, goal: Goal, *, at_s: float = 5.0) -> tuple[Kept, Keeping]:
-    """A keeper with the reference of a train that has just begun to move, and a train that keeps to it."""
+    """The reference that a keeper makes for a train that has just departed, and a train that keeps it."""
     start_m = section_of(which).start_m
     standing = keeper.keep(TrainState(ns(0), start_m, 0.0), goal)
     assert standing is not None

@@ -1,6 +1,6 @@
-"""The commands and options of the four programs, as the tables of docs/reference/commands.md show them.
+"""The commands and options of the four programs, as tables for docs/reference/commands.md.
 
-`python -m tests.support.command_tables` writes these tables into the page again, after an option has changed.
+`python -m tests.support.command_tables` updates these tables in the page after an option has changed.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from das.command_line.application import Group, single_command
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "commands.md"
 BLOCK = re.compile(r"(<!-- options of (?P<command>[a-z -]+): begin -->\n).*?(<!-- options: end -->)", re.DOTALL)
 EVERYWHERE = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
-"""Options that the head of the page explains once."""
+"""Options that the top of the page explains for all commands."""
 
 
 def commands() -> dict[str, TyperCommand]:
-    """Every command by the words with which a user starts it."""
+    """Every command, keyed by the words that start it, e.g. `das-sim replay`."""
     found: dict[str, TyperCommand] = {}
     for entry in precompute.cli.program.COMMANDS:
         found[f"das-precompute {entry.name}"] = entry.load()
@@ -45,13 +45,13 @@ def commands() -> dict[str, TyperCommand]:
 
 
 def spellings(command: TyperCommand) -> list[str]:
-    """Every spelling of every option of a command, without those that every command has."""
+    """Every spelling of every option of a command, except the options that every command has."""
     options = (option for option in command.params if option.param_type_name == "option")
     return [one for option in options for one in (*option.opts, *option.secondary_opts) if one not in EVERYWHERE]
 
 
 def table(command: TyperCommand) -> str:
-    """The arguments and options of a command as a table of Markdown."""
+    """The arguments and options of a command as a Markdown table."""
     rows = [f"| {_cell(names)} | {_cell(text)} |" for names, text in _rows(command)]
     return "\n".join(["| argument or option | meaning |", "|---|---|", *rows])
 
@@ -68,7 +68,7 @@ def _rows(command: TyperCommand) -> Iterator[tuple[str, str]]:
 
 
 def _value(option: Any) -> str:
-    """What follows the option: nothing, one of some words, or a value."""
+    """What follows the option on the command line: nothing, one of several words, or a value."""
     kind = option.type_descriptor.annotation
     if option.is_flag:
         return ""
@@ -78,7 +78,7 @@ def _value(option: Any) -> str:
 
 
 def _default(option: Any) -> str:
-    """The default, where the help does not name it: nothing for flags and for options that are left out."""
+    """The default, unless the help text names it; empty for flags and for options without a default."""
     default = getattr(option.default, "value", option.default)
     if option.required:
         return " Required."
@@ -88,12 +88,12 @@ def _default(option: Any) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text for a cell: a bar would end the cell."""
+    """Text for a cell of a Markdown table, with bars escaped, because a bar would end the cell."""
     return re.sub(r"(?<!\\)\|", r"\\|", " ".join(text.split()))
 
 
 def with_tables(page: str, all_commands: Mapping[str, TyperCommand]) -> str:
-    """The page with the table of every command as the program has it; ValueError for a command that there is not."""
+    """The page with every command's table up to date; ValueError if it names a command that does not exist."""
 
     def written(block: re.Match[str]) -> str:
         name = block["command"]

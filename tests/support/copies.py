@@ -1,4 +1,4 @@
-"""Copies of the packages that can be edited, and Python run with a copy in place of what is installed."""
+"""Copies of this project's packages that a test can edit, and Python run with a copy instead of the original."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tests.support.making import REPOSITORY
 
 
 def copy_of(folder: Path, *packages: str) -> Path:
-    """Copy packages of ours, without anything compiled; returns the folder they are in."""
+    """Copy packages of this project, without compiled files; returns the folder that holds them."""
     for package in packages:
         shutil.copytree(REPOSITORY / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
     return folder
 
 
 def edit(path: Path, old: str, new: str) -> None:
-    """Replace a text that a file holds once."""
+    """Replace a text that occurs exactly once in a file."""
     text = path.read_text(encoding="utf-8")
     assert text.count(old) == 1, f"{path} holds {old!r} {text.count(old)} times"
     path.write_text(text.replace(old, new), encoding="utf-8")
@@ -29,7 +29,7 @@ def edit(path: Path, old: str, new: str) -> None:
 def run_copy(
     folder: Path, *words: str, env: Mapping[str, str] | None = None, timeout_s: float = 300.0
 ) -> subprocess.CompletedProcess[str]:
-    """Run Python in a folder of copies, which come before what is installed; it may write no `.pyc` files."""
+    """Run Python in a folder of copies, which it imports before installed packages; it writes no `.pyc` files."""
     surroundings = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     return subprocess.run(
         [sys.executable, "-B", *words],

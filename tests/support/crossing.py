@@ -1,4 +1,4 @@
-"""Combinations of values and random cases: few of them in the default run, the rest behind the marker `more`."""
+"""Combinations of values and random cases for tests: few in the default run, the rest behind the marker `more`."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import pytest
 def crossed(*lists: Sequence[Any]) -> list[Any]:
     """Every combination of the values of several lists, as parameters of a test.
 
-    So many of them are in the default run that every pair of values of two lists is; of two lists themselves, so
-    many that every value is. All others have the marker `more`.
+    The default run has enough of them to contain every pair of values from two different lists (with only two lists:
+    every value). The others have the marker `more`.
     """
     combinations = list(product(*(range(len(one)) for one in lists)))
     missing = {part for combination in combinations for part in _parts(combination)}
@@ -33,9 +33,9 @@ def crossed(*lists: Sequence[Any]) -> list[Any]:
 
 
 def numbered(variable: str, usual: int, first: int = 0) -> list[Any]:
-    """Numbers of random cases, as the parameter of a test: a third in the default run, the rest marked `more`.
+    """The numbers of random cases, as parameters of a test: a third in the default run, the rest marked `more`.
 
-    Where the environment variable says how many there are, all of them are in one.
+    If the environment variable is set, it gives the number of cases, and all of them are in the default run.
     """
     if variable in os.environ:
         return [pytest.param(range(first, first + int(os.environ[variable])), id="all")]
@@ -45,12 +45,12 @@ def numbered(variable: str, usual: int, first: int = 0) -> list[Any]:
 
 
 def few(values: Iterable[Any], kept: Container[Any]) -> list[Any]:
-    """Values as parameters of a test; those that are not kept for the default run have the marker `more`."""
+    """Values as parameters of a test; those not in `kept`, the default run, have the marker `more`."""
     return [one if one in kept else pytest.param(one, marks=pytest.mark.more) for one in values]
 
 
 def _parts(combination: tuple[int, ...]) -> set[tuple[tuple[int, int], ...]]:
-    """What the default run must contain of a combination: its values if they are two, else its pairs of values."""
+    """What the default run must cover of a combination: its values if there are two, else its pairs of values."""
     places = list(enumerate(combination))
     if len(places) <= 2:
         return {(place,) for place in places}

@@ -1,4 +1,4 @@
-"""A Dask cluster of real processes on the loopback."""
+"""A Dask cluster of real processes on the loopback interface."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ START_WITHIN_S = 60.0
 
 @contextmanager
 def running_cluster(folder: Path, workers: int) -> Iterator[str]:
-    """The address of a scheduler whose workers are ready; all end with the block."""
+    """A context with the address of a scheduler whose workers are ready; at its end all processes end."""
     path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     env = {**os.environ, "PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
     file = folder / "scheduler.json"
@@ -52,7 +52,7 @@ def running_cluster(folder: Path, workers: int) -> Iterator[str]:
 
 
 def _wait_for(file: Path) -> None:
-    """Wait until a file has something in it."""
+    """Wait until a file is no longer empty."""
     deadline = time.monotonic() + START_WITHIN_S
     while not (file.is_file() and file.read_text()):
         if time.monotonic() > deadline:

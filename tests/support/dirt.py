@@ -1,4 +1,4 @@
-"""A clean record of a made-up trip, and every kind of defect that can be planted in it."""
+"""A clean record of a made-up trip, and functions that plant each kind of defect in it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STOOD_S = 10
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a record before it is written: `s_m` along the meridian from stop A, `east_m` beside it."""
+    """A point of a record before it is written: `s_m` north of stop A along the meridian, `east_m` east of it."""
 
     t: float
     s_m: float
@@ -39,7 +39,7 @@ Points = list[Point]
 
 
 def clean(length_m: float = LENGTH_M, start_m: float = 0.0, start_s: float = 0.0, stood_s: int = STOOD_S) -> Points:
-    """A run once a second with 10 s of standing before and after: a = 0.5 m/s², 30 m/s, whole seconds."""
+    """A trip with one point a second: 0.5 m/s² up to 30 m/s and down again, standing for 10 s before and after."""
     t, s, v = motion(length_m)
     before = [Point(start_s + i, start_m, 0.0) for i in range(stood_s)]
     run = [Point(start_s + stood_s + a, start_m + b, round(c, 9)) for a, b, c in zip(t, s, v, strict=True)]
@@ -48,7 +48,7 @@ def clean(length_m: float = LENGTH_M, start_m: float = 0.0, start_s: float = 0.0
 
 
 def changed(points: Points, at: Iterable[int], **by: float | Callable[[Point], float] | None) -> Points:
-    """Some points with other values."""
+    """The points, with the values of some of them changed."""
     chosen = set(at)
     return [
         replace(p, **{k: f(p) if callable(f) else f for k, f in by.items()}) if i in chosen else p
@@ -57,7 +57,7 @@ def changed(points: Points, at: Iterable[int], **by: float | Callable[[Point], f
 
 
 def write(folder: Path, points: Points, *, speeds: bool = True, on_route: bool = False) -> Path:
-    """A CSV with a header; a point without position is written without one."""
+    """Write points as a CSV with a header; the position of a point that has none is left empty."""
     place = ["position_m"] if on_route else ["lat", "lon"]
     rows = [",".join(["time_ms", *place, *(["speed_mps"] if speeds else [])])]
     for p in points:
@@ -71,7 +71,7 @@ def write(folder: Path, points: Points, *, speeds: bool = True, on_route: bool =
 
 
 def long_posts(folder: Path) -> Path:
-    """Kilometre posts from 5 km before stop A to 5 km beyond B."""
+    """Write the kilometre posts from 5 km before stop A to 5 km beyond stop B."""
     return posts_file(folder, *north(np.arange(-5000.0, LENGTH_M + 5001.0, 1000.0)))
 
 
@@ -83,7 +83,7 @@ def load(
 
 
 def on_route(folder: Path, points: Points, on: Route | None = None, *, positions: bool = False, **said: Any) -> Trip:
-    """The trip of a record written as CSV, on a route with geometry unless another is given, without posts."""
+    """The trip read from a CSV of these points, on a route with geometry (or `on`), without kilometre posts."""
     path = write(folder, points, on_route=positions)
     return load_trip(path, read_trip(path), on or route(geometry=True), TripOptions(**said))
 
@@ -93,7 +93,7 @@ def counts(trip: Trip) -> dict[FindingKind, int]:
 
 
 def check_truth(trip: Trip, points: Points, tolerance_m: float = 0.02, speed_mps: float = 0.6) -> None:
-    """Every point that is left is where the clean record has it; the smooth run is the motion."""
+    """Assert that every point kept is where the clean record has it, and that the smoothed trip is the true motion."""
     t = np.array([p.t for p in points])
     at = (trip.matched.time_ns * 1e-9) - EPOCH_S
     s, v = np.array([p.s_m for p in points]), np.array([p.v for p in points])
@@ -107,13 +107,13 @@ def check_truth(trip: Trip, points: Points, tolerance_m: float = 0.02, speed_mps
 
 
 def truth_of_run(trip: Trip, points: Points) -> tuple[Floats, Floats]:
-    """Positions (m) and speeds (m/s) of the clean record at the times of the smooth run."""
+    """Positions (m) and speeds (m/s) of the clean record at the times of the smoothed trip."""
     grid = trip.run.time_s + trip.run.start_time_ns * 1e-9 - EPOCH_S
     t, s, v = (np.array([getattr(p, name) for p in points]) for name in ("t", "s_m", "v"))
     return np.interp(grid, t, s), np.interp(grid, t, v)
 
 
-# Each plants one kind of defect; points 20 to 320 move.
+# Each function plants one kind of defect; the train moves from point 20 to point 320.
 def duplicates(p: Points) -> Points:
     return [x for i, q in enumerate(p) for x in ([q, replace(q, s_m=q.s_m + 3)] if i in (40, 41, 200, 300) else [q])]
 

@@ -1,4 +1,4 @@
-"""What is drawn for a day of the assessment: line, train, driver, and everything that is told or goes wrong on it."""
+"""The random draw of a day of the assessment: line, train, driver, messages, and everything that goes wrong."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from tests.support.raw_witness import Place
 
 CATALOGUE = REPOSITORY / "das" / "domain" / "catalogue"
 LINES = 6
-"""So many lines and trains; fronts of the free line are found once for each."""
+"""The number of lines with their trains; the fronts of each line without restrictions are solved once."""
 LEGS = ((0, 1), (1, 2), (2, 3), (0, 1), (1, 2), (2, 3), (0, 2), (1, 3))
 LONG_LEGS = ((0, 2), (1, 3))
-"""Of these stops of the line, the first and the last one of a day."""
+"""Pairs of the line's stops, by number: the first and the last stop of a day."""
 LONGEST_DELAY_S = 2.0
 NOTICED_S = 2.5
-"""Positions that are off for no longer than this must not be believed."""
+"""The cab must not believe positions that are wrong for no longer than this."""
 
 
 class Operators(StrEnum):
-    """What becomes of the operators on a day."""
+    """What happens to the operators on a day."""
 
     ONE = "one"
     LOST = "lost"
@@ -37,16 +37,16 @@ class Operators(StrEnum):
 
 
 class Style(StrEnum):
-    """How a driver does what he is shown."""
+    """How a driver follows what he is shown."""
 
     FORCE = "force"
     """He applies exactly the wheel force of the message."""
     EFFORT = "effort"
-    """He does what the card shows: mode and effort until the speed is reached, which he then holds."""
+    """He applies the mode and effort shown until the speed is reached, and then holds the speed."""
     SPEED = "speed"
     """He holds the speed that is shown, with full effort."""
     CARELESS = "careless"
-    """He looks rarely, acts late and brakes weakly, but minds limits and stops with his own eyes."""
+    """He looks rarely, acts late and brakes weakly, but watches limits and stops himself."""
 
 
 class Upset(StrEnum):
@@ -54,9 +54,9 @@ class Upset(StrEnum):
 
     NONE = "none"
     JUMP = "jump"
-    """The measured position is off by tens to hundreds of metres for some seconds."""
+    """The measured position is wrong by tens to hundreds of metres for some seconds."""
     WRONG_SPEED = "wrong-speed"
-    """The measured speed is off by a share of itself for some seconds."""
+    """The measured speed is wrong by a constant share for some seconds."""
     SILENT = "silent"
     """No position comes for some seconds."""
     FROZEN = "frozen"
@@ -78,15 +78,16 @@ STYLES: dict[Presentation, tuple[Style, ...]] = {
     Presentation.RMS: (Style.SPEED, Style.CARELESS),
     Presentation.FOUR_MODE: (Style.EFFORT, Style.CARELESS),
 }
-"""Which drivers there are for each presentation: those that it shows enough for."""
+"""The styles of driving that each presentation shows enough for."""
 SHARES = {Presentation.COACH: 0.5, Presentation.VECTOR: 0.26, Presentation.RMS: 0.12, Presentation.FOUR_MODE: 0.12}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
-    """A list of restrictions that is told at a time (s): those at fixed places, and one that begins ahead of the train.
+    """A list of restrictions sent at a time (s): those at fixed places, and perhaps one near the train.
 
-    `ahead` is the way from the head (m, < 0: it begins behind it), the length (m) and the limit (m/s).
+    `ahead` describes the one near the train: distance from the head (m; < 0: it begins behind the head), length (m) and
+    limit (m/s).
     """
 
     at_s: float
@@ -103,17 +104,17 @@ class Told:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """What is wrong with what is measured and with the clocks."""
+    """The faults of the sensors and the clocks on a day."""
 
     gain: float = 1.0
-    """The force sensor says so many times the true force."""
+    """The force sensor reports the true force times this."""
     clock_off_s: float = 0.0
     force_clock_off_s: float = 0.0
     upset: Upset = Upset.NONE
     upset_s: tuple[float, float] = (0.0, 0.0)
-    """From when to when (s)."""
+    """The beginning and end of the disturbance (s)."""
     upset_by: float = 0.0
-    """By how much: metres of a jump, or the share of the speed."""
+    """The size of the disturbance: metres of a jump, or the share of the speed."""
     clock_step: tuple[float, float] = (0.0, 0.0)
     """When (s) the cab's clock is set, and by how much (s)."""
     late_ratio: float = 0.0
@@ -121,19 +122,19 @@ class Sensors:
 
     @property
     def lies(self) -> bool:
-        """Whether a sensor says something wrong so long that nobody could know better."""
+        """Whether a sensor is wrong for so long that the cab cannot notice."""
         from_s, to_s = self.upset_s
         return self.upset is Upset.WRONG_SPEED or (self.upset is Upset.JUMP and to_s - from_s > NOTICED_S)
 
     @property
     def clean(self) -> bool:
-        """Whether nothing is wrong with positions and clocks (late or doubled messages are usual on a bus)."""
+        """Whether positions and clocks have no faults (late or repeated messages are normal on a bus)."""
         return self.upset is Upset.NONE and self.clock_off_s == 0.0 and self.clock_step[1] == 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """What is drawn for a day."""
+    """Everything that is drawn for a day."""
 
     seed: int
     presentation: Presentation
@@ -142,31 +143,31 @@ class Drawn:
     operators: Operators
     sensors: Sensors
     lists: tuple[Told, ...]
-    """From when on (s) which restrictions hold."""
+    """The lists of restrictions, each in force from the time it is sent until the next one."""
     rival: tuple[Place, ...]
     happens_s: float
     change: Change
     changes_s: float
     change_by: float
-    """Of a change of the journey: a number between 0 and 1 that says where or by how much."""
+    """Where, or by how much, the journey is changed: a number between 0 and 1."""
     stops: tuple[int, int]
-    """The numbers of the first and the last stop of the day: most days are one leg."""
+    """The numbers of the first and the last stop of the day; most days have only one leg."""
     buffer_ratio: float
     blended: bool
 
     @property
     def clean(self) -> bool:
-        """Whether the last word has nothing to do on this day."""
+        """Whether the last word must find nothing to replace on this day."""
         return self.sensors.clean
 
     @property
     def steady(self) -> bool:
-        """Whether advice is due in nearly every second: the day is clean, and one operator alone speaks."""
+        """Whether advice is due in nearly every second: the day is clean, and there is only one operator."""
         return self.clean and self.operators in (Operators.ONE, Operators.NODE_RESTARTED)
 
     @property
     def said(self) -> str:
-        """What is drawn, in short."""
+        """The day in a short text."""
         sensors = self.sensors
         parts = [
             f"day {self.seed}: {self.presentation} {self.style} (delay {self.delay_s:.1f} s)",
@@ -186,9 +187,9 @@ class Drawn:
 
 
 def draw(seed: int, presentation: Presentation | None = None, style: Style | None = None) -> Drawn:
-    """Draw a day; a presentation or a style that is given replaces the drawn one, and changes nothing else.
+    """Draw a day; a given presentation or style replaces the drawn one and changes nothing else.
 
-    Every part has a stream of numbers of its own, so that a new part leaves the days as they are.
+    Every part of the day has its own stream of random numbers, so that adding a part does not change existing days.
     """
 
     def stream(part: int) -> np.random.Generator:
@@ -221,7 +222,7 @@ def draw(seed: int, presentation: Presentation | None = None, style: Style | Non
 
 
 def _places(random: np.random.Generator, most: int) -> tuple[Place, ...]:
-    """Restrictions anywhere on the line, of any length; they may overlap, lie at stops or off the line."""
+    """Random restrictions of any length; they may overlap, lie at stops or lie outside the line."""
     made = []
     for _ in range(int(random.integers(0, most + 1))):
         start_m = float(random.uniform(-300.0, 7000.0))
@@ -230,11 +231,11 @@ def _places(random: np.random.Generator, most: int) -> tuple[Place, ...]:
 
 
 def _lists(random: np.random.Generator) -> tuple[Told, ...]:
-    """The first list, and those that replace it: with another place, a place near the train, or with less."""
+    """The first list and those that replace it: with one near the train added, with one dropped, or all new."""
     lists = [Told(at_s=-10.0, places=_places(random, 2))]
     for at_s in sorted(random.uniform(0.0, 150.0, int(random.choice([0, 1, 2], p=[0.4, 0.4, 0.2]))).tolist()):
         kind, kept = random.random(), lists[-1].places
-        if kind < 0.5:  # Near the train: often nearer than it can brake for, or behind its head.
+        if kind < 0.5:  # Near the train: often too near to brake for, or behind its head.
             way_m = float(random.uniform(-150.0, 1200.0))
             ahead = way_m, float(random.uniform(20.0, 800.0)), float(random.uniform(3.0, 30.0))
             lists.append(Told(at_s=at_s, places=kept, ahead=ahead))
@@ -246,7 +247,7 @@ def _lists(random: np.random.Generator) -> tuple[Told, ...]:
 
 
 def _sensors(random: np.random.Generator) -> Sensors:
-    """Force sensors, clocks and disturbances of a day; six days of ten are clean."""
+    """The faults of sensors and clocks on a day; six days of ten have none."""
     gain = float(random.choice([1.0, random.uniform(0.5, 1.5)], p=[0.4, 0.6]))
     kind, from_s, for_s = float(random.random()), float(random.uniform(10.0, 120.0)), float(random.uniform(1.0, 15.0))
     jump, ratio = float(random.uniform(-300.0, 300.0)), float(random.uniform(-0.3, 0.3))
@@ -261,13 +262,13 @@ def _sensors(random: np.random.Generator) -> Sensors:
         return Sensors(gain=gain, clock_step=(from_s, step_s), late_ratio=late)
     upset = list(Upset)[1 + int(random.integers(0, len(Upset) - 1))]
     by = ratio if upset is Upset.WRONG_SPEED else jump
-    if upset is Upset.JUMP and late:  # Half of the jumps are so short that they must be noticed.
+    if upset is Upset.JUMP and late:  # Half of the jumps are so short that the cab must notice them.
         for_s = min(for_s, NOTICED_S)
     return Sensors(gain=gain, upset=upset, upset_s=(from_s, from_s + for_s), upset_by=by)
 
 
 def write_files(folder: Path, number: int, *, blended: bool) -> tuple[Path, Path]:
-    """Write the route and the vehicle of a number: a short hilly line with limits, and a train for it."""
+    """Write the files of route and vehicle with this number: a short hilly line with limits, and a train for it."""
     random = np.random.default_rng([19, number])
     length_km = round(float(random.uniform(5.0, 8.0)), 3)
     inner_km = [round(float(random.uniform(*part)) * length_km, 3) for part in ((0.25, 0.4), (0.5, 0.7))]
@@ -290,7 +291,7 @@ def write_files(folder: Path, number: int, *, blended: bool) -> tuple[Path, Path
         + f'[gradients]\ncolumns = ["position_km", "gradient_permille"]\nrows = {gradients}\n'
     )
     text = (CATALOGUE / "vehicles" / "re460-ic.toml").read_text()
-    # A train that blends has more brake than the plan uses: friction brakes take seconds to build up.
+    # A train that blends its brakes can brake harder than planned, because friction brakes build up slowly.
     limited = "max_deceleration_mps2 = 0.6\n" if blended else ""
     changes = {
         "mass_t = 440.0": f"{limited}mass_t = {random.uniform(300, 560):.1f}",

@@ -1,4 +1,4 @@
-"""A node without sockets: messages go in by hand, and what it publishes is kept."""
+"""A node without sockets: the test hands it messages, and everything that it publishes is kept."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROUTE, VEHICLE = load_route("flat-6km"), load_vehicle("re460-ic")
 
 
 class Sink:
-    """Stands where the bus stands, keeps what the node publishes, and sends nothing."""
+    """A stand-in for the bus: it keeps what the node publishes, and sends nothing."""
 
     train = TRAIN
     dropped = 0
@@ -40,7 +40,7 @@ class Sink:
         self.said.append((topic, topic.message.FromString(payload)))
 
     def presences(self) -> list[Presence]:
-        """Publishers that came or went since this was last asked."""
+        """Publishers that appeared or disappeared since the last call."""
         seen, self.seen = self.seen, []
         return seen
 
@@ -52,14 +52,14 @@ class Sink:
 
 
 def make_node(sink: Sink, settings: CabSettings | None = None, fronts: Fronts = FRONTS) -> Node:
-    """A node with the clock of the bus, on the flat line."""
+    """A node on the flat line that takes its time from the bus."""
     post = Post(train=TRAIN, route=ROUTE, trains=Trains(VEHICLE, VEHICLE))
     cab = Cab(post, Situation(route=ROUTE, vehicle=VEHICLE), fronts, settings)
     return Node(sink, cab, BusClock())  # type: ignore[arg-type]
 
 
 class DrivenNode:
-    """A node whose train runs at 20 m/s from second 0 on; it was told a journey, and that there are no restrictions."""
+    """A node whose train runs at 20 m/s from second 0 on; it has a journey, and an empty list of restrictions."""
 
     def __init__(self, settings: CabSettings | None = None, *, told: bool = True, fronts: Fronts = FRONTS) -> None:
         self.sink = Sink()
@@ -72,7 +72,7 @@ class DrivenNode:
         self.node.take(decoded(topic, topic.key(TRAIN), message.SerializeToString(), source))
 
     def tell_time(self, second: float) -> None:
-        """Ask for the advice of a moment."""
+        """Ask for the advice at a second."""
         self.tell(CONTROL, das_pb2.Control(time_ns=START_NS + round(second * S), tick=round(second)))
 
     def last_advice(self) -> Any:
@@ -80,7 +80,7 @@ class DrivenNode:
         return self.sink.of(ADVICE)[-1]
 
     def tick(self, second: float, s_m: float | None = None) -> Any:
-        """The one advice for a moment."""
+        """The one advice that the node publishes for a second."""
         now_ns = START_NS + round(second * S)
         before = len(self.sink.of(ADVICE))
         place_m = 20.0 * second if s_m is None else s_m

@@ -1,5 +1,7 @@
-"""The bundled sections with their fronts and few-switch fronts, made once a process: what tests of few-switch
-trajectories need."""
+"""The bundled sections with their fronts and few-switch fronts, for tests of few-switch trajectories.
+
+Each of them is made once in a process.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,13 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 
 BUNDLED = (("flat-6km", 0), ("zurich-luzern", 0), ("zurich-luzern", 1), ("zurich-luzern", 2))
-"""Route and number of the section of every section that comes with the program."""
+"""Every section that comes with the program: its route, and its number on that route."""
 BUFFERS = (0.03, 0.08, 0.15, 0.30)
 Which = tuple[str, int]
 
 
 class Asked(NamedTuple):
-    """A time asked of a section from its start, and the schedules for it before and after polishing."""
+    """A requested time (s) for a section from its start, and the schedules for it before and after polishing."""
 
     time_s: float
     scheduled: Scheduled
@@ -41,18 +43,18 @@ def section_of(which: Which) -> Section:
 
 @cache
 def front_of(which: Which) -> Front:
-    """The optimal runs of a bundled section."""
+    """The front of optimal trajectories of a bundled section."""
     return solve_front(section_of(which))
 
 
 @cache
 def few_switch_of(which: Which, change_s: float = FewSwitchSettings().change_s) -> FewSwitchFront:
-    """The few-switch trajectories of a bundled section, where a change costs what full power needs in a time."""
+    """The few-switch trajectories of a bundled section; each change costs the energy of full power for `change_s`."""
     return solve_few_switch(section_of(which), FewSwitchSettings(change_s=change_s))
 
 
 def asked_s(which: Which, buffer_ratio: float) -> float:
-    """The time of a section with a buffer over the least possible."""
+    """The least time of a bundled section (s) plus a buffer (a ratio of that time)."""
     return front_of(which).fastest().time_s * (1.0 + buffer_ratio)
 
 
@@ -66,12 +68,12 @@ def schedules(which: Which, buffer_ratio: float) -> Asked:
 
 
 def excess_ratio(which: Which, energy_j: float, time_s: float) -> float:
-    """By what share an energy is above the least that the table knows in the same time."""
+    """By what share an energy exceeds the least energy of the section for the same time."""
     return energy_j / front_of(which).trajectory(time_s).table_bound_j - 1.0
 
 
 def lasts_s(schedule: Schedule) -> list[float]:
-    """How long every phase of a schedule from the start of its section lasts in its run."""
+    """How long (s) each phase of a schedule that starts with its section lasts."""
     elapsed = schedule.section.elapsed_s(schedule.known.speed_mps)
     begins = [one.begin for one in schedule.phases] + [len(schedule.section.step_m)]
     return [float(elapsed[b] - elapsed[a]) for a, b in pairwise(begins)]

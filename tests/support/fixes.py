@@ -1,4 +1,4 @@
-"""A made-up run of a train and the position fixes of a receiver on it, for tests of the filter and the localisation."""
+"""A made-up drive of a train, and position fixes of a receiver on it, for tests of the filter and the localisation."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ SD_M, SD_MPS = 3.0, 0.05
 
 
 def ns(seconds: float) -> int:
-    """Time in ns since 1970, so many seconds after the beginning of the run."""
+    """The time in ns since 1970, given the seconds since the beginning of the drive."""
     return T0 + round(seconds / NS)
 
 
 def at(time_s: float, s_m: float, speed_mps: float, **more: object) -> PositionFix:
-    """A fix of usual quality at a time of the run; further fields of the fix can be given by name."""
+    """A fix of usual quality at a time of the drive (s); `more` sets further fields of the fix."""
     given = {"uncertainty_m": SD_M, "speed_uncertainty_mps": SD_MPS, **more}
     return PositionFix(time_ns=ns(time_s), s_m=s_m, speed_mps=speed_mps, **given)  # type: ignore[arg-type]
 
 
 def truth(time_s: float) -> tuple[float, float]:
-    """Position and speed: 10 s at a stand, 50 s at 0.6 m/s², 60 s at 30 m/s, 40 s at −0.75 m/s², then at a stand."""
+    """True position and speed: 10 s at rest, 50 s at 0.6 m/s², 60 s at 30 m/s, 40 s at −0.75 m/s², then at rest."""
     s_m = speed_mps = 0.0
     for until_s, rate in ((10, 0.0), (60, 0.6), (120, 0.0), (160, -0.75), (math.inf, 0.0)):
         begun_s = {10: 0, 60: 10, 120: 60, 160: 120}.get(until_s, 160)
@@ -45,7 +45,7 @@ def truth(time_s: float) -> tuple[float, float]:
 def fixes(
     until_s: float, *, from_s: float = 0.0, hz: float = 1.0, seed: int = 1, noise_m: float = SD_M
 ) -> Iterator[PositionFix]:
-    """What a receiver reports of `truth`: positions with an error that wanders, speeds with independent noise."""
+    """What a receiver reports of `truth`: positions with a slowly drifting error, speeds with independent noise."""
     random = np.random.default_rng(seed)
     keep, off_m = math.exp(-1 / hz / WANDER_S), noise_m * random.standard_normal()
     for i in range(round((until_s - from_s) * hz) + 1):
@@ -57,7 +57,7 @@ def fixes(
 
 
 def heard(until_s: float, **more: float) -> Localisation:
-    """A localisation that has heard usual fixes up to a time (s); `more` is passed on to `fixes`."""
+    """A localisation that has received usual fixes up to a time (s); `more` is passed on to `fixes`."""
     localisation = Localisation(TRAIN)
     for fix in fixes(until_s, **more):  # type: ignore[arg-type]
         localisation.take(fix)

@@ -31,7 +31,7 @@ solved: list[Service] = []
 
 
 def service_for(scenario: Scenario) -> Service:
-    """The service of a scenario; its line is solved only if none of the last services was planned in the same way."""
+    """The service of a scenario; its line is solved only if none of the latest services can be used again."""
     found = next((one for one in solved if one.plans(scenario)), None)
     if found is None:
         found = prepare_service(scenario)
@@ -54,7 +54,7 @@ def flat_day(more: str = "") -> Day:
 
 
 def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantState, ...]:
-    """Every state of the train on a day of a scenario, with a kind of driver who sees one kind of advice."""
+    """Every state of the train on a day of a scenario, with this kind of driver and this presentation of the advice."""
     service = service_of(path)
     day = make_day(service, seed)
     made = make_driver(DriverKind(driver), service.line, seed=seed)
@@ -62,17 +62,17 @@ def states_of(path: Path, driver: str, advice: str, seed: int) -> tuple[PlantSta
 
 
 def run_of(path: Path, driver: str, advice: str = "vector") -> Run:
-    """The whole run on the day of seed 1; its service is prepared anew, from the file."""
+    """The whole run of the day with seed 1; its service is prepared from the file each time."""
     service = prepare_service(read_scenario(path))
     made = make_driver(DriverKind(driver), service.line, seed=1)
     return World(make_day(service, 1), made, Presentation(advice), InProcess(service)).run()
 
 
 def standing_m(run: Run) -> list[float]:
-    """The places (m) where the train came to a stand, in order."""
+    """The positions (m) where the train stopped, in order."""
     return [after.s_m for before, after in pairwise(run.states) if before.speed_mps > 0 >= after.speed_mps]
 
 
 def signal_at(at_m: float, seen_m: float) -> str:
-    """A disturbance for a scenario file: a signal at danger that clears 2 min after it was seen."""
+    """A disturbance for a scenario file: a signal at danger that clears 2 min after the driver sees it."""
     return f"[[disturbances]]\nkind = 'signal-stop'\nat_m = {at_m}\nseen_m = {seen_m}\nclears_after_s = 120\n"

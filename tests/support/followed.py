@@ -1,4 +1,4 @@
-"""A follower of the horizon of an advice, who departs as soon as he is told to, because he is always cleared."""
+"""A driver who follows the horizon of an advice exactly; he is always cleared, and departs as soon as advised."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ DEPARTS_MPS = 0.5
 
 
 def after_a_second_mps(advice: Any) -> float:
-    """The speed in one second of a train that is cleared and does what an advice says."""
+    """The speed (m/s), one second later, of a train that is cleared and whose driver follows an advice."""
     return DEPARTS_MPS if advice.mode == Regime.DEPART else float(advice.horizon_speed_mps[0])

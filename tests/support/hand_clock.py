@@ -1,4 +1,4 @@
-"""A clock that a test sets."""
+"""A clock that the test sets by hand."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from das.domain.units import NS
 
 
 class HandClock:
-    """The time that a test sets (ns since 1970), in place of the wall's; its seconds go with it."""
+    """A clock that shows the time set by the test (ns since 1970) instead of the system time."""
 
     def __init__(self, time_ns: int) -> None:
         self.time_ns = time_ns
@@ -20,5 +20,5 @@ class HandClock:
 
     @property
     def clocks(self) -> Clocks:
-        """Both clocks of a recorder."""
+        """The two clocks that a recorder needs, both set by this one."""
         return Clocks(now_ns=self, seconds=self.seconds)

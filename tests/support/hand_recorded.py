@@ -1,4 +1,4 @@
-"""A recording made by hand, in memory: a train at 20 m/s for 100 s, and what else was sent."""
+"""Recordings made by hand, in memory: a train that runs at 20 m/s for 100 s, and further messages."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def logged(t_s: float, text: str, topic: topics.Topic = topics.LOG, level: int =
 
 
 def day() -> Recording:
-    """A day with everything in it."""
+    """A recording with every kind of message that these tests use."""
     return recorded(
         *(advice(t, mode=3, advised_speed_mps=19.0, position_sd_m=2.0, s_m=20.0 * t) for t in range(60)),
         *(withdrawn(t, "uncertain") for t in range(60, 80)), *(advice(t, mode=4) for t in range(80, 101)),

@@ -1,4 +1,4 @@
-"""A made-up line along a meridian or an arc, its kilometre posts, a motion on it and a record of that motion."""
+"""A made-up line along a meridian or an arc, with kilometre posts, a motion on it and a record of that motion."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ START_NS = 1_469_780_350_000_000_000
 
 
 def north(s_m: Floats, east_m: Floats | float = 0.0) -> tuple[Floats, Floats]:
-    """Points on a meridian: arc length s north of the origin is exactly R·Δφ; `east_m` beside it."""
+    """Points `s_m` north of the origin along the meridian (exactly R·Δφ), and `east_m` east of it."""
     latitude = ORIGIN[0] + np.degrees(s_m / EARTH_RADIUS_M)
     return latitude, ORIGIN[1] + np.degrees(east_m / EARTH_RADIUS_M / np.cos(np.radians(latitude)))
 
 
 def arc(s_m: Floats, radius_m: float) -> tuple[Floats, Floats]:
-    """Points at arc length s along a circle that starts northwards from the origin."""
+    """Points at arc length `s_m` along a circle that starts northwards from the origin."""
     angle = s_m / radius_m
     latitude = ORIGIN[0] + np.degrees(radius_m * np.sin(angle) / EARTH_RADIUS_M)
     east = radius_m * (1 - np.cos(angle))
@@ -40,12 +40,12 @@ def posts_file(folder: Path, latitude: Floats, longitude: Floats, first: int = 3
 
 
 def posts(folder: Path, length_m: float = 10_000.0) -> Line:
-    """Kilometre posts along the meridian; chainage 0 at the origin."""
+    """Kilometre posts along the meridian, with chainage 0 at the origin."""
     return read_kilometre_posts(posts_file(folder, *north(np.arange(0, length_m + 1, 1000.0))))
 
 
 def route(length_m: float = 8000.0, *, geometry: bool = False) -> Route:
-    """A flat route; with geometry along the meridian, position 0 at the origin."""
+    """A level route; with `geometry` it runs along the meridian, with position 0 at the origin."""
     position = np.arange(0, length_m + 1, 500.0) if geometry else np.array([])
     latitude, longitude = north(position)
     return replace(
@@ -58,7 +58,7 @@ def route(length_m: float = 8000.0, *, geometry: bool = False) -> Route:
 
 
 def motion(length_m: float = 8000.0, a: float = 0.5, top: float = 30.0) -> tuple[Floats, Floats, Floats]:
-    """t, s, v once a second of a run that accelerates at a, cruises, brakes at a; its whole time is whole seconds."""
+    """Time, position and speed once a second: accelerate at a, cruise, brake at a; whole seconds in all."""
     ramp = top / a
     cruise = (length_m - top * ramp) / top
     t = np.append(np.arange(0.0, 2 * ramp + cruise), 2 * ramp + cruise)
@@ -69,7 +69,7 @@ def motion(length_m: float = 8000.0, a: float = 0.5, top: float = 30.0) -> tuple
 
 
 def record(t: Floats, s: Floats, v: Floats, *, from_m: float = 1500.0, east_m: Floats | float = 0.0) -> Record:
-    """A record of a motion along the meridian that starts `from_m` north of the origin."""
+    """The record of a motion along the meridian that starts `from_m` north of the origin."""
     latitude, longitude = north(from_m + s, np.broadcast_to(east_m, s.shape))
     return Record.of(
         "trip.csv",

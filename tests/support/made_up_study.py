@@ -1,6 +1,7 @@
-"""Studies whose truth is known: made-up trials of made-up drivers, in memory or as the folder of a study.
+"""Studies whose true effects are known: made-up trials of made-up drivers, in memory or as the folder of a study.
 
-Drivers differ in their level and in their effect, both skewed; conditions differ in noise, 7-fold at most.
+Drivers differ in their mean and in the effect of a condition on them, both with skewed distributions. Conditions differ
+in noise, by a factor of 7 at most.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from sim.experiment.plan import PlannedComparison, StudyPlan, VariedFactor
 MEASURE = "gap_to_optimum_ratio"
 LEVELS = ("none", "top-speed", "vector")
 NOISE = (0.0034, 0.023, 0.018)
-"""Residual standard deviations that were measured on the simulated driver (a ratio)."""
+"""The residual standard deviations measured on the simulated driver (ratios)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What is true of a made-up study: means of the conditions, standard deviations of what is random."""
+    """The true parameters of a made-up study: means of the conditions, and standard deviations of all random parts."""
 
     drivers: int = 24
     days: int = 3
@@ -40,16 +41,16 @@ class Truth:
     shared_days: bool = True
     skewed: bool = True
     extra: dict[str, float] = field(default_factory=dict)
-    """`drift`: added for each trial that came before. `carried`: added after a trial with the last level."""
+    """Optional effects. `drift` is added for each earlier trial, `carried` right after a trial with the last level."""
 
 
 def drawn(rng: np.random.Generator, shape: tuple[int, ...], skewed: bool) -> Floats:
-    """Numbers with mean 0 and standard deviation 1; skewed ones are those of a gamma distribution (skewness 1.2)."""
+    """Random numbers with mean 0 and standard deviation 1; if `skewed`, from a gamma distribution (skewness 1.2)."""
     return rng.gamma(3.0, size=shape) / np.sqrt(3.0) - np.sqrt(3.0) if skewed else rng.normal(size=shape)
 
 
 def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedComparison, ...] = ()) -> RunStudy:
-    """A study in memory: each driver drives every level on each of his days, in an order of his own."""
+    """A study in memory in which each driver drives every level on each of his days, in his own order."""
     rng = np.random.default_rng(seed)
     n, k, levels = truth.drivers, truth.days, len(truth.means)
     level = truth.level_sd * drawn(rng, (n, 1, 1), truth.skewed)
@@ -85,7 +86,7 @@ def made_up_study(truth: Truth, seed: int, comparisons: tuple[PlannedComparison,
 
 
 def made_up_groups(truth: Truth, seed: int) -> RunStudy:
-    """A study whose drivers drive one level each: the first of two levels the odd ones, the second the even ones."""
+    """A study of two levels in which each driver drives only one: odd drivers the first, even drivers the second."""
     whole = made_up_study(truth, seed)
     trials, plan = whole.trials, whole.plan
     names, level = list(np.unique(trials.participant)), trials.levels["presentation"]
@@ -103,7 +104,7 @@ def made_up_groups(truth: Truth, seed: int) -> RunStudy:
 
 
 def after_last(order: Any, levels: int) -> Floats:
-    """1 for each trial that came right after one with the last level, else 0; (drivers, days, levels)."""
+    """1 for each trial right after a trial with the last level, else 0; shape (drivers, days, levels)."""
     n, trials = order.shape
     result = np.zeros((n, trials))
     for row in range(n):
@@ -126,25 +127,25 @@ RESAMPLES = 999
 
 
 def probability(study: RunStudy, a: str, b: str) -> float:
-    """What the analysis says on one comparison of a study."""
+    """The probability that the analysis gives for one comparison of a study."""
     pairs = paired_trials(study, compared(a, b))
     rng = generator(study, "made-up")
     return paired_estimate(pairs.means, RESAMPLES, rng).probability
 
 
 def positive(truth: Truth, a: str, b: str, studies: int = STUDIES) -> float:
-    """The share of made-up studies in which a difference stands out from chance."""
+    """The share of made-up studies in which the analysis finds a significant difference."""
     return float(np.mean([probability(made_up_study(truth, seed), a, b) < 0.05 for seed in range(studies)]))
 
 
 def checked(study: RunStudy, comparison: PlannedComparison) -> list[AssumptionCheck]:
-    """The checks of a comparison of a made-up study."""
+    """The checks of assumptions for one comparison of a made-up study."""
     shown = ShownMeasure.of(MEASURE, study.meanings[MEASURE], study.trials.values[MEASURE])
     return checks_of(study, comparison, compared_trials(study, comparison), shown)
 
 
 def design_of(study: RunStudy) -> dict[str, Any]:
-    """The content of `design.json`, as das-sim experiment run freezes it."""
+    """The content of `design.json`, as `das-sim experiment run` writes it."""
     plan = study.plan
     return {
         "hash": plan.hash,
@@ -164,7 +165,7 @@ def design_of(study: RunStudy) -> dict[str, Any]:
 
 
 def write_study(study: RunStudy, folder: Path) -> Path:
-    """Write a study in memory as a folder; the same trials can be read from it."""
+    """Write a study in memory as a folder from which the same trials can be read."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "design.json").write_text(json.dumps(design_of(study)), encoding="utf-8")
     text = io.StringIO()

@@ -1,4 +1,4 @@
-"""What several tests need: small routes, trains and a loss chain, and commands run here or as a process."""
+"""Helpers of many tests: small routes, trains and a loss chain, and commands run in this process or another."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ CHAIN = LossChain(
 def make_route(
     length_m: float, limits: list[tuple[float, float]], grades: list[tuple[float, float]] | None = None
 ) -> Route:
-    """A straight line from stop A to stop B: limits (m/s) and gradients (ratio; default: level) from positions (m)."""
+    """A straight line from stop A to stop B, with limits (m/s) and gradients (ratio; default: 0) from positions (m)."""
 
     def stretches(rows: list[tuple[float, float]]) -> Stretches:
         return Stretches(start_m=np.array([r[0] for r in rows]), value=np.array([r[1] for r in rows]))
@@ -86,7 +86,7 @@ def make_route(
 def make_train(
     *, resistance: tuple[float, float, float] = (0.0, 0.0, 0.0), power_w: float = 1e12, loss: LossModel = LOSSLESS
 ) -> Vehicle:
-    """A point mass of 100 t with 100 kN both ways; R = c0 + c1·v + c2·v² (N, v in m/s)."""
+    """A point mass of 100 t with 100 kN of traction and of brakes; R = c0 + c1·v + c2·v² (N, v in m/s)."""
     effort = EffortEnvelope(max_force_n=1e5, max_power_w=power_w)
     return Vehicle(
         id="test",
@@ -118,7 +118,7 @@ def csv_rows(run: Trajectory) -> NDArray[np.float64]:
 
 
 def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
-    """Run das-precompute in a folder, within this process: imports and kernels need not be loaded again."""
+    """Run das-precompute in a folder, within this process, so that imports and kernels are not loaded again."""
     return run_here(precompute.cli.program.main, precompute.cli.program.__file__, args, folder)
 
 
@@ -130,12 +130,12 @@ def printed(folder: Path, *args: str) -> str:
 
 
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run das-sim in a folder, within this process; a node, a recorder and workers are still processes of their own."""
+    """Run das-sim in a folder, within this process; it still starts a node, a recorder and workers as processes."""
     return run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)
 
 
 def refusal(*args: str, cwd: Path) -> str:
-    """The one line in which das-sim refuses its arguments."""
+    """The one line with which das-sim refuses these arguments."""
     done = das_sim(*args, cwd=cwd)
     assert done.returncode == 2, done.stdout + done.stderr
     (line,) = [line for line in done.stderr.splitlines() if line.strip()]
@@ -144,7 +144,7 @@ def refusal(*args: str, cwd: Path) -> str:
 
 
 def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> bool:
-    """Look every 50 ms whether something is done, for some time at most; whether it was."""
+    """Check every 50 ms whether something is done, for at most `for_s`; returns whether it was."""
     deadline = time.monotonic() + for_s
     while time.monotonic() < deadline:
         if done():
@@ -154,7 +154,7 @@ def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> bool:
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
-    """Run a command of this checkout as a process, as users do. One test of each command does so."""
+    """Run a command of this checkout as a process, as users do; one test of each command uses this."""
     paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
     return subprocess.run(
         [sys.executable, "-m", module, *args],
@@ -170,7 +170,7 @@ def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -
 def run_here(
     main: Callable[[], object], program: str, args: Sequence[str], cwd: Path
 ) -> subprocess.CompletedProcess[str]:
-    """Call an entry point with the arguments, folder and output of a process; put signal handlers back afterwards."""
+    """Call an entry point as if it were a process, with arguments, folder and output; restore signal handlers."""
     command = [program, *args]
     output, errors = io.StringIO(), io.StringIO()
     handlers = [(number, signal.getsignal(number)) for number in STOP_SIGNALS]

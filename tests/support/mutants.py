@@ -25,9 +25,9 @@ from tests.support.making import REPOSITORY
 
 COPIED = ("das", "precompute", "sim", "tests", "recordings", "docs", "pyproject.toml", "README.md", "mkdocs.yml")
 LIMIT_S = 900.0
-"""A test that hangs has noticed."""
+"""A test that runs longer than this (s) hangs, and counts as having noticed the mutant."""
 DAYS = "50"
-"""So many days of the assessment are driven where nothing nearer has noticed: as many as in CI."""
+"""The number of days of the assessment to drive if no nearer test has noticed the mutant; as many as in CI."""
 
 BRAKES = "tests/das/advice/test_braking.py tests/das/advice/test_planner.py tests/das/advice/coach tests/das/advice/test_advice.py"
 LAST = "tests/das/advice/test_last_word.py"
@@ -40,7 +40,7 @@ ASSESSED = "tests/property/test_assessment.py"
 
 
 class Mutant(NamedTuple):
-    """A change of one file: what is replaced by what, and the tests that are nearest to it."""
+    """A change of one file: the text replaced, its replacement, and the tests nearest to it."""
 
     name: str
     file: str
@@ -215,7 +215,7 @@ MUTANTS = [
 
 
 def changed(mutant: Mutant) -> str:
-    """The text of the mutant's file; ValueError where what it replaces is not there exactly once."""
+    """The text of the mutant's file; ValueError if the text to replace does not occur exactly once."""
     text = (REPOSITORY / mutant.file).read_text(encoding="utf-8")
     if text.count(mutant.old) != 1:
         raise ValueError(f"{mutant.file}: {mutant.old!r} is there {text.count(mutant.old)} times, expected once")
@@ -223,7 +223,7 @@ def changed(mutant: Mutant) -> str:
 
 
 def noticed(mutant: Mutant, tree: Path) -> str:
-    """The first test that fails with the mutant in the tree; nothing where none does. The tree is left as it was."""
+    """The first test that fails with the mutant in the tree; empty if none does. The tree is restored afterwards."""
     file = tree / mutant.file
     before = file.read_text(encoding="utf-8")
     file.write_text(changed(mutant), encoding="utf-8")

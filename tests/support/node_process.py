@@ -1,4 +1,4 @@
-"""A node, or another program of ours, as a real process over real Zenoh on loopback."""
+"""A node, or another program of this project, as a real process that uses real Zenoh on the loopback interface."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FLAT = ("--route", "flat-6km", "--vehicle", "re460-ic")
 
 @contextmanager
 def process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A program that is killed at the end; what it says comes from its standard output."""
+    """A context with a running program, killed at the end; its messages can be read from its standard output."""
     child = subprocess.Popen(
         [sys.executable, "-m", module, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     )
@@ -36,7 +36,7 @@ def process(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def refused(module: str, *arguments: str) -> str:
-    """The one line with which a program ends that refuses its arguments."""
+    """The one line with which a program refuses these arguments before it ends."""
     with process(module, *arguments) as child:
         said, _ = child.communicate(timeout=60)
         assert child.returncode == 2
@@ -46,7 +46,7 @@ def refused(module: str, *arguments: str) -> str:
 
 @contextmanager
 def node(*extra: str, journey: das_pb2.Journey | None = None) -> Iterator[tuple[Bus, subprocess.Popen[str]]]:
-    """A node and a bus that hears it, told that there are no restrictions; ready where a journey is given."""
+    """A context with a node and a bus connected to it; the node has an empty list of restrictions and the journey."""
     ours, theirs = (endpoint(port) for port in free_ports(2))
     arguments = [*FLAT, "--train", TRAIN, "--listen", theirs, "--connect", ours]
     hear = (ADVICE, STATUS, PLAN, EVENT)
@@ -68,7 +68,7 @@ def until(
     child: subprocess.Popen[str] | None = None,
     meanwhile: Callable[[], None] = lambda: None,
 ) -> Any:
-    """The first message that is wanted; fails after a while or when the process ends. `meanwhile` is done all along."""
+    """The first wanted message; fails after a while or if the process ends. `meanwhile` is called again and again."""
     deadline = time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline:
         meanwhile()
@@ -81,12 +81,12 @@ def until(
 
 
 def status(state: int) -> Callable[[Received], bool]:
-    """Whether a message says that the node is in a state."""
+    """A test of a message: whether it says that the node is in this state."""
     return lambda r: r.topic is STATUS and r.message.state == state
 
 
 def a_journey(start_ns: int = START_NS, arrival_s: float = 240.0) -> das_pb2.Journey:
-    """From A to B on the flat line."""
+    """A journey from A to B on the flat line."""
     return das_pb2.Journey(
         time_ns=start_ns,
         train=TRAIN,

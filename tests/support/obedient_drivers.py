@@ -1,4 +1,4 @@
-"""Drivers that do exactly what the advice shows and have no eyes of their own, and one that is careless."""
+"""Drivers of the assessment: some do exactly what the advice shows and look at nothing else, and one is careless."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from tests.support.raw_witness import RawLine
 TRACTION = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKES = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
 REACHED_MPS = 0.1
-"""A speed is reached this near to it."""
+"""A speed counts as reached when the train is within this of it."""
 TOO_FAST_MPS = 0.3
-"""A driver who holds the advised speed brakes fully where he will be faster than it by more than this."""
+"""A driver who holds the advised speed brakes fully if he would exceed it by more than this."""
 GAIN_PER_S = 0.5
-"""A driver who holds a speed takes this share of the error away in a second."""
+"""A driver who holds a speed reduces his deviation by this share in a second."""
 CREEP_SHARE, CREEPS_MPS = 0.4, 1.0
 """A driver who is told to depart when cleared does so with this share of the traction, up to this speed."""
 STOPS_MPS2, AT_STOP_M = 0.5, 3.0
-"""So a driver who is shown a top speed alone brakes for his stop, and so near to it he is there."""
+"""A driver who is shown only a top speed brakes for his stop at this rate, and has arrived this near to it."""
 WEAKER = 0.8
-"""A careless driver brakes with this share of what he means to."""
+"""A careless driver brakes with this share of the intended force."""
 CARELESS = HumanParameters(
     notches=5,
     glance_least_s=10.0,
@@ -52,31 +52,31 @@ CARELESS = HumanParameters(
 
 
 class Scene(NamedTuple):
-    """What a driver goes by at a look: the train, the halt, the timetable, and what is in force."""
+    """What a driver knows when he looks: the train's state, departure (s), next stop (m), his own view, the advice."""
 
     state: PlantState
     departure_s: float
     stop_m: float
     own_eyes: Callable[[], CabView]
-    """Makes what he sees when he looks out himself."""
+    """Returns what the driver sees when he looks out of the window."""
     advice: Advice
-    """The newest advice, without delay."""
+    """The newest advice, not yet delayed by the driver's reaction."""
 
 
 class AssessedDriver(Protocol):
-    """Someone who drives on a day of the assessment."""
+    """A driver on a day of the assessment."""
 
     def command(self, scene: Scene) -> Command:
-        """What the controller is set to until the next look."""
+        """How the driver sets the controller until his next look."""
 
     def obeys(self, advice: Advice) -> bool:
-        """Whether an advice shows this driver something that he does without looking out."""
+        """Whether the driver follows this advice without looking out of the window."""
 
 
 class CarelessDriver:
-    """Looks every 10 to 20 s, acts 3 s late, ignores a third of what he is told, and brakes a fifth too weakly.
+    """Looks every 10 to 20 s, acts 3 s late, ignores a third of the advice, and brakes a fifth too weakly.
 
-    He minds limits and stops himself.
+    He watches limits and stops himself.
     """
 
     def __init__(self, line: LineKnowledge, presentation: Presentation, zero_ns: int, seed: int) -> None:
@@ -93,7 +93,7 @@ class CarelessDriver:
 
 
 class ObedientDriver:
-    """Does what the advice of a moment ago says; without advice he drives by the timetable, with eyes of his own."""
+    """Follows the advice after a short delay; without advice he drives by the timetable and looks out himself."""
 
     def __init__(
         self, line: LineKnowledge, raw: RawLine, presentation: Presentation, style: Style, delay_s: float
@@ -106,7 +106,7 @@ class ObedientDriver:
         self._reached = False
 
     def obeys(self, advice: Advice) -> bool:
-        """Whether an advice shows something on this display."""
+        """Whether an advice shows anything on this driver's display."""
         if advice.mode is Regime.NONE:
             return False
         if self._presentation is Presentation.RMS:
@@ -115,7 +115,7 @@ class ObedientDriver:
         return is_coached or self._presentation is not Presentation.COACH
 
     def command(self, scene: Scene) -> Command:
-        """What the controller is set to: by what was shown a reaction ago."""
+        """How the driver sets the controller, by the advice shown one reaction time ago."""
         state, now_s = scene.state, scene.state.time_s
         if not self._coming or self._coming[-1][1] is not scene.advice:
             self._coming.append((now_s, scene.advice))
@@ -139,7 +139,7 @@ class ObedientDriver:
         return self._obeyed(state, advice, now_s - shown_s)
 
     def _under_top(self, scene: Scene, advice: Advice) -> Command:
-        """Hold the top speed; a display that shows no more leaves the stop, and when to go, to the driver."""
+        """Hold the top speed shown; the driver of such a display departs, and brakes for stops, by himself."""
         state, way_m = scene.state, scene.stop_m - scene.state.s_m
         if state.speed_mps <= 0 and (scene.state.time_s < scene.departure_s or way_m <= AT_STOP_M):
             return COAST
@@ -149,7 +149,7 @@ class ObedientDriver:
         return self._hold(state, advice.reduced_max_speed_mps)
 
     def _obeyed(self, state: PlantState, advice: Advice, since_s: float) -> Command:
-        """Do what is shown."""
+        """Do what the display shows."""
         if self._presentation is Presentation.COACH:
             return self._coached(state, advice, since_s)
         if self._style is Style.FORCE:
@@ -171,7 +171,7 @@ class ObedientDriver:
         return force(advice.advised_force_n)
 
     def _vector_speed(self, state: PlantState, advice: Advice, since_s: float) -> Command:
-        """Hold the speed of the full advice, which looks ahead; full brakes where the train will be faster than it."""
+        """Hold the speed of the advice and its horizon; brake fully if the train would be faster."""
         speeds = (advice.advised_speed_mps, *advice.horizon_speed_mps)
         now, soon, later = (float(np.interp(since_s + x, range(len(speeds)), speeds)) for x in (0.0, 1.0, 2.0))
         if state.speed_mps > min(now, soon, later) + TOO_FAST_MPS:
@@ -192,7 +192,7 @@ class ObedientDriver:
         return self._hold(state, self._due.speed_mps) if self._style is Style.SPEED else self._card(state, self._due)
 
     def _card(self, state: PlantState, card: Instruction) -> Command:
-        """Mode and effort of a card until its speed is reached, then this speed."""
+        """Apply the mode and effort of an instruction until its speed is reached, then hold that speed."""
         v, train = state.speed_mps, self._raw.train
         if card.mode in TRACTION:
             self._reached = self._reached or v >= card.speed_mps - REACHED_MPS
@@ -208,7 +208,7 @@ class ObedientDriver:
         return self._hold(state, card.speed_mps) if self._reached else force(asked_n)
 
     def _hold(self, state: PlantState, speed_mps: float) -> Command:
-        """Hold a speed with all that the train has; a speed of 0 is reached with full brakes."""
+        """Hold a speed with up to full traction and brakes; for a speed of 0, brake fully."""
         v, raw = state.speed_mps, self._raw
         if speed_mps <= REACHED_MPS:
             return self._brake(state)
@@ -224,7 +224,7 @@ class ObedientDriver:
         return force(-self._brakes_n(state.speed_mps))
 
     def _brakes_n(self, speed_mps: float) -> float:
-        """What he brakes with at most: who goes by speeds, with all brakes; who goes by efforts, as the plan may."""
+        """The driver's largest braking force: by all brakes if he follows speeds, by those of the plan if efforts."""
         train = self._raw.train
         if self._style is Style.SPEED:
             return train.electric_n(speed_mps) + train.service_friction_n

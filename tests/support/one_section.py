@@ -1,4 +1,4 @@
-"""One section with its advice, for a state or for what sensors say: a leg without the rest of the cab."""
+"""The advice on one section, for a given state or for sensor messages: a leg without the rest of the cab."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from das.solver.section import Section
 
 
 class OneSection:
-    """A leg, and where the train is on it."""
+    """A leg, and the position of the train on it."""
 
     def __init__(self, front: Front, source: Source = Source.SOLVED) -> None:
         section = front.section
@@ -45,16 +45,16 @@ class OneSection:
         self.localisation.take(fix)
 
     def update(self, now_ns: int) -> Advice:
-        """The advice at a moment, for what sensors said."""
+        """The advice at a time (ns since 1970), from the sensor messages received."""
         return self.advise(self.localisation.at(now_ns))
 
     def advise(self, here: Estimate) -> Advice:
-        """The advice for a state; withdrawals are decided as the cab does."""
+        """The advice for an estimated state; it is withdrawn by the same rules as in the cab."""
         return advised(self.leg, here)
 
 
 def advised(leg: Leg, here: Estimate, refusal: str = "") -> Advice:
-    """The advice of a leg for a state, with nothing to distrust."""
+    """The advice of a leg for an estimated state, if all messages can be trusted."""
     facts = leg.facts(refusal)
     leg.see(here)
     leg.refresh_goal()

@@ -1,4 +1,4 @@
-"""Tracks, trains and loss maps as the verifier reads them: raw files, with this module's own code and units."""
+"""Tracks, trains and loss maps for the verifier, read from the raw files by this module's own code and units."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Steps:
-    """A piecewise constant quantity over the line; its first and last value go on beyond the ends."""
+    """A piecewise constant quantity along the line; beyond the ends it keeps its first and last value."""
 
     start_m: Floats
     value: Floats
 
     def at(self, s: Floats) -> Floats:
-        """The value at each place (on a boundary: that of the stretch behind it)."""
+        """The value at each place; on a boundary, the value of the stretch that begins there."""
         return self.value[np.maximum(np.searchsorted(self.start_m, s, side="right") - 1, 0)]
 
     def integrals(self, s: Floats) -> tuple[Floats, Floats]:
@@ -55,7 +55,7 @@ class Steps:
         return (self.integrals(head_m)[0] - self.integrals(head_m - length_m)[0]) / length_m
 
     def driven(self, head_m: Floats, length_m: float) -> Floats:
-        """∫ of `under` over the way of the head, up to each place (from the same, arbitrary place)."""
+        """∫ of `under` over the position of the head, up to each place (all from the same, arbitrary place)."""
         if length_m == 0:
             return self.integrals(head_m)[0]
         return (self.integrals(head_m)[1] - self.integrals(head_m - length_m)[1]) / length_m
@@ -65,8 +65,8 @@ class Steps:
 class Line:
     """A track: gradients (ratio), curve resistance (m/s²), limits (m/s), tunnels (from, to, cross section), stops.
 
-    And its power supply: the share of what is fed back that it takes, neutral sections and zones without
-    regeneration (from, to).
+    It also holds the power supply: the share of the energy fed back that it takes, and its neutral sections and zones
+    without regeneration (from, to).
     """
 
     gradients: Steps
@@ -101,7 +101,7 @@ class Line:
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Line:
-        """A TTOBench track from what its JSON holds."""
+        """A TTOBench track from the content of its JSON file."""
         tunnels = _rows(data["tunnels"]) if "tunnels" in data else []
         return cls(
             gradients=_steps(_rows(data["gradients"])),
@@ -191,7 +191,7 @@ class Train:
         return self.mass_kg + self.rotating_kg
 
     def loaded(self, mass_kg: float) -> Train:
-        """With another mass: the rotating parts keep theirs, rolling friction grows with the weight."""
+        """The train with another mass: the rotating parts keep theirs, rolling friction grows with the weight."""
         return replace(self, mass_kg=mass_kg, r0_n=self.r0_n * mass_kg / self.mass_kg)
 
     def motors_n(self, v: Floats) -> tuple[Floats, Floats]:

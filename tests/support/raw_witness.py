@@ -1,4 +1,4 @@
-"""A witness of limits and brakes that reads the TOML files itself and shares nothing with the solver or the domain."""
+"""An independent calculation of limits and braking: it reads the TOML files itself and shares no code with `das`."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 GRAVITY_MPS2 = 9.80665
 Place = tuple[float, float, float]
-"""A temporary restriction: from where to where (m), and the limit (m/s)."""
+"""A temporary restriction: where it begins and ends (m), and its limit (m/s)."""
 REACTION_S = 3.0
-"""Nobody brakes within this time after a message that comes too late."""
+"""After a message that comes too late, the driver begins to brake only after this time."""
 ELECTRIC_BUILD_UP_S, FRICTION_BUILD_UP_S = 1.2, 4.5
-"""An electric brake acts fully so long after it was asked for; an air brake in position P (UIC 540, 3 to 5 s)."""
+"""Time (s) until a brake acts fully: the electric brake, and an air brake in position P (UIC 540: 3 to 5 s)."""
 STEP_S, HELD_STEP_S = 0.1, 0.25
 
 
@@ -33,7 +33,7 @@ def _steps(start_m: Floats, value: Floats, s_m: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class RawTrain:
-    """The train as its file has it, in SI units."""
+    """The figures of a train from its file, in SI units."""
 
     mass_kg: float
     rotating_ratio: float
@@ -45,14 +45,14 @@ class RawTrain:
     brake_n: float
     brake_w: float
     friction_n: float
-    """What the policy lets a plan use of the friction brake."""
+    """The force (N) of the friction brake that the brake policy allows in a plan."""
     service_friction_n: float
-    """What the friction brake can do when a driver asks for it."""
+    """The force (N) of the friction brake that the driver can use."""
     most_mps2: float
 
     @classmethod
     def read(cls, path: Path) -> RawTrain:
-        """Read a vehicle's file; a plan that may use the electric brake only is judged by that brake."""
+        """Read a vehicle's file; plans that may use only the electric brake are judged by that brake."""
         data = tomllib.loads(path.read_text())
         vehicle, held, brake = data["vehicle"], data["resistance"], data["electric_brake"]
         blended, friction_n = data["brakes"]["policy"] != "electric", 1000.0 * data["friction_brake"]["max_force_kn"]
@@ -73,34 +73,37 @@ class RawTrain:
 
     @property
     def inertial_kg(self) -> float:
-        """The mass that resists a change of speed: with the share of the wheels."""
+        """The inertial mass (kg): that of the train with its rotating parts."""
         return self.mass_kg * (1.0 + self.rotating_ratio)
 
     def pulling_n(self, speed_mps: float) -> float:
-        """The largest traction at a speed."""
+        """The largest traction (N) at a speed."""
         return min(self.traction_n, self.traction_w / max(speed_mps, 0.1))
 
     def electric_n(self, speed_mps: float) -> float:
-        """The largest electric brake at a speed."""
+        """The largest force (N) of the electric brake at a speed."""
         return min(self.brake_n, self.brake_w / max(speed_mps, 0.1))
 
     def brakes_n(self, speed_mps: float) -> float:
-        """The largest force of all brakes that the policy lets a plan use, at a speed."""
+        """The largest force (N), at a speed, of all brakes that the policy allows in a plan."""
         return self.electric_n(speed_mps) + self.friction_n
 
     def held_n(self, speed_mps: float, uphill_ratio: float) -> float:
-        """The force that running resistance and gradient hold the train back with."""
+        """The force (N) of running resistance and gradient against the train."""
         c0, c1, c2 = self.resistance
         return c0 + c1 * speed_mps + c2 * speed_mps**2 + self.mass_kg * GRAVITY_MPS2 * uphill_ratio
 
     def braking_mps2(self, speed_mps: float, uphill_ratio: float, built_up: tuple[float, float] = (1.0, 1.0)) -> float:
-        """What all brakes (shares of electric brake and friction), the running resistance and the line give."""
+        """The deceleration (m/s²) by all brakes, running resistance and gradient.
+
+        `built_up` holds the shares of the electric and the friction brake that act already.
+        """
         brakes_n = built_up[0] * self.electric_n(speed_mps) + built_up[1] * self.friction_n
         return min((brakes_n + self.held_n(speed_mps, uphill_ratio)) / self.inertial_kg, self.most_mps2)
 
 
 class RawLine:
-    """A route's limits and gradients as its file has them, on a grid of 1 m."""
+    """The limits and gradients of a route from its file, on a grid of 1 m."""
 
     def __init__(self, path: Path, train: RawTrain) -> None:
         data = tomllib.loads(path.read_text())
@@ -118,14 +121,14 @@ class RawLine:
         return self._uphill[min(max(int(s_m), 0), len(self._uphill) - 1)]
 
     def held_n(self, s_m: float, speed_mps: float) -> float:
-        """The force that holds the train back at a position and speed."""
+        """The force (N) of running resistance and gradient against the train at a position and speed."""
         return self.train.held_n(speed_mps, self.uphill_ratio(s_m))
 
     def allowed(self, places: Sequence[Place], stop_m: float) -> Allowed:
-        """Limits and brake curve before a stop, under temporary restrictions."""
+        """The limits, and the braking curve before a stop, under temporary restrictions."""
         line = self._limit
         for start_m, end_m, limit_mps in places:
-            # A metre that the restriction covers in part counts as covered.
+            # A metre that the restriction covers only in part counts as covered.
             inside = (self._s_m > start_m - 1.0) & (self._s_m < end_m)
             line = np.where(inside, np.minimum(line, limit_mps), line)
         length = math.floor(self.train.length_m)
@@ -135,10 +138,10 @@ class RawLine:
         return Allowed(limit, self._braked(limit, round(stop_m)))
 
     def unavoidable(self, s_m: float, speed_mps: float, gain_mps2: float) -> tuple[list[float], float]:
-        """What a train does that learns something too late: it goes on for the reaction, then brakes fully.
+        """The motion of a train that receives a message too late: it runs on for the reaction time, then brakes fully.
 
-        `gain_mps2` is how it gains speed at that moment. Returns its speed at each metre of the line (0 where it never
-        comes), and where it stands (m).
+        `gain_mps2` is its acceleration at that moment. Returns its speed at each metre of the line (0 where it never
+        comes), and where it stops (m).
         """
         fastest, at_m, v, now_s = [0.0] * len(self._s_m), s_m, speed_mps, 0.0
         passed = min(max(int(at_m), 0), len(fastest) - 1)
@@ -160,7 +163,7 @@ class RawLine:
     def driven(
         self, s_m: float, speed_mps: float, force_n: Callable[[float, float], float], over_s: float
     ) -> list[tuple[float, float]]:
-        """Positions (m) and speeds (m/s) of a train under a force by position and speed, each `HELD_STEP_S`."""
+        """Positions (m) and speeds (m/s), every `HELD_STEP_S`, of a train under a force by position and speed."""
         train, at_m, v, found = self.train, s_m, speed_mps, []
         for _ in range(round(over_s / HELD_STEP_S)):
             asked = min(max(force_n(at_m, v), -train.brakes_n(v)), train.pulling_n(v))
@@ -171,7 +174,7 @@ class RawLine:
         return found
 
     def _braked(self, limit: Floats, stop: int) -> Floats:
-        """Backwards from the stop: v² grows by twice the braking of each metre, up to the limit."""
+        """The braking curve, back from the stop: v² grows by twice the deceleration each metre, up to the limit."""
         curve, speed = np.zeros(len(limit)), 0.0
         for i in range(min(stop, len(limit) - 1) - 1, -1, -1):
             rate = self.train.braking_mps2(speed, self._uphill[i])
@@ -181,7 +184,7 @@ class RawLine:
 
 
 class Allowed:
-    """Limit over the train and brake curve by the position of the head (m/s on a grid of 1 m)."""
+    """The limit over the train and the braking curve by the position of the head (m/s on a grid of 1 m)."""
 
     def __init__(self, limit_mps: Floats, curve_mps: Floats) -> None:
         self._limit_mps, self.curve_mps = limit_mps.tolist(), curve_mps.tolist()
@@ -196,7 +199,7 @@ class Allowed:
 
 
 def highest(values: list[float], from_m: float, to_m: float) -> float:
-    """The highest value of a grid of 1 m anywhere between two positions."""
+    """The highest value between two positions (m), of values on a grid of 1 m."""
     last = len(values) - 1
     first, end = min(max(int(from_m), 0), last), min(max(int(to_m + 1.0), 0), last)
     return max(values[first : end + 1])

@@ -1,4 +1,4 @@
-"""Days driven in the test's own process and kept as a recording in memory, and drivers with one planted fault each."""
+"""Days driven in this process and recorded in memory, and drivers who each have one planted fault."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sim.world.service import Day
 
 
 class KeptInProcess(InProcess):
-    """The advice without a bus, with everything kept that a recorder would write."""
+    """A node in this process, without a bus; it keeps everything that a recorder would write."""
 
     def __init__(self, day: Day, *, coach: bool = False) -> None:
         self.day = day
@@ -70,13 +70,13 @@ def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presenta
 
 
 def inputs_of_day(day: Day) -> DriveInputs:
-    """Line and train of a day, which a recording in memory does not hold."""
+    """The line and the train of a day; a recording in memory does not contain them."""
     service = day.service
     return DriveInputs(route=service.route, vehicle=service.vehicle, level=service.level, source="the day's")
 
 
 class CoastsLate:
-    """Follows as another driver does, but holds the speed for a while when coasting is first advised."""
+    """Drives like another driver, but holds the speed for a while when coasting is first advised."""
 
     def __init__(self, follower: Driver, late_s: float) -> None:
         self._follower, self._late_s = follower, late_s
@@ -97,7 +97,7 @@ class CoastsLate:
 
 
 class BrakesByFriction:
-    """Follows as another driver does, and lets the friction brake do all the braking."""
+    """Drives like another driver, but brakes only with the friction brake."""
 
     def __init__(self, follower: Driver) -> None:
         self._follower = follower
@@ -107,7 +107,7 @@ class BrakesByFriction:
 
 
 class DrivesFaster:
-    """Follows as another driver does, but above the advised speed where that is one to hold or to reach."""
+    """Drives like another driver, but faster than the advised speed to reach or to hold."""
 
     def __init__(self, follower: Driver, over_mps: float, from_mps: float = 15.0) -> None:
         self._follower, self._over_mps, self._from_mps = follower, over_mps, from_mps

@@ -1,1 +1,1 @@
-"""The coach: a reference that stands, and instructions that lead a driver along it."""
+"""The coach: it plans a reference, keeps it as long as it can, and leads the driver along it by instructions."""

@@ -1,4 +1,4 @@
-"""The next changes as they are announced: which they are, and where and when they are due."""
+"""The instructions that the coach announces: which they are, and where and when they are due."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 BEGUN_M = 1.0
-"""A limit that begins within this way of an instruction holds for it."""
+"""A limit that begins less than this (m) ahead of the place of an instruction already applies to it."""
 ROLLS_SOONER = 0.97
-"""A train that rolls comes to a place after this share of the time that its resistance says: so well it is known."""
+"""A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
 
 
 class Announcing:
-    """Makes the instructions of a schedule that are not due yet; it remembers those of the last schedule."""
+    """Makes the announced instructions of a schedule: those not due yet. It remembers those of the last schedule."""
 
     def __init__(self, ahead: int) -> None:
         self._ahead = ahead
@@ -33,7 +33,10 @@ class Announcing:
         self._coming: dict[int, Instruction] = {}
 
     def following(self, schedule: Schedule, number: int, s_m: float, begins_s: list[float]) -> tuple[Instruction, ...]:
-        """The next changes; to hold the speed that the train accelerates to is none."""
+        """The next instructions after phase `number`; holding the speed just accelerated to does not count as one.
+
+        `begins_s` are the times (s) until the following phases begin.
+        """
         found: list[Instruction] = []
         phases = schedule.phases
         for k, in_s in zip(range(number + 1, len(phases)), begins_s, strict=False):
@@ -53,7 +56,7 @@ class Announcing:
         return tuple(found)
 
     def announced(self, schedule: Schedule, number: int) -> Instruction:
-        """An instruction as it is shown before it is due; it depends on the schedule alone, and is made once."""
+        """The instruction of phase `number` as shown before it is due; it depends only on the schedule."""
         if schedule is not self._schedule:
             self._schedule, self._coming = schedule, {}
         found = self._coming.get(number)
@@ -63,14 +66,14 @@ class Announcing:
 
 
 class Foreseen(NamedTuple):
-    """When a train is forecast to be where: times (s) and places (m); whether it does then what is shown."""
+    """The forecast times (s from now) and positions (m); `as_shown`: it follows the instruction that is shown."""
 
     times_s: Floats
     at_m: Floats
     as_shown: bool
 
     def time_s(self, s_m: float) -> float:
-        """When it comes to a place (s)."""
+        """When the train reaches a position (s from now)."""
         return float(np.interp(s_m, self.at_m, self.times_s))
 
 
@@ -78,11 +81,11 @@ def in_time(
     following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState, foreseen: Foreseen,
     *, freely: bool = False,
 ) -> tuple[Instruction, ...]:  # fmt: skip
-    """The next changes, with a brake in time for a driver who does what is shown now.
+    """The announced instructions, with the next brake early enough for a driver who does what is shown now.
 
-    The forecast alone would announce some brakes too late: on a hill it may stay below the speed that is shown, and it
-    knows nothing of a driver who may still roll. `freely`: the brake shown now is not for a limit, and a driver who
-    does it may slow down later than the schedule does.
+    The forecast alone would announce some brakes too late: on a hill it may stay below the speed shown, and it does not
+    consider that a driver may still be coasting. `freely`: the brake shown now is not for a limit, and a driver who
+    follows it may slow down later than the schedule.
     """
     if now.mode in BRAKES:
         following = _after_brake(following, now, brakes, state)
@@ -105,7 +108,7 @@ def in_time(
     if brake is None:
         return following
     in_s = foreseen.time_s(begins_m)
-    if not foreseen.as_shown or now.mode not in TRACTION:  # Who rolls or holds a speed may be there sooner.
+    if not foreseen.as_shown or now.mode not in TRACTION:  # A driver who coasts or holds may be there sooner.
         in_s = min(in_s, now.in_s + ROLLS_SOONER * ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m))
     return (replace(brake, way_m=begins_m - state.s_m, in_s=in_s), *after)
 
@@ -113,10 +116,11 @@ def in_time(
 def _after_brake(
     following: tuple[Instruction, ...], now: Instruction, brakes: ShownBrakes, state: TrainState
 ) -> tuple[Instruction, ...]:
-    """The changes after a brake: each begins when the brake has reached its speed; a second brake may begin sooner.
+    """The instructions announced after a brake: the first is due when the braking has reached its speed.
 
-    It begins where the train would be if it were as far ahead as it may be. A second brake to no lower speed is left
-    out: the train was too fast to wait for it, and brakes for it already.
+    If the first is a brake as well, it is due earlier, by the distance that the train may be ahead of its estimated
+    position. It is left out if it leads to no lower speed: then the train was too fast to wait for it, and is braking
+    for it already.
     """
     if not following:
         return following
@@ -135,7 +139,10 @@ def _after_brake(
 
 
 def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) -> tuple[Instruction, ...]:
-    """The next changes, none to a speed above the limit where it leads: of a brake or of coasting, where that ends."""
+    """The announced instructions, with no speed above the limit where it applies.
+
+    The speed of a brake or of coasting applies where that ends; any other speed, where the instruction is due.
+    """
     kept = []
     for k, one in enumerate(following):
         ends = k + 1 < len(following) and one.mode in (*BRAKES, Regime.COAST)
@@ -148,9 +155,9 @@ def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) ->
 
 
 def _announced(schedule: Schedule, number: int) -> Instruction:
-    """An instruction as it is shown before it is due."""
+    """The instruction of a phase as shown before it is due."""
     one = schedule.phases[number]
-    # It leads to no higher speed than the limit where it begins, even if a higher one is allowed before it ends.
+    # Its speed is at most the limit where it begins, even if a higher one is allowed before it ends.
     target = min(aim_mps(schedule, number, schedule.begin_m(number)), float(schedule.section.limit_mps[one.begin]))
     if one.kind is NotchRegime.TRACTION:
         return traction(one.share, target)
@@ -162,9 +169,10 @@ def _announced(schedule: Schedule, number: int) -> Instruction:
 
 
 def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The speed that a phase leads to, no higher than what is allowed on its way; where it slows the train, at its end.
+    """The speed (m/s) that a phase leads to, lowered to what is allowed on its way (if it slows the train: at its end).
 
-    The schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does.
+    The schedule itself may have a higher speed: if a limit was received late, or if a limit slows the train without a
+    phase to brake for it.
     """
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
@@ -175,6 +183,6 @@ def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
 
 
 def traction(share: float, target_mps: float) -> Instruction:
-    """An acceleration with a share of the traction."""
+    """The instruction to accelerate to a speed with a share of the largest traction."""
     mode = Regime.FULL_TRACTION if share >= FULL_RATIO else Regime.REDUCED_TRACTION
     return Instruction(mode=mode, speed_mps=target_mps, effort_ratio=share)

@@ -1,4 +1,4 @@
-"""The coach of a section: keeps the reference, chooses what is shown of it, and says why and what it is worth."""
+"""The coach of a section: it keeps the reference, chooses the instruction to show, and says why and what it saves."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 NEAR_M = 4000.0
-"""A limit or stop that an instruction leads to is named where it is nearer than this."""
+"""The limit or stop that an instruction leads to is named if it is nearer than this."""
 
 
 class Coach:
-    """Leads a driver along one section.
+    """Leads a driver along one section, by instructions that follow a reference (a standing plan).
 
     The same inputs give the same advice, bit for bit, unless the `worker` makes references in the background.
     """
@@ -43,19 +43,19 @@ class Coach:
         self._lost = False
 
     def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
-        """The coach that goes on where this one ends, on another front or under other limits."""
+        """The coach that takes over from this one, with another front or under other limits."""
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
         found._showing = self._showing
         return found
 
     def forget(self) -> None:
-        """The reference does not hold any more, and nothing is shown."""
+        """Drop the reference and all that was shown."""
         self._keeper.forget()
         self._showing.forget()
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
-        """The reference for a state, kept or new; None where none can be made (yet), or none leads from here."""
+        """The reference for a state, kept or new; None if none can be made (yet) or none leads on from here."""
         self._lost = False
         try:
             return self._keeper.keep(state, goal)
@@ -66,7 +66,7 @@ class Coach:
     def show(
         self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
     ) -> Coaching | None:
-        """What the driver of a train that arrives `late_s` late should do; None where there is no reference."""
+        """What the driver should do now and next; None if there is no reference. The train arrives `late_s` late."""
         if kept is None:
             return self._creeping(state, place) if self._lost else None
         shown = self._showing.show(kept, state, place)
@@ -83,7 +83,7 @@ class Coach:
         )
 
     def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Coaching | None:
-        """A train so slow that no reference brings it to its stop any more creeps there; None for a faster one."""
+        """The advice to creep to the stop, for a train so slow that no reference leads there; None for a faster one."""
         way_m = self._section.end_m - state.s_m
         if state.v_mps > self._settings.showing.brake.creep_mps or way_m > self._settings.showing.brake.creeps_m:
             return None
@@ -94,22 +94,22 @@ class Coach:
         )  # fmt: skip
 
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
-        """The train stands at a stop, for so much longer (s)."""
+        """The advice for a train that stands at a stop and departs in `departs_in_s`."""
         self._showing.forget()
         now = Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Coaching(now=now, target_s=departs_in_s)
 
     @property
     def shown_effort(self) -> float:
-        """The effort of the brake that is shown (> 0); 0 where none is."""
+        """The braking effort shown (> 0); 0 if no brake is shown."""
         return self._showing.shown_effort
 
     def stands_at_mark(self, state: TrainState) -> bool:
-        """Whether a train in the last metres before its stop stands near the mark if it brakes on as shown."""
+        """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
         return self._showing.stands_at_mark(state)
 
     def brakes(self, effort: float, force_n: float, reason: str) -> Coaching:
-        """The train is at its stop, or too fast for any reference: to brake to a standstill with an effort (> 0)."""
+        """The advice to brake to a standstill with an effort (> 0): at the stop, or if too fast for any reference."""
         self.forget()
         now = self._showing.braking(effort)
         return Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
@@ -117,9 +117,9 @@ class Coach:
     def departs(
         self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
     ) -> Coaching | None:
-        """What the driver of a standing train that has to go on should do: stand until cleared, then depart like this.
+        """The advice for a standing train that is due to depart: stand until cleared, then depart with this effort.
 
-        None where there is no reference, or it brakes here.
+        None if there is no reference, or if the reference brakes here.
         """
         self._showing.forget()
         found = self.show(kept, state, goal, place, late_s)
@@ -144,7 +144,7 @@ class Coach:
         return wording.instructed(shown.now.mode, shown.now.speed_mps, ahead, late_s)
 
     def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Aim | None:
-        """The limit or stop that the next brake leads to, if it is near."""
+        """The limit or stop that the next braking phase leads to; None if there is none near."""
         phases = schedule.phases
         for k in range(number, min(number + 3, len(phases))):
             if phases[k].kind is not NotchRegime.BRAKE:
@@ -157,9 +157,9 @@ class Coach:
         return None
 
     def _worth_j(self, kept: Kept, state: TrainState, *, waits: bool) -> float:
-        """What keeping the reference saves (J) against going on at the present speed for a while first.
+        """What keeping the reference saves (J) compared with going on at the present speed for a while first.
 
-        Nothing is said of a train that stands, or that `waits` for a point to be free: going on is not allowed.
+        It is 0 for a train that stands, or that `waits` until it may pass a point: it may not go on.
         """
         reference = kept.reference
         going_on_m = state.v_mps * self._settings.showing.worth_over_s

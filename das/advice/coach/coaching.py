@@ -1,4 +1,4 @@
-"""What the coach says: plain frozen values, as the bus carries them."""
+"""The coach's advice: plain frozen values, as sent over the bus."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from das.advice.regimes import Regime
 
 
 class ReplanCause(IntEnum):
-    """Why the reference was made anew; the numbers are those of the bus message."""
+    """Why the coach made a new reference; the numbers are those of the bus message."""
 
     NONE = 0
     """There is no reference."""
     START = 1
-    """There was no reference before: a new leg, or advice is given again."""
+    """There was no reference before: a section begins, the train departs, or advice is given again after a pause."""
     GOAL = 2
-    """The time of arrival is another one."""
+    """The wanted arrival has changed."""
     LINE = 3
-    """Limits, line or train are not those that the reference was made for."""
+    """Limits, line or train have changed since the reference was made."""
     POINT = 4
-    """A point ahead has another window of time, or would be passed outside of it."""
+    """A point ahead has a new window of time, or would be passed outside its window."""
     LATE = 5
-    """Keeping the reference would mean to arrive too late."""
+    """With the reference before, the train would arrive too late."""
     EARLY = 6
-    """Keeping the reference would mean to arrive too early, and a slower run saves energy."""
+    """With the reference before, the train would arrive too early, and slower driving saves energy."""
     ENERGY = 7
-    """Keeping the reference would cost more energy than a new one."""
+    """The reference before would need more energy than a new one."""
     LOST = 8
-    """The reference cannot be kept to from where the train is."""
+    """The reference before cannot be kept from where the train is."""
 
     @property
     def label(self) -> str:
@@ -39,11 +39,12 @@ class ReplanCause(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Instruction:
-    """One thing to do: the mode, the speed to reach or to hold, with what effort, and where and when it begins.
+    """One thing for the driver to do: the mode, the speed to reach or hold, the effort, and where and when it begins.
 
-    `effort_ratio` is a share of the largest traction at the present speed (> 0), or of the largest electric brake at
-    the present speed (< 0; of all brakes where there is none; below -1 with the friction brake as well). It is NaN for
-    a speed to hold. `way_m` and `in_s` lead from the train to where the instruction begins; 0: it is due.
+    `effort_ratio` > 0 is a share of the largest traction at the present speed. `effort_ratio` < 0 is a share of the
+    largest electric brake at the present speed (of all brakes if there is no electric one); below -1 the friction brake
+    is used as well. It is NaN for a speed to hold. `way_m` and `in_s` are the distance and time until the instruction
+    begins; 0: it is due.
     """
 
     mode: Regime = Regime.NONE
@@ -55,23 +56,23 @@ class Instruction:
 
 @dataclass(frozen=True, kw_only=True)
 class Replan:
-    """Why and when (ns since 1970) the reference was made, and what it gains over the one before it (J, s)."""
+    """Why and when (ns since 1970) the coach made its reference, and what it gains over the one before (J, s)."""
 
     cause: ReplanCause = ReplanCause.NONE
     time_ns: int = 0
     gain_j: float = 0.0
     gain_s: float = 0.0
-    """By how much nearer to the wanted time the train arrives."""
+    """By how much (s) the arrival is nearer to the wanted time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Coaching:
-    """What the driver should do now and after it, and what it is worth.
+    """What the driver should do now and next, and what it saves.
 
-    `target_m` and `target_s` are way and time to where the speed of `now` is reached, or to the end of holding it.
-    `force_n` is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps to the
-    reference here: a brake is shown with one effort, and the reference brakes along its curve. `worth_j` is what
-    following the instruction from here saves against going on at the present speed, at the same arrival.
+    `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
+    is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps the reference here;
+    it differs while braking, because the effort shown is rounded up. `worth_j` is what following the instruction saves
+    compared with going on at the present speed first, for the same arrival.
     """
 
     now: Instruction

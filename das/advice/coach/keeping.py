@@ -1,4 +1,4 @@
-"""Keeping the reference: it stands until keeping it costs more than a stated amount, and every change has a reason."""
+"""Keeping the reference: the coach replaces it only if a new one gains enough, and gives a reason for each change."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ from das.solver.state import State
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StandingReference:
-    """The promise: a schedule, the price of time it was made at (W), what it was made for, and why."""
+    """The reference that the coach keeps: a schedule, its price of time (W), what it was made for, and why.
+
+    It was made for the arrival `arrival_ns` (ns since 1970) and for passing `point` in its window (None: no point).
+    """
 
     schedule: Schedule
     lambda_w: float
@@ -33,7 +36,7 @@ class StandingReference:
 
 
 class Kept(NamedTuple):
-    """The reference that holds now, what keeping it comes to from here, and how late the train arrives then (s)."""
+    """The reference in force, the forecast of a train that keeps it from here, and how late it then arrives (s)."""
 
     reference: StandingReference
     forecast: Prospect
@@ -41,12 +44,12 @@ class Kept(NamedTuple):
 
     @property
     def scheduled(self) -> Scheduled:
-        """The reference as a schedule with its forecast."""
+        """The schedule of the reference with the forecast from here."""
         return Scheduled(self.reference.schedule, self.forecast, self.reference.lambda_w)
 
 
 class Drift:
-    """How well the driver keeps to the reference: by how much the forecast of the arrival drifts in a minute."""
+    """How well the driver keeps the reference: by how much the forecast arrival drifts in a minute."""
 
     def __init__(self, settings: MarginSettings) -> None:
         self._settings = settings
@@ -54,7 +57,7 @@ class Drift:
         self._since: tuple[int, float] | None = None
 
     def see(self, now_ns: int, late_s: float, *, anew: bool) -> None:
-        """Take note of a forecast; `anew`: it is that of another reference than the last one."""
+        """Take in how late the train is forecast to arrive; `anew`: do not compare it with the forecast before."""
         if anew or self._since is None or now_ns < self._since[0]:
             self._since = (now_ns, late_s)
             return
@@ -68,20 +71,21 @@ class Drift:
         self._since = (now_ns, late_s)
 
     def margin_s(self, ahead_s: float) -> float:
-        """The margin (s) to a moment that is so far ahead."""
+        """The margin (s) to keep to a time that is `ahead_s` from now."""
         settings = self._settings
         spread_s = settings.deviations * math.sqrt(self._square * max(ahead_s, 0.0) / 60.0)
         return min(max(spread_s, settings.least_s), settings.most_s)
 
     def loss_s(self, ahead_s: float) -> float:
-        """The time (s) that this driver is likely to lose against a reference in so long."""
+        """The time (s) that this driver is likely to lose against the reference in the next `ahead_s`."""
         return min(max(self._mean, 0.0) * max(ahead_s, 0.0) / 60.0, self._settings.most_s)
 
 
 class _Gain(NamedTuple):
-    """What a new reference gains over keeping the one before: energy (J), nearness to the wanted time (s), and worth.
+    """What a new reference gains over keeping the one before.
 
-    `worth_j` is the energy with the time that it takes less at the price of time.
+    `energy_j` is the energy saved (J), `lateness_s` by how much the arrival is nearer to the wanted time (s). `worth_j`
+    is the energy saved plus the time saved at the price of time (J).
     """
 
     energy_j: float
@@ -90,9 +94,9 @@ class _Gain(NamedTuple):
 
 
 class _Asked(NamedTuple):
-    """A reference that is being made: why, for which state and goal, and the answer to come.
+    """A request for a new reference: why, for which state and goal, and the future that will hold the reference.
 
-    `doubted`: the one before could be kept, and the new one is taken only if it is better.
+    `doubted`: the present reference can be kept, and the new one replaces it only if it is better.
     """
 
     cause: ReplanCause
@@ -102,13 +106,13 @@ class _Asked(NamedTuple):
     answer: Future[Scheduled]
 
     def serves(self, must: ReplanCause, goal: Goal) -> bool:
-        """Whether it is still what is wanted; `must`: why there has to be another reference, if so."""
+        """Whether the request still fits the goal, and the cause `must` (NONE: no new reference is necessary)."""
         same = (self.goal.arrival_ns, self.goal.passing) == (goal.arrival_ns, goal.passing)
         return same and must in (ReplanCause.NONE, self.cause)
 
 
 class Keeper:
-    """Holds the reference of a section, and has a new one made by the worker where there is reason to."""
+    """Holds the reference of a section, and has the worker make a new one if there is a reason to."""
 
     def __init__(
         self, section: Section, front: FewSwitchFront | None, settings: CoachSettings, worker: Worker = AT_ONCE
@@ -121,7 +125,7 @@ class Keeper:
         self._drift = Drift(settings.margin)
 
     def take_over(self, before: Keeper) -> None:
-        """Go on with the reference and the experience of the keeper before, on this section."""
+        """Take over the reference, and the driver's drift, from the keeper before, for this section."""
         before._give_up()
         self._drift, self._doubted_ns = before._drift, before._doubted_ns
         if before.reference is not None:
@@ -130,15 +134,15 @@ class Keeper:
             self.reference, self._changed = replace(before.reference, schedule=schedule), True
 
     def forget(self) -> None:
-        """The reference does not hold any more."""
+        """Drop the reference, and a request for a new one."""
         self.reference = None
         self._give_up()
 
     def keep(self, state: TrainState, goal: Goal) -> Kept | None:
-        """The reference for a state, kept or new; None where none can be made (yet).
+        """The reference for a state, kept or new; None if none can be made (yet).
 
-        While a new one is being made, the one before is kept, if it can be. Raises DasError for a state outside the
-        section or from which it cannot be finished.
+        While a new one is being made, the present one is kept if it can be. Raises DasError for a state outside the
+        section, or from which the train cannot reach the section's end.
         """
         must, forecast = self._why_at_once(state, goal)
         kept = self._kept(state, goal, forecast)
@@ -163,13 +167,13 @@ class Keeper:
         return self._answered(asked, kept, state, goal)
 
     def _kept(self, state: TrainState, goal: Goal, forecast: Prospect | None) -> Kept | None:
-        """The reference that stands, where it can be kept."""
+        """The present reference with its forecast; None if there is none or it cannot be kept."""
         if self.reference is None or forecast is None:
             return None
         return Kept(self.reference, forecast, forecast.time_s - goal.aimed_s(state.now_ns))
 
     def _ask(self, cause: ReplanCause, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
-        """Have a new reference made."""
+        """Have the worker make a new reference."""
         assert self._front is not None
         front, settings = self._front, self._settings
         wanted = self._wanted(state, goal, thorough=cause is ReplanCause.START)
@@ -179,20 +183,20 @@ class Keeper:
         return _Asked(cause, doubted, state, goal, answer)
 
     def _give_up(self) -> None:
-        """What is being made is not wanted any more."""
+        """Cancel the request for a new reference, if there is one."""
         if self._asked is not None:
             self._asked.answer.cancel()
         self._asked = None
 
     def _answered(self, asked: _Asked, kept: Kept | None, state: TrainState, goal: Goal) -> Kept | None:
-        """What was made, if it is taken, or else the reference that stands.
+        """The new reference if it is accepted, else the present one.
 
-        A reference whose phases do not brake where limits ahead ask for it is not taken while there is another. Where
-        there is none, the brakes are told all the same (`ShownBrakes.safe`).
+        A reference that slows for a limit without a phase to brake is accepted only if there is no other. The brakes
+        are then shown all the same, by `ShownBrakes.safe`.
         """
         try:
             found = asked.answer.result()
-            if state.now_ns != asked.state.now_ns:  # The train has gone on since.
+            if state.now_ns != asked.state.now_ns:  # The train has moved on since the request.
                 found = found._replace(forecast=found.schedule.forecast(state.s_m, state.v_mps))
         except DasError:
             if asked.doubted:
@@ -207,7 +211,10 @@ class Keeper:
         return self._taken(found, replan, state, goal)
 
     def _why_at_once(self, state: TrainState, goal: Goal) -> tuple[ReplanCause, Prospect | None]:
-        """Why there must be another reference now, if so, and what keeping this one comes to."""
+        """Why a new reference is necessary now (NONE: it is not), and the forecast of keeping the present one.
+
+        The forecast is None if there is no reference or it cannot be kept.
+        """
         reference = self.reference
         if reference is None:
             return ReplanCause.START, None
@@ -220,7 +227,7 @@ class Keeper:
         if self._changed:
             return ReplanCause.LINE, forecast
         if self._standing and state.v_mps > STANDSTILL_MPS:
-            return ReplanCause.START, forecast  # The train departs now, whenever it was to.
+            return ReplanCause.START, forecast  # The train departs now, on time or not.
         if goal.arrival_ns != reference.arrival_ns:
             return ReplanCause.GOAL, forecast
         if goal.passing is not None and goal.passing != reference.point:
@@ -228,7 +235,7 @@ class Keeper:
         return ReplanCause.NONE, forecast
 
     def _doubt(self, kept: Kept, state: TrainState, goal: Goal) -> ReplanCause:
-        """Why another reference might be better."""
+        """Why a new reference might be better than the present one (NONE: no reason, or not the time to try)."""
         keeping, now_ns = self._settings.keeping, state.now_ns
         young = (now_ns - kept.reference.replan.time_ns) * NS < keeping.least_age_s
         asked = (now_ns - self._doubted_ns) * NS < keeping.asked_every_s
@@ -244,13 +251,13 @@ class Keeper:
         return ReplanCause.ENERGY if abs(state.v_mps - known) > keeping.astray_mps else ReplanCause.NONE
 
     def _can_be_earlier(self, kept: Kept, state: TrainState) -> bool:
-        """Whether the fastest run gains enough over the reference; else no reference does, and none need be made."""
+        """Whether the fastest trajectory is earlier by enough; if not, no new reference can help a late train."""
         assert self._front is not None
         fastest_s = State.at(self._front.section, state.s_m, state.v_mps).fastest().time_s
         return kept.forecast.time_s - fastest_s > self._settings.keeping.late_gain_s
 
     def _misses_window(self, kept: Kept, state: TrainState, goal: Goal) -> bool:
-        """Whether the train that keeps the reference passes the point ahead outside its window."""
+        """Whether a train that keeps the reference passes the point ahead outside its window."""
         point = goal.passing
         if point is None or point.s_m <= state.s_m:
             return False
@@ -260,11 +267,11 @@ class Keeper:
         return early or late
 
     def _gain(self, kept: Kept | None, found: Scheduled, state: TrainState, goal: Goal) -> _Gain:
-        """What a new reference gains over the one that stands."""
+        """What a new reference gains over the present one (all 0 if there is none)."""
         if kept is None:
             return _Gain(0.0, 0.0, 0.0)
         left_s = goal.aimed_s(state.now_ns)
-        # What the driver is likely to lose is lost with either reference; the new one is made quicker by that.
+        # The driver is likely to lose the same time with either reference; the new one is made quicker by that time.
         loss_s = self._drift.loss_s(left_s)
         lateness_s = abs(kept.late_s + loss_s) - abs(found.forecast.time_s - left_s + loss_s)
         energy_j = kept.forecast.energy_j - found.forecast.energy_j
@@ -272,7 +279,7 @@ class Keeper:
         return _Gain(energy_j, lateness_s, worth_j)
 
     def _is_better(self, doubt: ReplanCause, gain: _Gain) -> bool:
-        """Whether a new reference gains enough to be taken."""
+        """Whether a new reference gains enough to be accepted; `doubt` is why it was made."""
         keeping = self._settings.keeping
         least_j = keeping.least_gain_power_s * self._section.train.traction_power_w
         better = {
@@ -294,7 +301,7 @@ class Keeper:
         return Kept(self.reference, found.forecast, late_s)
 
     def _wanted(self, state: TrainState, goal: Goal, *, thorough: bool) -> Wanted:
-        """What a new reference is to be made for; `thorough`: it is to stand for the whole section."""
+        """What a new reference is to be made for; `thorough`: it is meant to last for the whole section."""
         point, earliest_s, latest_s = goal.passing, None, None
         if point is not None and point.earliest_ns is not None:
             ahead_s = (point.earliest_ns - state.now_ns) * NS

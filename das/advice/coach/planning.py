@@ -1,4 +1,4 @@
-"""New references of the coach: schedules for the time left, which keep the window of a point ahead."""
+"""How the coach makes a new reference: a schedule (phases of driving) for the time left that keeps a point's window."""
 
 from __future__ import annotations
 
@@ -23,23 +23,24 @@ from das.solver.section import Section
 from das.solver.state import State
 
 HALVINGS = 12
-"""The speed at which a point is passed in time is found by halving an interval this many times."""
+"""The speed with which the train passes a point in time is found by halving an interval this many times."""
 NEAR_S, LATER_TRIES = 0.1, 3
 """If a point is passed more than `NEAR_S` too early or too late, the time aimed at is corrected by the error, up to
 `LATER_TRIES` times."""
 RUN_UPS_M = (0.0, 800.0, 2000.0)
-"""The distances before a point from which a train that was slowed for the point may accelerate again."""
+"""The distances before a point, tried one by one, at which a train slowed for the point accelerates again."""
 SLOWEST_MPS = 2.0
 """No train is told to go slower than this on the way to a point."""
 BRAKE_SHARE = 0.7
-"""A train that would reach a point too early even if it coasts brakes with this share of its motors' effort."""
+"""A train that would reach a point too early even by coasting brakes with this share of its motors' effort."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What a reference is made for: a state, the time left to the end (s), and a point with its window (s from now).
+    """What a reference is made for: the train's state, the time left to the end (s), and a point with its window.
 
-    `thorough`: the reference is worth several times the work.
+    `point_m` is None without such a point. `earliest_s` and `latest_s` count from now; None means that this end of the
+    window is open. `thorough`: spend several times the work on a better reference.
     """
 
     s_m: float
@@ -56,7 +57,7 @@ def solve_coach(
 ) -> FewSwitchFront:
     """The few-switch trajectories that the coach of a section chooses from.
 
-    For a train at a position (m) they are those ahead of the train.
+    They begin at the start of the section, or at the position `s_m` if it is given.
     """
     if s_m is None:
         return solve_few_switch(section, settings.few_switch, threads=threads)
@@ -64,7 +65,7 @@ def solve_coach(
 
 
 def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """The schedule for what is wanted; raises DasError where the section cannot be finished from the state."""
+    """The schedule for what is wanted; raises DasError if the train cannot reach the section's end from its state."""
     left_s = max(wanted.left_s, 1.0)
     free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
     polish = polished_thoroughly if wanted.thorough else polished
@@ -85,7 +86,7 @@ def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float)
 
 
 def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s, from 0) and positions (m) of a forecast from a position on."""
+    """The times (s, from 0) and positions (m) of a forecast at `s_m` and at all nodes ahead."""
     first = int(np.argmax(np.isfinite(forecast.speeds_mps)))
     node_m = schedule.section.node_m[first:].copy()
     node_m[0] = s_m
@@ -95,11 +96,11 @@ def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.nd
 
 
 def _slowed(front: FewSwitchFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """A reference with one lower speed until the point or shortly before it, so that it is not passed too early.
+    """A reference with one lower speed until the point, or until shortly before it, that passes it late enough.
 
-    A train that accelerates before the point passes it faster; the variant that costs least is taken. The train coasts
-    down to the lower speed, and brakes only if coasting is not enough. If nothing is enough, it goes as slowly as
-    allowed.
+    A train that accelerates before the point passes it faster. Of these variants the cheapest is taken. The train
+    coasts down to the lower speed, and brakes only if coasting is not enough. If even braking is not enough, it goes as
+    slowly as it can.
     """
     assert wanted.point_m is not None
     for share in (0.0, BRAKE_SHARE):
@@ -117,7 +118,7 @@ def _slowed(front: FewSwitchFront, free: Scheduled, wanted: Wanted, settings: Co
 
 
 class _Slowing(NamedTuple):
-    """A schedule that is to be slower up to a place (m), with a share of the electric brake (0: by coasting)."""
+    """A schedule `free` that is to be slowed up to a place (m), by a share of the electric brake (0: by coasting)."""
 
     free: Schedule
     until_m: float
@@ -126,7 +127,7 @@ class _Slowing(NamedTuple):
     def to(self, top_mps: float, wanted: Wanted) -> tuple[Schedule, Prospect]:
         """The schedule with a top speed up to the place, and its forecast.
 
-        Raises DasError where a hill cannot be climbed so slowly.
+        Raises DasError if the train is then too slow to climb a hill.
         """
         before = int(np.searchsorted(self.free.section.node_m, self.until_m))
         slower = _slowed_down(self.free, top_mps, before)
@@ -138,7 +139,7 @@ class _Slowing(NamedTuple):
 def _slowest(
     front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, free: Scheduled
 ) -> Scheduled:
-    """A reference with the lowest speed up to the point that still climbs all hills; it is too early all the same."""
+    """The reference with the lowest speed up to the point that still climbs all hills; it is too early all the same."""
     low, high, best = SLOWEST_MPS, wanted.v_mps, None
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -152,9 +153,10 @@ def _slowest(
 def _passing_late_enough(
     front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, price_w: float
 ) -> Scheduled | None:
-    """A reference with one lower speed up to a place; None if the point is still passed too early.
+    """A reference with one lower speed up to a place that passes the point late enough; None if there is none.
 
-    How fast the train runs from that place to the point is known only when the rest is planned.
+    The speed from that place to the point is known only once the rest is planned. So a time that turns out too early
+    is corrected.
     """
     assert wanted.point_m is not None
     assert wanted.earliest_s is not None
@@ -174,9 +176,10 @@ def _passing_late_enough(
 def _slow_until(
     front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, price_w: float
 ) -> tuple[Schedule, Prospect] | None:
-    """The schedule with the highest top speed up to a place that does not pass the point too early, and its forecast.
+    """The schedule with the highest top speed up to a place that passes the point late enough, and its forecast.
 
-    From that place on the train runs at a price of time. None if there is no such schedule.
+    For the way from that place to the point, the trajectory at the price of time `price_w` is assumed. None if there is
+    no such schedule.
     """
     assert wanted.point_m is not None
     assert wanted.earliest_s is not None
@@ -193,7 +196,7 @@ def _slow_until(
                 state = State.at(front.section, until_m, float(tried[1].speeds_mps[until]))
                 run = front.roll_out(state, quick, quick, 0)
                 passes += float(np.interp(wanted.point_m, state.node_m, state.elapsed_s(run.speeds_mps)))
-        except DasError:  # A hill cannot be climbed so slowly.
+        except DasError:  # So slow a train does not climb a hill.
             low = middle
             continue
         if passes < wanted.earliest_s:
@@ -204,10 +207,10 @@ def _slow_until(
 
 
 def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
-    """The schedule with no higher speed than `top_mps` up to an interval.
+    """The schedule with no speed above `top_mps` up to an interval.
 
-    Coasting from above that speed becomes holding the speed at which the coasting was to end, or `top_mps` if that is
-    lower: a train that coasted from a lower speed for as long as planned would come to a standstill.
+    A coasting phase that begins above `top_mps` becomes a phase that holds a speed: the one at which the coasting was
+    to end, or `top_mps` if that is lower. If the train coasted as far from its lower speed, it would stop on the way.
     """
     phases: list[Phase] = []
     for one in topped(schedule, top_mps, before).phases:
@@ -220,9 +223,9 @@ def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
 
 
 def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int, wanted: Wanted) -> Schedule:
-    """The schedule of a train that first brakes with a share of its motors to a speed, and holds it up to an interval.
+    """The schedule, changed so that the train first brakes to a speed and then holds it up to an interval.
 
-    Raises DasError where a hill cannot be climbed so slowly.
+    It brakes with a share of its motors' effort. Raises DasError if the train is then too slow to climb a hill.
     """
     first = schedule.ahead(wanted.s_m, wanted.v_mps)[0]
     brake = Phase(NotchRegime.BRAKE, share, first, top_mps)
@@ -238,10 +241,11 @@ def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int,
 
 
 def _hurried(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """The slowest run of the ladder whose schedule passes the point in time, then a schedule for the time left.
+    """A reference that passes the point in time: up to it as slow as that permits, then for the time left.
 
-    A schedule has fewer changes than its run and may reach the point later: then a quicker run is taken. If none is in
-    time, the schedule that is least late is taken.
+    The way to the point follows the slowest trajectory of the front that is in time. The schedule made from it has
+    fewer changes, and may reach the point later; then a quicker trajectory is tried. If none is in time, the schedule
+    that is least late is taken.
     """
     assert wanted.point_m is not None
     assert wanted.latest_s is not None
@@ -263,7 +267,7 @@ def _hurried(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> 
 
 
 def _slowest_by(front: FewSwitchFront, state: State, point_m: float, latest_s: float) -> int:
-    """The number of the slowest run of the ladder that passes a point by a time; of the quickest where none does."""
+    """The number of the slowest trajectory of the front that passes a point in a time (s); else of the quickest."""
     slow, quick = -1, len(front.lambda_w) - 1
     while quick - slow > 1:
         middle = (slow + quick) // 2
@@ -276,7 +280,7 @@ def _slowest_by(front: FewSwitchFront, state: State, point_m: float, latest_s: f
 def _with_rest(
     front: FewSwitchFront, way: tuple[Schedule, Prospect], wanted: Wanted, settings: CoachSettings, lambda_w: float
 ) -> Scheduled:
-    """A schedule to the point, joined to one for the time that is left from there; its phases say what is run."""
+    """A schedule up to the point, joined to a new one for the time left from there, as one reference."""
     assert wanted.point_m is not None
     schedule, forecast = way
     section, node_m = schedule.section, schedule.section.node_m

@@ -1,4 +1,4 @@
-"""From the reference to what is shown: which instruction holds for the train as it is, and what comes after it."""
+"""From the reference to what is shown: the instruction for the train in its present state, and those after it."""
 
 from __future__ import annotations
 
@@ -25,21 +25,23 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 FOLLOWING = 3
-"""Of so many phases after the present one it is known when they begin: one of them may be no change."""
+"""The begin of this many phases after the present one is computed; one of them may be no new instruction."""
 ROUNDED_MPS = 0.5 * KMH
-"""A display in whole km/h shows a speed that is above what is allowed by less than this as one that is not."""
+"""A speed above the allowed one by less than this looks the same on a display in whole km/h."""
 LONG_S = 3600.0
-"""A creeping train has no forecast: it takes so long at most."""
+"""A creeping train has no forecast: this long time (s) is used instead."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
-"""A train that has braked early rolls on, or creeps because it would stand short of its mark. A train above the speed
-to hold brakes if rolling would not bring it down to that speed soon enough."""
+"""Departures from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
+short of the mark (`CREEPS`). A driver above the speed to hold is told to coast back to it (`ROLLS`), or to brake if
+coasting takes too long (`BRAKES_BACK`)."""
 
 
 class ShownNow(NamedTuple):
-    """What is shown: the instruction, those after it, and way (m) and time (s) to where it ends.
+    """What is shown: the present instruction, those after it, and distance (m) and time (s) to where it ends.
 
-    `number` is that of the phase, `force_n` the wheel force of the instruction (N), and `reference_force_n` that which
-    keeps to the reference: of a brake exactly what it needs, before its effort is rounded up.
+    `number` is the number of the phase in the schedule. `force_n` is the wheel force of the instruction (N).
+    `reference_force_n` is the force that keeps the reference; for a brake it is exactly the force needed, before the
+    effort is rounded up.
     """
 
     now: Instruction
@@ -52,7 +54,7 @@ class ShownNow(NamedTuple):
 
 
 class Showing:
-    """Chooses what is shown, and remembers it, so that a display does not waver about a speed."""
+    """Chooses the instruction to show, and remembers it, so that a display does not flicker between two of them."""
 
     def __init__(self, settings: ShowingSettings) -> None:
         self._settings = settings
@@ -64,16 +66,16 @@ class Showing:
         self._shown, self._since_ns = Instruction(), 0
 
     def forget(self) -> None:
-        """Nothing is shown any more."""
+        """Forget what was shown: from now on nothing is shown."""
         self._schedule, self._shown = None, Instruction()
 
     @property
     def shown_effort(self) -> float:
-        """The effort of the brake that is shown (> 0); 0 where none is."""
+        """The braking effort shown (> 0); 0 if no brake is shown."""
         return -self._shown.effort_ratio if self._shown.mode in BRAKES else 0.0
 
     def stands_at_mark(self, state: TrainState) -> bool:
-        """Whether a train that brakes on as shown stands near the mark of its stop."""
+        """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
         return self._brakes is not None and self._brakes.stands_at_mark(self._shown, state)
 
     def braking(self, effort: float) -> Instruction:
@@ -82,7 +84,7 @@ class Showing:
         return self._shown
 
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
-        """What is shown of the reference to a train in a state."""
+        """What to show of the reference to a driver whose train is in this state."""
         schedule = kept.reference.schedule
         if schedule is not self._schedule:
             self._schedule, self._number, self._back = schedule, 0, 0
@@ -101,20 +103,20 @@ class Showing:
         wanted = self._brakes.safe(wanted, state, schedule.speed_at(state.s_m))
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchRegime.BRAKE
         between = brakes_again and self._left_s < self._settings.least_shown_s
-        # A speed that cannot be reached before the phase ends is not shown any longer than a limit that is passed.
+        # A speed above all that is allowed in the rest of the phase is replaced at once, like one above the limit.
         reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
         ends_mps = float(np.interp(phase_ends_m, schedule.section.node_m, schedule.section.envelope_mps))
-        brakes_on = wanted.mode in BRAKES and self._shown.mode in BRAKES  # Nobody releases the brake in between.
+        brakes_on = wanted.mode in BRAKES and self._shown.mode in BRAKES  # The driver keeps the brake applied.
         if self._brakes.stands_at_mark(self._shown, state):
             now = wanted = self._shown
         else:
             now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
         safe = now if now is wanted else self._brakes.safe(now, state, schedule.speed_at(state.s_m))
-        if safe is not now:  # What stands must be as safe as what is new.
+        if safe is not now:  # An instruction that is still shown must be as safe as a new one.
             now, self._shown, self._since_ns, urgent = safe, safe, state.now_ns, True
         due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
-        kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it still stands.
+        kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it is still shown.
         end_m = min(phase_ends_m, self._brakes.ends_m(now, state, phase))
         too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
         if due_m > 0 and not (too_fast or urgent or kept_on):
@@ -129,7 +131,7 @@ class Showing:
     def _following(
         self, now: Instruction, number: int, end_m: float, state: TrainState, foreseen: Foreseen
     ) -> tuple[Instruction, ...]:
-        """The next changes; first the rest of the phase, where it brakes on after the brake that is shown."""
+        """The announced instructions; the first is the rest of a braking phase if the brake shown ends before it."""
         assert self._schedule is not None
         assert self._brakes is not None
         schedule = self._schedule
@@ -147,7 +149,7 @@ class Showing:
     def creeping(
         self, section: Section, state: TrainState, place: SpeedsAllowed
     ) -> tuple[Instruction, tuple[Instruction, ...], float]:
-        """The instruction to creep to the stop, or to brake there, the brake that follows, and the wheel force (N)."""
+        """The instruction to creep to the stop, or to brake if that is due; the brake after it; and the force (N)."""
         self.forget()
         self._brakes = ShownBrakes(section, self._settings)
         creeps = Instruction(mode=Regime.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
@@ -157,10 +159,10 @@ class Showing:
         return now, following, self._brakes.force_n(now, state)
 
     def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
-        """The instruction that holds, or the next one where it is due within the lead; none is taken up again.
+        """The number of the phase to show: that of the train's position, or the next one if it is due soon.
 
-        A brake is shown up to its end, however short it is, unless another brake follows it: anything else is due at
-        its speed. An acceleration is shown before it is due only where the limit allows its speed already.
+        The number never goes back. A brake is shown up to its end, unless another brake follows it. An acceleration is
+        shown before it is due only if the limit already allows its speed.
         """
         here = max(schedule.number_at(state.s_m), self._number)
         if here + 1 == len(schedule.phases):
@@ -178,7 +180,7 @@ class Showing:
         return here + 1 if schedule.number_at(soon_m) > here else here
 
     def _planned(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
-        """The instruction of the schedule for the train as it is."""
+        """The instruction of a phase of the schedule, for the train in its present state."""
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number, state.s_m), place.limit_mps)
         if one.kind is NotchRegime.BRAKE:
@@ -191,7 +193,7 @@ class Showing:
         return self._holding(schedule, state, target)
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
-        """Whether the train is still to accelerate to the speed of a phase: once it is reached it is held."""
+        """Whether the train still has to accelerate to the speed of a phase; once reached, the speed is held."""
         if one.kind is not NotchRegime.TRACTION or target <= self._reached_mps + SAME_MPS:
             return False
         if v_mps < target - self._settings.reached_mps:
@@ -200,12 +202,12 @@ class Showing:
         return False
 
     def _holding(self, schedule: Schedule, state: TrainState, target: float) -> Instruction:
-        """Hold a speed; a train that is far from it goes back to it first."""
+        """The instruction to hold a speed, or to return to it if the train is too far from it."""
         settings, away = self._settings, state.v_mps - target
         if self._back == 0 and away < -settings.reached_mps and self._shown.mode in TRACTION:
-            self._back = 1  # It has not yet reached the speed that it accelerates to.
+            self._back = 1  # The train is still accelerating to this speed.
         elif self._back == 0 and away < 0 and self._left_s < settings.worth_accelerating_s:
-            pass  # What comes next is near: to accelerate now would soon be braked away.
+            pass  # The next instruction is near: accelerating now would be wasted.
         elif self._back == 0 and abs(away) > (settings.above_mps if away > 0 else settings.below_mps):
             self._back, self._share = (1, schedule.back_share) if away < 0 else self._slows_back(state, away)
         elif (self._back > 0 and away >= -settings.reached_mps) or (self._back < 0 and away <= SAME_MPS):
@@ -220,7 +222,7 @@ class Showing:
         return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
-        """`ROLLS` or `BRAKES_BACK` for a train above the speed to hold, and the effort of the brake (1: all motors)."""
+        """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
         assert self._brakes is not None
         ahead, limit = self._brakes.ahead, self._settings.limit
         if -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
@@ -228,13 +230,13 @@ class Showing:
         return BRAKES_BACK, min(ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps), 1.0)
 
     def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
-        """Brake with one effort to the speed; a driver who has braked early lets the train roll until it is due."""
+        """The instruction to brake with one effort to a speed; a driver who has braked early is told to coast first."""
         settings, v_mps = self._settings, state.v_mps
         if v_mps <= target + SAME_MPS and target > SAME_MPS:
             return self._holding(schedule, state, target)
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
-        slows = target > SAME_MPS  # A train that is nearly at its speed brakes on to it.
+        slows = target > SAME_MPS  # It brakes to a lower speed, not to a stop.
         if not schedule.brakes_by_effort(number):
             eased = needed / schedule.braking_mps2(number)
         else:
@@ -261,7 +263,7 @@ class Showing:
         return self._brakes.shown(self._brakes.needed(schedule, number, state, target, brakes=brakes), state)
 
     def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
-        """Which share of the effort that a brake is planned with is enough from here."""
+        """The braking effort needed from here, as a share of the planned one."""
         assert self._brakes is not None
         needed = self._brakes.ahead.effort_to(state.s_m, state.v_mps, schedule.begin_m(number + 1), target)
         return needed / max(float(schedule.phases[number].share), SAME_EFFORT)
@@ -270,10 +272,11 @@ class Showing:
         self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, ends_mps: float, *,
         between_brakes: bool, urgent: bool,
     ) -> Instruction:  # fmt: skip
-        """The instruction to show: it stands for a while, unless limits ask for another one (`urgent`).
+        """The instruction to show: the last one for some time longer, or the wanted one.
 
-        `ends_mps` is the highest speed that is allowed where the phase ends.
-        Between two brakes that follow each other at once the first one stands: at its speed the driver releases it.
+        The wanted one is shown at once if limits need it (`urgent`), if it brakes more, or if the last one is completed
+        or shows too high a speed. `ends_mps` is the highest speed allowed where the phase ends. `between_brakes`: the
+        next phase brakes soon. Then a brake that has reached its speed is still shown; the driver releases it himself.
         """
         shown = self._shown
         highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Regime.COAST else place.limit_mps
@@ -303,7 +306,7 @@ class Showing:
         return self._shown
 
     def _eased(self, shown: Instruction, wanted: Instruction, state: TrainState) -> bool:
-        """Whether a brake is far too strong, or beyond the train by now: all brakes, where the motors are enough."""
+        """Whether the brake shown is far too strong by now, more than the train has, or needs no friction any more."""
         assert self._brakes is not None
         if -shown.effort_ratio > max(self._brakes.ahead.largest(state.v_mps), 1.0) + SAME_EFFORT:
             return True
@@ -315,12 +318,12 @@ class Showing:
 
 
 def _alike(one: Instruction, other: Instruction) -> bool:
-    """Whether two instructions are of one mode and lead to one speed."""
+    """Whether two instructions have the same mode and lead to the same speed."""
     return one.mode is other.mode and abs(one.speed_mps - other.speed_mps) < SAME_MPS
 
 
 def _highest_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The highest speed that is allowed anywhere from a position to the end of a phase."""
+    """The highest speed (m/s) allowed anywhere from a position to the end of a phase."""
     section = schedule.section
     first = max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0)
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)

@@ -1,4 +1,7 @@
-"""The brakes that the coach shows for limits and the stop ahead: efforts that change rarely, and their forces."""
+"""The braking instructions that the coach shows for limits and the stop ahead: efforts that change rarely.
+
+A braking effort is the braking force as a share of what the motors can brake with at the present speed.
+"""
 
 from __future__ import annotations
 
@@ -24,47 +27,47 @@ from das.solver.section import Section
 SAME_EFFORT = 1e-3
 """Efforts that differ by less than this count as equal."""
 SAME_MPS = 0.3
-"""Speeds this near to each other are the same on a display."""
+"""Speeds that differ by less than this look the same on a display, and count as equal."""
 HELD_MPS2 = 0.5
-"""A driver below the speed to hold accelerates to it at no more than this."""
+"""A driver below the speed to hold is assumed to accelerate to it at no more than this."""
 CREEPS_M = 9.0
-"""A creeping train is shown the brake for its stop once that is due within this distance."""
+"""The driver of a creeping train is shown the brake for the stop once it is due within this distance."""
 
 
 class SpeedsAllowed(NamedTuple):
-    """What bounds an instruction where the train is: the highest speed that is safe, and the limit (m/s)."""
+    """The bounds on an instruction where the train is: the highest safe speed, and the limit over the train (m/s)."""
 
     allowed_mps: float
     limit_mps: float
 
 
 class ShownBrakes:
-    """Makes instructions keep limits and the stop of a section, and remembers the effort of each brake."""
+    """Makes instructions keep the limits and the stop of a section, and remembers the effort shown for each brake."""
 
     def __init__(self, section: Section, settings: ShowingSettings) -> None:
         self.ahead = BrakingAhead(section)
-        """What limits and the stop ahead ask of the brakes."""
+        """Computes the braking that the limits and the stop ahead need."""
         self._settings = settings
         self._efforts: dict[float, float] = {}
-        """The effort shown last for the brake to each place (m)."""
+        """For each place to brake to (m), the effort shown last."""
         self._exact_effort = 0.0
 
     def unrounded(self, now: Instruction) -> Instruction:
-        """The instruction; if it is a brake, with exactly the effort that is needed instead of the rounded one."""
+        """The instruction; if it is a brake, with exactly the effort needed instead of the rounded one."""
         exact = now.mode in BRAKES and self._exact_effort < -now.effort_ratio
         return replace(now, effort_ratio=-self._exact_effort) if exact else now
 
     def force_n(self, now: Instruction, state: TrainState) -> float:
-        """The wheel force (N) with which a train follows an instruction, within what the train can give.
+        """The wheel force (N) that follows an instruction, within what the train can give.
 
-        Near the speed of the instruction it is the force that leads to that speed.
+        Near the speed to reach or to hold it is the force that leads to that speed without overshooting it.
         """
         ahead, s_m, v = self.ahead, state.s_m, max(state.v_mps, 0.1)
         if now.mode in BRAKES:
             return ahead.force_n(-now.effort_ratio, s_m, v)
         if now.mode is Regime.COAST:
             return 0.0
-        # A force that is held until the next advice must not carry the train beyond that speed.
+        # The driver keeps this force until the next advice; it must not take the train beyond the speed.
         train, closing_mps2 = ahead.section.train, (now.speed_mps - v) / self._settings.limit.closes_in_s
         wanted_n = ahead.section.resistance_n(s_m, v) + train.inertial_mass_kg * closing_mps2
         most_n = float(traction_limit(v, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
@@ -72,31 +75,31 @@ class ShownBrakes:
         return min(max(wanted_n, least_n), most_n)
 
     def lasts(self, now: Instruction, state: TrainState) -> tuple[float, float]:
-        """The time (s) and the distance (m) in which a brake reaches its speed, at the rate with which it begins."""
+        """The time (s) and the distance (m) in which a brake reaches its speed at the present deceleration."""
         time_s = max(state.v_mps - now.speed_mps, 0.0) / max(self._rate_mps2(-now.effort_ratio, state), LEAST_MPS2)
         return time_s, 0.5 * (state.v_mps + now.speed_mps) * time_s
 
     def slowing_mps(self, now: Instruction, state: TrainState, from_m: float) -> NDArray[np.float64]:
-        """The speeds at all nodes ahead of a train that brakes from a place on, and then holds the instructed speed."""
+        """The speeds (m/s) at all nodes ahead of a train that brakes as instructed and then holds the speed reached."""
         braked_n = -self.ahead.force_n(-now.effort_ratio, state.s_m, state.v_mps)
         return np.maximum(self.ahead.rolling_mps(from_m, state.v_mps, braked_n), now.speed_mps)
 
     def _rate_mps2(self, effort: float, state: TrainState) -> float:
-        """The deceleration (m/s²) with which an effort of the brakes slows a train in the given state."""
+        """The deceleration (m/s²) that a braking effort gives a train in this state."""
         ahead, v_mps = self.ahead, state.v_mps
         braked_mps2 = -ahead.force_n(effort, state.s_m, v_mps) / ahead.section.train.inertial_mass_kg
         return braked_mps2 - ahead.rolls_mps2(state.s_m, v_mps)
 
     def stands_short(self, now: Instruction, state: TrainState) -> bool:
-        """Whether a train that goes on braking would come to a standstill clearly short of the stop."""
+        """Whether a train that goes on braking as instructed would stop clearly short of its mark."""
         short_m = self.ahead.section.end_m - state.s_m - self.lasts(now, state)[1]
         return short_m > self._settings.brake.short_m
 
     def stands_at_mark(self, now: Instruction, state: TrainState) -> bool:
-        """Whether a train in the last metres before its stop will stand near the mark if it goes on braking as shown.
+        """Whether a train in the last metres before its stop will stop near the mark if it goes on braking as shown.
 
-        The driver sees the mark there. The estimated position is not so exact: an effort that followed it would only
-        flicker.
+        There the driver sees the mark, while the estimated position is less exact: an effort computed from it would
+        only flicker.
         """
         left_m, settings = self.ahead.section.end_m - state.s_m, self._settings.effort
         if now.mode not in BRAKES or now.speed_mps > SAME_MPS or left_m > AT_MARK_M:
@@ -104,7 +107,7 @@ class ShownBrakes:
         return -settings.beyond_mark_m <= left_m - self.lasts(now, state)[1] <= settings.before_mark_m
 
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
-        """Where a brake ends (m) that limits need and its phase does not; infinity for any other instruction."""
+        """Where a brake ends (m) that the limits need but the phase does not; infinity for any other instruction."""
         if now.mode not in BRAKES or (phase.kind is NotchRegime.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
             return math.inf
         needed = self.ahead.needed(state.braked_m, state.v_mps)
@@ -113,7 +116,10 @@ class ShownBrakes:
         return state.s_m + self.lasts(now, state)[1]
 
     def under_limit(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
-        """The instruction that brings a train back under the limit, or keeps it from rolling above the limit."""
+        """The instruction that brings a train back under the limit, or keeps it from coasting above it.
+
+        It is the wanted instruction if that is enough.
+        """
         settings, v_mps, limit_mps = self._settings.limit, state.v_mps, min(place.limit_mps, place.allowed_mps)
         rolls_mps2 = self.ahead.rolls_mps2(state.s_m, v_mps)
         excess = v_mps - limit_mps
@@ -123,7 +129,7 @@ class ShownBrakes:
         target = min(wanted.speed_mps, limit_mps)
         if excess > (SAME_MPS if falls or wanted.mode in BRAKES else settings.braked_mps):
             needed = self.ahead.back_under(state.s_m, v_mps, limit_mps)
-            # A train above the curve of full brakes must not wait for a brake that grows.
+            # A train above the curve of full braking must not wait while the effort shown grows step by step.
             effort = max(needed.effort, self.ahead.full(state.s_m, v_mps)) if falls else needed.effort
             if wanted.mode not in BRAKES or effort > -wanted.effort_ratio:
                 return self.shown(needed._replace(effort=effort, target_mps=target), state)
@@ -137,9 +143,9 @@ class ShownBrakes:
         return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
 
     def safe(self, wanted: Instruction, state: TrainState, known_mps: float) -> Instruction:
-        """The wanted instruction, or the brake for limits and the stop ahead if the wanted one brakes less.
+        """The wanted instruction, or the brake that limits and the stop ahead need if the wanted one brakes less.
 
-        The brake is shown sooner to a train that accelerates, or that is faster than the reference (`known_mps`).
+        The brake is shown earlier to a train that accelerates, or that is faster than the reference (`known_mps`).
         """
         ahead, lead, v_mps = self.ahead, self._settings.lead, state.v_mps
         on_time = v_mps <= known_mps + SAME_MPS and wanted.mode not in TRACTION
@@ -154,11 +160,11 @@ class ShownBrakes:
         needed = ahead.needed(state.braked_m, v_mps)
         above_mps = v_mps - ahead.allowed_mps(state.braked_m)
         if needed.effort > 0.0 and above_mps > SAME_MPS and not self._ends(needed, v_mps):
-            # An effort that only grew with the need would come too late.
+            # If the effort only grew with the need, it would always be too little.
             needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
         if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
             return wanted
-        # Accelerating would pass this speed. Where it is above the present one, no brake is needed yet.
+        # A train that goes on accelerating must brake to this speed; if it is above the present one, coasting will do.
         passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if wanted.mode in TRACTION else -math.inf
         coasts = needed.effort < self._settings.effort.step_ratio and passes_mps > v_mps
         if needed.effort > 0.0 and not coasts:
@@ -170,9 +176,10 @@ class ShownBrakes:
         return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
-        """The brake that a phase needs from its start, or from here if that is later.
+        """The braking that a phase needs to reach the speed `target` at its end.
 
-        A brake that is not shown yet allows for the build-up of the brakes. `brakes`: the train brakes already.
+        It is computed from the start of the phase, or from here if the train is beyond it or `brakes` already. Before a
+        brake is first shown, the build-up of the brakes is allowed for.
         """
         end_m, begin_m = schedule.begin_m(number + 1), state.braked_m if brakes else schedule.begin_m(number)
         from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
@@ -184,12 +191,15 @@ class ShownBrakes:
         return NeededBrake(max(needed, planned), target, end_m)
 
     def back_to(self, target_mps: float, effort: float) -> Instruction:
-        """The brake that leads back to a speed to hold."""
+        """The instruction to brake back to a speed to hold, with an effort that is rounded up for display."""
         self._exact_effort = effort
         return brake_of(max(self._stepped(effort), self._settings.effort.step_ratio), target_mps)
 
     def brake_at(self, s_m: float, speeds_mps: NDArray[np.float64]) -> Instruction | None:
-        """The brake that limits and the stop need from a place ahead, for a train with these speeds at the nodes."""
+        """The instruction to brake that limits and the stop need from a place (m) on; None if no braking is needed.
+
+        `speeds_mps` are the train's speeds at the nodes ahead of it.
+        """
         nodes_m = self.ahead.section.node_m[-len(speeds_mps) :]
         needed = self.ahead.needed(s_m, float(np.interp(s_m, nodes_m, speeds_mps)))
         if needed.effort <= 0.0:
@@ -197,7 +207,7 @@ class ShownBrakes:
         return brake_of(max(needed.effort, self._settings.effort.step_ratio), needed.target_mps)
 
     def shown(self, needed: NeededBrake, state: TrainState) -> Instruction:
-        """The brake as it is shown: its effort stays the same until more is needed, or clearly less."""
+        """The instruction to brake as shown: its effort stays the same until more is needed, or clearly less."""
         settings, v_mps = self._settings.effort, state.v_mps
         kept = self._efforts.get(needed.at_m)
         shown = self._stepped(needed.effort)
@@ -216,9 +226,9 @@ class ShownBrakes:
         return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
 
     def _nearly_enough(self, kept: float, needed: NeededBrake, state: TrainState) -> bool:
-        """Whether the effort `kept`, less than what is needed, ends so little above the speed that no driver sees it.
+        """Whether the effort `kept` is slightly too small, but ends too little above the speed for a driver to notice.
 
-        Never so for a train above the curve of full brakes.
+        Never true for a train above the curve of full braking.
         """
         above_mps = state.v_mps - self.ahead.allowed_mps(state.braked_m)
         if needed.target_mps <= SAME_MPS or needed.effort <= kept or above_mps > SAME_MPS:
@@ -228,14 +238,14 @@ class ShownBrakes:
         return ends_w <= (needed.target_mps + SAME_MPS) ** 2
 
     def _stepped(self, effort: float) -> float:
-        """An effort rounded up to the steps shown: 5 % of the motors' effort, and larger steps with friction."""
+        """An effort rounded up to the steps of the display, which are larger if the friction brake is used."""
         step_ratio = self._settings.effort.step_ratio if effort <= 1.0 else self._settings.effort.friction_step_ratio
         return math.ceil(effort / step_ratio - SAME_EFFORT) * step_ratio
 
     def _grown(self, needed: NeededBrake, kept: float, state: TrainState) -> float:
-        """The larger effort to show if the driver has not braked as shown: enough even if he acts only a little later.
+        """The larger effort to show when the one shown is no longer enough; it suffices even if the driver reacts late.
 
-        Friction is never asked for before it is needed.
+        The friction brake is included only once it is needed.
         """
         settings = self._settings.effort
         if self.ahead.section.end_m - state.s_m <= AT_MARK_M:
@@ -247,13 +257,13 @@ class ShownBrakes:
         return self._stepped(min(answered, settings.grown_ratio * needed.effort, most))
 
     def _ends(self, needed: NeededBrake, v_mps: float) -> bool:
-        """Whether a train has nearly slowed down to the speed that it brakes for; never so for a stop."""
+        """Whether a train has nearly slowed down to the lower speed that it brakes to; never true for a stop."""
         above_mps = v_mps - needed.target_mps
         return needed.target_mps > SAME_MPS and 0.0 < above_mps <= OVERSPEED_MPS
 
 
 def announced_brake(schedule: Schedule, number: int, target: float) -> Instruction:
-    """A brake as it is shown before it is due: with the effort with which the schedule begins it."""
+    """The instruction to brake as announced: with the effort with which the schedule begins to brake."""
     begin = schedule.phases[number].begin
     v_mps, at_m = max(float(schedule.known.speed_mps[begin]), 1.0), float(schedule.section.node_m[begin])
     effort = float(schedule.phases[number].share)
@@ -263,5 +273,5 @@ def announced_brake(schedule: Schedule, number: int, target: float) -> Instructi
 
 
 def brake_of(effort: float, target_mps: float) -> Instruction:
-    """The instruction to brake with an effort; one above what the motors give is a friction brake."""
+    """The instruction to brake to a speed with an effort; the mode follows from the effort."""
     return Instruction(mode=braking_mode(effort), speed_mps=target_mps, effort_ratio=-effort)

@@ -1,4 +1,4 @@
-"""The advisor: what it says, when it says nothing, and that it never advises above limit or brake curve."""
+"""The advice on a section: what it says, when it is withdrawn, and that it is never above a limit or braking curve."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_the_interval_of_a_position_is_the_one_that_begins_at_or_before_it() -> 
 
 
 def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Front) -> None:
-    """A follower that has exactly the advised speed at every second: arrives when promised."""
+    """A train that has exactly the advised speed every second arrives at the predicted time."""
     least = front.fastest().time_s
     arrival_s = round(least * 1.1)
     advisor = OneSection(front)
@@ -86,7 +86,7 @@ def test_following_the_advice_arrives_on_time_with_the_planned_energy(front: Fro
 @settings(max_examples=150, deadline=None)
 @given(place=st.floats(0.0, 0.9999), speed=st.floats(0.0, 1.2))
 def test_the_least_time_is_that_of_the_fastest_run(front: Front, place: float, speed: float) -> None:
-    """Cut short where it meets the section's fastest run, against the whole fastest run from the state."""
+    """The least time is cut short where the train meets the section's fastest run; the whole run takes as long."""
     s_m = 29_000.0 * place
     v_mps = speed * float(np.interp(s_m, front.section.node_m, front.section.envelope_mps))
     assert front.least_time_s(s_m, v_mps) == pytest.approx(front.fastest(s_m, v_mps).time_s, abs=1e-6)
@@ -140,12 +140,12 @@ def test_who_is_too_fast_is_never_told_to_pull_nor_to_coast_for_a_brake(
     assert advice.advised_force_n <= 0
     brakes = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
     assert advice.mode in (Regime.CRUISE, Regime.COAST, *brakes)
-    # Where coasting would not come down to the limit, a display of four modes holds it or brakes.
+    # If coasting would not bring the train down to the limit, a display of four modes shows the limit or a brake.
     assert advice.four_mode in ((Regime.FULL_BRAKE,) if advice.mode in brakes else (advice.mode, Regime.CRUISE))
 
 
 def test_a_brake_as_hard_as_the_train_may_is_full() -> None:
-    """Its motors could brake twice as hard: that is no weak brake, nor coasting on a display of four modes."""
+    """The motors could brake twice as hard, but the train may not: this is no weak brake, and not shown as coasting."""
     train = replace(load_vehicle("re460-ic"), max_deceleration_mps2=0.3)
     late = solve_front(build_section(load_route("flat-6km"), train))
     plan = Plan.of(late.fastest(), late.section, 0)
@@ -180,7 +180,7 @@ def test_never_departs_early(front: Front) -> None:
 
 @pytest.mark.parametrize("s_m", [0.0, 14_000.0, 28_900.0])
 def test_a_train_that_stands_before_its_stop_is_told_to_depart_when_cleared_and_how(front: Front, s_m: float) -> None:
-    """At its departure stop or under way: nothing in the advice moves it, and all that is needed to depart is there."""
+    """At its stop or under way: the advice does not move the train, but says all that is needed to depart."""
     advisor, advice = advisor_at(front, s_m, 0.0, now_s=0.0, arrival_s=1_250.0)
     assert (advice.mode, advice.four_mode) == (Regime.DEPART, Regime.DEPART)
     assert advice.reason.startswith("depart when cleared: ")
@@ -200,7 +200,7 @@ def test_a_train_that_stands_before_its_stop_is_told_to_depart_when_cleared_and_
 
 
 def test_a_train_that_comes_to_stand_where_the_plan_brakes_is_told_how_to_depart(front: Front) -> None:
-    """It was to brake on to the stop, and is still near enough to its plan to count as following it."""
+    """The plan brakes to the stop, and the train is still near enough to the plan to count as following it."""
     states = [(28_935.0 - 0.5 * (5.0 - 0.5 * t) ** 2 / 0.5, 5.0 - 0.5 * t) for t in range(11)]
     told = driven(front, states, arrival_s=1_250.0)
     assert Regime.DEPART in {advice.mode for advice in told}
@@ -221,7 +221,7 @@ def test_who_stands_at_the_end_is_not_later_every_second(front: Front) -> None:
     for second in range(1_221, 1_400):
         advisor.set_position(PositionFix(time_ns=ns(second), s_m=28_999.0, speed_mps=0.0))
         assert advisor.update(ns(second)).reason == first.reason
-    for second in range(1_400, 1_410):  # short of the mark: it moves up
+    for second in range(1_400, 1_410):  # The train moves up, because it stopped short of the mark.
         advisor.set_position(PositionFix(time_ns=ns(second), s_m=28_999.0 + (second - 1_400) * 0.5, speed_mps=0.5))
         advisor.update(ns(second))
     for second in range(1_410, 1_415):
@@ -230,7 +230,7 @@ def test_who_stands_at_the_end_is_not_later_every_second(front: Front) -> None:
 
 
 def test_a_train_that_moves_up_to_its_stop_is_not_told_to_depart(front: Front) -> None:
-    """It stood short of the mark, so the stop is kept; what it creeps now is not the next section."""
+    """A train that stopped short of the mark has kept the stop; creeping up to it is not the next section."""
     _, advice = advisor_at(front, -31.0, 2.0, now_s=-60.0, arrival_s=1_250.0)
     assert (advice.mode, advice.reason) == (Regime.NONE, "moving up to the stop")
     _, advice = advisor_at(front, -31.0, 2.0, now_s=1.0, arrival_s=1_250.0)
@@ -238,7 +238,7 @@ def test_a_train_that_moves_up_to_its_stop_is_not_told_to_depart(front: Front) -
 
 
 def test_full_brake_is_no_more_than_the_train_brakes_with() -> None:
-    """Where a file bounds the deceleration and leaves the brakes' force open; the resistance brakes as well."""
+    """The vehicle bounds its deceleration, but not the force of its brakes; the resistance counts as braking too."""
     brakes = {"friction_brake_force_n": 5e6, "brake_policy": BrakePolicy.BLENDED, "max_deceleration_mps2": 1.1}
     train = replace(load_vehicle("re460-ic"), **brakes)
     section = build_section(load_route("flat-6km"), train)
@@ -330,7 +330,7 @@ def test_a_new_mode_waits_unless_it_asks_for_less_effort(front: Front) -> None:
 
 
 def driven(front: Front, states: list[tuple[float, float]], *, arrival_s: float) -> list[Advice]:
-    """The advice of every second for a train that is where it likes to be (position m, speed m/s)."""
+    """The advice of every second for a train in the given states (position m, speed m/s), whatever it is advised."""
     advisor, heard = OneSection(front), []
     advisor.set_timetable(Timetable(departure_ns=ns(-1000.0), arrival_ns=ns(arrival_s)))
     for second, (s_m, v_mps) in enumerate(states):
@@ -340,7 +340,7 @@ def driven(front: Front, states: list[tuple[float, float]], *, arrival_s: float)
 
 
 def test_who_brakes_early_for_the_stop_is_not_told_to_speed_up(front: Front) -> None:
-    """Half of what the plan brakes with, late as he may be: to catch up he would only have to brake again."""
+    """The driver brakes half as hard as planned, and is late: if he sped up he would only have to brake again."""
     braked_mps2, from_mps = 0.5, 25.0
     way_s = from_mps / braked_mps2
     start_m = 29_000.0 - from_mps**2 / (2 * braked_mps2)
@@ -355,19 +355,19 @@ def test_who_brakes_early_for_the_stop_is_not_told_to_speed_up(front: Front) -> 
 
 
 def test_who_keeps_a_little_below_the_advised_speed_is_not_chased(front: Front) -> None:
-    """4 km/h below on the flat stretch at the limit, late: one plan, no effort that comes and goes."""
+    """The driver is 4 km/h below the limit on the level, and late: the plan stays, and so does the effort."""
     start_m, v_mps = 10_500.0, 120 * KMH
     _, first = advisor_at(front, start_m, v_mps, now_s=0.0, arrival_s=10.0)
     kept_mps = first.limit_mps - 4.0 * KMH
     heard = driven(front, [(start_m + kept_mps * t, kept_mps) for t in range(60)], arrival_s=10.0)
-    # He does not brake either: the brake that is shown becomes stronger and stronger, and that is no change here.
+    # He does not brake either: the brake shown grows stronger and stronger, which is not counted as a change here.
     modes = [min(advice.mode, Regime.REDUCED_BRAKE) for advice in heard]
     changes = sum(a != b for a, b in pairwise(modes))
     assert changes <= 4, [advice.mode.name for advice in heard]
 
 
 def test_the_effort_shown_is_that_of_the_mode_shown(front: Front) -> None:
-    """A mode that is held a while is held with its effort, however the driver drives."""
+    """A mode that is still shown is shown with its own effort, however the driver drives."""
     random, s_m, v_mps, states = np.random.default_rng(3), 2_000.0, 20.0, []
     for _ in range(600):
         allowed = float(np.sqrt(np.interp(s_m, front.section.node_m, front.section.envelope_mps**2)))
@@ -388,7 +388,7 @@ def test_the_effort_shown_is_that_of_the_mode_shown(front: Front) -> None:
 
 
 def test_the_effort_of_a_mode_left_out_is_not_shown_with_another(front: Front) -> None:
-    """A short mode is shown as the one before it, and with no more effort than that."""
+    """A mode too short to follow is shown as the one before it, and with no more effort than that one."""
     section, left_out = front.section, 0
     for time_s in (1_110.0, 1_150.0, 1_200.0, 1_300.0):
         solution = front.trajectory(time_s)
@@ -445,7 +445,7 @@ def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> 
         ([cruise, coast, pull, cruise], [20.0, 20.0, 19.4, 20.0, 20.0], [cruise, coast, pull, cruise]),
         ([cruise, brake, coast, cruise], [20.0, 20.0, 19.9, 19.8, 19.8], [cruise, brake, coast, cruise]),
         ([coast, cruise, coast, coast], [20.0, 20.0, 20.0, 19.9, 19.9], [coast, cruise, coast, coast]),
-        # A slow rise from one stretch to the next is cruising; each is judged by itself.
+        # A slow rise from one stretch of cruising to the next counts as cruising; each stretch is judged by itself.
         ([cruise, pull, cruise, pull, cruise], [20.0, 20.0, 20.5, 20.5, 21.0, 21.0], [cruise] * 5),
     ]
     for modes, v_mps, expected in cases:
@@ -466,7 +466,7 @@ def test_the_speed_on_a_display_does_not_flicker_and_is_never_above_what_is_allo
 
 
 def test_four_modes_and_their_next_change(front: Front) -> None:
-    """Changes within one of the four are none."""
+    """A change between two modes that the display shows as the same one of four is no change."""
     advisor, advice = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
     plan = advisor.plan
     assert plan is not None
@@ -481,13 +481,13 @@ def test_four_modes_and_their_next_change(front: Front) -> None:
 
 
 def test_the_reduced_maximum_speed_keeps_the_time(front: Front) -> None:
-    """A train that pulls fully, holds that speed and brakes easily arrives in time; 1 km/h less would be late."""
+    """A train that accelerates fully, holds that speed and brakes gently is on time; 1 km/h less would be late."""
     reduced = ReducedSpeed(front.section)
     top = reduced.judged_mps(0.0, 0.0, ns(0), ns(1_250))
     assert top < 0.95 * float(front.section.limit_mps.max())
     assert reduced.time_s(0.0, 0.0, top) == pytest.approx(1_250.0, abs=0.5)
     assert reduced.time_s(0.0, 0.0, top - 1 * KMH) > 1_255.0
-    # It is shown in whole km/h, stands still between two looks, and is as fast as may be where the time is gone.
+    # It is shown in whole km/h, stays the same for a while, and is as fast as allowed if no time is left.
     _, advice = advisor_at(front, 8_470.0, 20.0, now_s=420.0, arrival_s=1_250.0)
     judged_kmh = ReducedSpeed(front.section).judged_mps(8_470.0, 20.0, ns(420), ns(1_250)) / KMH
     assert advice.reduced_max_speed_mps / KMH == pytest.approx(round(judged_kmh))
@@ -499,7 +499,7 @@ def test_the_reduced_maximum_speed_keeps_the_time(front: Front) -> None:
 
 
 def test_the_reduced_maximum_speed_is_not_absurdly_slow_where_time_is_ample(front: Front) -> None:
-    """As the plan: at first 2.5 times the least time; and it does not dwindle on the way."""
+    """As with the plan, it is at first that for 2.5 times the least time; and it does not fall on the way."""
     reduced = ReducedSpeed(front.section)
     fast = float(front.section.limit_mps.max())
     top = reduced.judged_mps(0.0, 0.0, ns(0), ns(9_000))

@@ -1,4 +1,4 @@
-"""Braking ahead: the effort that is needed, by an integrator of its own, and when a brake is due."""
+"""Braking ahead: the effort needed, checked by an independent integration, and when a brake is due."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ END_M = 8000.0
 
 
 def line(vehicle: Vehicle = TRAIN, gradient: float = 0.0) -> Section:
-    """25 m/s from km 4 on and 15 m/s from km 5 to 6, with 35 m/s before and after."""
+    """A section with limits of 35 m/s, from km 4 on 25 m/s, from km 5 to 6 15 m/s, then 35 m/s again."""
     limits = [(0.0, 35.0), (4000.0, 25.0), (5000.0, 15.0), (6000.0, 35.0)]
     route = make_route(END_M, limits, grades=[(0.0, gradient)])
     return build_section(route, vehicle, options=SectionOptions(braking=USUAL.of(vehicle), point_mass=True))
 
 
 def speed_after_mps(vehicle: Vehicle, effort: float, v_mps: float, way_m: float, gradient: float = 0.0) -> float:
-    """The speed of a train after a way with an effort, in steps of 0.1 m: F = effort·min(F_max, P/v) at every speed."""
+    """The speed of a train after braking with an effort, in steps of 0.1 m: F = effort·min(F_max, P/v)."""
     brake, w = vehicle.electric_brake, v_mps**2
     for _ in range(round(way_m / 0.1)):
         if w <= 0:
@@ -65,7 +65,7 @@ def test_what_is_needed_is_by_the_speed_that_asks_for_most() -> None:
     assert (near.target_mps, near.at_m) == (pytest.approx(25.0), pytest.approx(4000.0, abs=10.0))
     both = ahead.needed(4400.0, 25.0)
     assert (both.target_mps, both.at_m) == (pytest.approx(15.0), pytest.approx(5000.0, abs=10.0))
-    for s_m in range(2600, 3900, 50):  # Where both ask for nearly the same the nearer is named, with the larger effort.
+    for s_m in range(2600, 3900, 50):  # If both need nearly the same, the nearer is named with the larger effort.
         found, efforts = (
             ahead.needed(s_m, 30.0),
             [ahead.effort_to(s_m, 30.0, to_m, v) for to_m, v in ((4000.0, 25.0), (5000.0, 15.0))],
@@ -75,7 +75,7 @@ def test_what_is_needed_is_by_the_speed_that_asks_for_most() -> None:
 
 
 def test_more_than_the_motors_is_friction_and_never_beyond_the_train() -> None:
-    """A policy leaves the friction brake alone in plans; a train that is too fast uses all that it has."""
+    """The brake policy excludes the friction brake from plans; a train that is too fast uses it all the same."""
     ahead = BrakingAhead(line())
     effort = ahead.needed(7800.0, 25.0).effort
     assert effort > 1.0
@@ -118,7 +118,7 @@ def test_a_train_above_a_limit_is_brought_back_in_time() -> None:
 
 
 def test_no_motors_brake_where_the_line_takes_no_power() -> None:
-    """In a neutral section the friction brake alone is there, and the effort is still one of the motors."""
+    """In a neutral section only the friction brake works; efforts still count in shares of the motors' braking."""
     route = replace(make_route(END_M, [(0.0, 35.0)]), neutral_sections=(Zone(start_m=3000.0, length_m=300.0),))
     section = build_section(route, TRAIN, options=SectionOptions(braking=USUAL.of(TRAIN), point_mass=True))
     ahead = BrakingAhead(section)

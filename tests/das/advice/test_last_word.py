@@ -1,8 +1,8 @@
-"""The last word: what is wrong in an advice is caught and replaced, what is sound passes as it is.
+"""The last word: it replaces what is unsafe in an advice, and leaves a safe advice as it is.
 
-Most tests judge advices made by hand, for a train of 100 t with 60 kN of electric and 60 kN of friction brake on a
-level line of 10 km. Its limits are 30, 20 and 30 m/s, its electric brake alone gives 0.6 m/s², so that every curve has
-the closed form v² = u² + 2·0.6·d.
+Most tests judge advices made by hand, for a train of 100 t with 60 kN of electric and 60 kN of friction brake, on a
+level line of 10 km with limits of 30, 20 and 30 m/s. The electric brake alone gives 0.6 m/s², so that every braking
+curve has the closed form v² = u² + 2·0.6·d.
 """
 
 from __future__ import annotations
@@ -53,23 +53,23 @@ TRAIN = replace(
 BASIS = BrakingBasis(LINE, TRAIN, BrakePolicy.ELECTRIC, (), Conditions(), 0.0, END_M)
 MODEL = BrakingModel(BASIS)
 FAST_M, SD_M = 2_000.0, 1.0
-"""Where the train runs at the limit with nothing ahead, and the deviation of its position."""
+"""A place where the train runs at the limit with nothing to brake for, and the standard deviation of its position."""
 
 
 def curve_mps(way_m: float, to_mps: float = 0.0) -> float:
-    """From this speed full braking comes down to another one on a way."""
+    """The speed from which full braking reaches `to_mps` over a distance."""
     return math.sqrt(to_mps**2 + 2 * RATE * way_m)
 
 
 def at(s_m: float, v_mps: float, sd_m: float = SD_M) -> Estimate:
-    """A usable estimate."""
+    """A usable estimate of position and speed."""
     return Estimate(
         time_ns=S, fix_time_ns=S, s_m=s_m, speed_mps=v_mps, position_sd_m=sd_m, speed_sd_mps=0.1, problem=None
     )
 
 
 def advice_of(s_m: float, v_mps: float, mode: Regime, force_n: float, rate_mps2: float = 0.0, **changes: Any) -> Advice:
-    """An advice whose horizon goes on with one deceleration to a standstill."""
+    """An advice whose horizon slows down with a constant deceleration to a standstill."""
     horizon = tuple(max(v_mps - rate_mps2 * second, 0.0) for second in range(1, 31))
     common: dict[str, Any] = {
         "time_ns": S, "position_time_ns": S, "s_m": s_m, "speed_mps": v_mps, "mode": mode,
@@ -138,7 +138,7 @@ def coached(advice: Advice, **changes: Any) -> dict[str, Any]:
 
 
 def followed(*changes: dict[str, Any]) -> dict[str, Any]:
-    """The coach at the limit with its announced instructions changed."""
+    """`COACH_FAST` with its announced instructions changed."""
     known = zip(COACH_FAST.following, changes, strict=False)
     return coached(FAST, following=tuple(replace(one, **new) for one, new in known))
 
@@ -221,7 +221,7 @@ def test_what_is_wrong_is_caught_and_what_is_said_instead_is_sound(name: str) ->
 
 def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
     said, (act,) = judged(replace(BRAKES, mode=Regime.COAST, advised_force_n=0.0))
-    # The train may be 2 m further, and a steady force is asked for.
+    # The train may be 2 m further ahead, and a constant force is required.
     needed_n = 1e5 * (BRAKE_MPS**2 - LOW**2) / (2 * (200.0 - 2 * SD_M))
     assert said.advised_force_n == act.instead_n == pytest.approx(-needed_n)
     assert (said.mode, said.four_mode, said.source) == (Regime.FULL_BRAKE, Regime.FULL_BRAKE, Source.FALLBACK)
@@ -267,7 +267,7 @@ def test_the_train_may_be_two_deviations_ahead_but_sees_the_mark() -> None:
     assert judged(advice)[1] == ()
     early, _ = judged(advice, at(advice.s_m, advice.speed_mps, sd_m=30.0))
     assert early.advised_speed_mps == pytest.approx(curve_mps(way_m - 60.0), abs=0.01)
-    # In the last metres the mark is found by eye, however uncertain the position is.
+    # In the last metres the driver finds the mark by eye, however uncertain the position is.
     near = advice_of(END_M - 8.0, curve_mps(8.0), Regime.FULL_BRAKE, -FULL_N, RATE)
     assert judged(near, at(near.s_m, near.speed_mps, sd_m=30.0))[1] == ()
 
@@ -293,7 +293,7 @@ def test_a_train_downhill_is_not_told_to_coast_above_the_limit() -> None:
     coasts = advice_of(FAST_M, HIGH, Regime.COAST, 0.0, four_mode=Regime.CRUISE)
     said, acts = judged(coasts, basis=basis)
     assert [act.part for act in acts] == [Part.EFFORT]
-    # The brake takes back at least what the hill gives.
+    # The brake at least balances the slope.
     assert said.mode is Regime.REDUCED_BRAKE
     assert said.advised_force_n <= -0.03 * 9.80665 * 1e5
 
@@ -355,7 +355,7 @@ def test_a_restriction_counts_at_once_and_until_the_tail_has_left_it() -> None:
 
 @pytest.mark.parametrize("number", range(6))
 def test_it_agrees_with_a_witness_that_reads_the_files(number: int, tmp_path: Path) -> None:
-    """Random lines with gradients, limits and restrictions; the witness has steps of 1 m."""
+    """On random lines with gradients, limits and restrictions; the independent check computes in steps of 1 m."""
     route_file, vehicle_file = write_files(tmp_path, number, blended=number % 2 == 1)
     route, vehicle, random = load_route(str(route_file)), load_vehicle(str(vehicle_file)), np.random.default_rng(number)
     raw = RawLine(route_file, RawTrain.read(vehicle_file))
@@ -381,7 +381,7 @@ def test_it_agrees_with_the_envelope_of_the_solver() -> None:
         model = BrakingModel(BrakingBasis(route, vehicle, section.brakes, restrictions, Conditions(), a, b))
         found = np.array([model.allowed_mps(s_m) for s_m in section.node_m.tolist()])
         rises = np.append(np.diff(section.limit_mps, prepend=section.limit_mps[0]) > 0, False)
-        # At the node itself where the limit rises, the envelope has the lower limit, and this model the higher one.
+        # Exactly where the limit rises, the solver's envelope has the lower limit, and this model the higher one.
         assert np.abs(found - section.allowed_mps)[~rises].max() < 0.03
 
 
@@ -395,7 +395,7 @@ def test_a_section_that_a_run_of_the_solver_drives_is_never_above_the_bound() ->
 
 
 def wrong_from_now_on(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
-    """From now on every leg says something wrong."""
+    """Change the advice of every leg from now on."""
     advise = Leg.advise
     monkeypatch.setattr(Leg, "advise", lambda leg, here: replace(advise(leg, here), **changes))
 
@@ -444,7 +444,7 @@ def test_a_force_that_is_no_number_does_not_leave_the_cab(monkeypatch: pytest.Mo
 
 @pytest.mark.slow
 def test_the_full_advice_of_an_ordinary_day_passes_as_it_is() -> None:
-    """The clear day of the perfect driver: nothing is replaced but coasting that a weak brake is shown as."""
+    """The clear day with the perfect driver: only coasting that stands for a weak brake is replaced."""
     day = make_day(service_for(load_scenario("clear-day")), 0)
     link = InProcess(day.service)
     ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.VECTOR, link).run()

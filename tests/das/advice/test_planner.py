@@ -1,4 +1,4 @@
-"""What is allowed on the way of a train that may be further ahead, and what one above its plan is told."""
+"""The speeds allowed for a train that may be further ahead than estimated, and the advice for one above its plan."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_the_end_of_the_section_is_a_stop() -> None:
 
 
 def test_a_train_that_may_be_further_ahead_is_allowed_what_holds_there() -> None:
-    """The curve before the lower limit falls: by its deceleration over the way that it may be ahead."""
+    """On the braking curve the allowed speed is lower by what the curve falls over the extra distance."""
     s_m, ahead_m = 3900.0, 60.0
     here, there = (PLANNER.allowed_for(TrainState(0, s_m, 20.0, way_m)) for way_m in (0.0, ahead_m))
     planned_m = USUAL.of(TRAIN).deviation_m
@@ -38,7 +38,7 @@ def test_a_train_that_may_be_further_ahead_is_allowed_what_holds_there() -> None
 
 
 def test_the_horizon_of_a_late_driver_stays_below_what_is_allowed_on_his_way() -> None:
-    """The plan has left the lower speeds before the limit behind; who is slower has them still ahead of him."""
+    """The plan has already passed the low speeds before the limit; a slower driver still has them ahead."""
     state = TrainState(0, 3900.0, 22.0)
     planned_m = 3900.0 + 25.0 * np.arange(1, 11)
     kept = kept_behind(np.full(10, 30.0), 20.0, state, planned_m, PLANNER)
@@ -54,7 +54,7 @@ def test_the_horizon_of_a_late_driver_stays_below_what_is_allowed_on_his_way() -
 def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes(
     over_mps: float, brakes_fully: bool
 ) -> None:
-    """There the planned curve has come down to the limit already, and falls no more."""
+    """At that place the planned braking curve has reached the lower limit and does not fall any further."""
     assert 0.2 < AT_FOOT_MPS < 0.9
     s_m, v_mps = 3996.0, 15.0 + over_mps
     state, ahead = TrainState(0, s_m, v_mps), PLANNER.ahead
@@ -65,7 +65,7 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
 
 
 def test_a_display_of_four_modes_brakes_in_time_for_full_brakes_that_build_up() -> None:
-    """Seen from every 20 m before a lower limit: 4 s before full brakes are too late they are shown, and no sooner."""
+    """Every 20 m before a lower limit: full braking is shown 4 s before it would be too late, and not earlier."""
     settings, v_mps = DisplaySettings(), 28.0
     for s_m in np.arange(3000.0, 4000.0, 20.0).tolist():
         state = TrainState(0, s_m, v_mps)

@@ -1,4 +1,4 @@
-"""The top speed as it is shown: never above limit or curve, calm, and no higher than it pays to go."""
+"""The staircase of the top speed shown: never above limit or braking curve, steady, no higher than is worthwhile."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def section_of(length_m: float, limits_kmh: list[tuple[float, float]]) -> Sectio
 
 
 def staircase_of(section: Section) -> Staircase:
-    """The staircase of a section, as the reduced maximum speed makes it."""
+    """The staircase of a section, as the reduced maximum speed uses it."""
     return ReducedSpeed(section)._staircase
 
 
 def curve_mps(s_m: float, feet: list[tuple[float, float]]) -> float:
-    """Second witness: the closed form of easy braking for speeds (m/s) at places (m)."""
+    """An independent check: the highest speed from which gentle braking keeps lower speeds (m/s) at places (m)."""
     return min(math.sqrt(v * v + 2 * EASY * (at - s_m)) if at > s_m else math.inf for at, v in feet)
 
 
 def full_curve_mps(section: Section, s_m: float) -> float:
-    """Second witness: the closed form of full braking for the stop from a low speed, where one force does it."""
+    """An independent check: the highest speed from which full braking keeps the stop, where its force is constant."""
     train = section.vehicle
     most_n = float(train.brake_effort_n(LOWEST)) + train.resistance.c0_n
     rate = min(most_n / train.inertial_mass_kg, train.max_deceleration_mps2)
@@ -41,7 +41,7 @@ def full_curve_mps(section: Section, s_m: float) -> float:
 
 
 def shown_kmh(staircase: Staircase, drive: list[tuple[float, float, float]]) -> list[float]:
-    """What is shown (km/h) at places (m) to a train with speeds under judged speeds (m/s), one after the other."""
+    """The speeds shown (km/h) to a train in successive states: position (m), speed and reduced top speed (m/s)."""
     return [round(staircase.at(*one) / KMH, 9) for one in drive]
 
 
@@ -49,7 +49,7 @@ def test_it_says_the_limit_the_lower_limit_from_where_braking_begins_and_slow_sp
     section = section_of(12_000.0, [(0.0, 80.0), (1_000.0, 140.0), (6_000.0, 60.0)])
     staircase, judged = staircase_of(section), 120.4 * KMH
     feet = [(6_000.0, 60 * KMH), (12_000.0, 0.0)]
-    assert staircase_of(section).at(0.0, 0.0, judged) == pytest.approx(80.0 * KMH)  # to a standing train as well
+    assert staircase_of(section).at(0.0, 0.0, judged) == pytest.approx(80.0 * KMH)  # The train may stand.
     shown = {}
     for s_m in np.arange(0.0, 12_000.0, 5.0):
         here = float(section.limit_mps[np.searchsorted(section.node_m, s_m, side="right") - 1])
@@ -57,16 +57,16 @@ def test_it_says_the_limit_the_lower_limit_from_where_braking_begins_and_slow_sp
         shown[s_m] = staircase.at(s_m, v, judged) / KMH
     steps = [s_m for s_m in list(shown)[1:] if shown[s_m] != shown[s_m - 5.0]]
     assert [round(shown[s_m], 9) for s_m in (0.0, *steps)] == [80.0, 120.0, 60.0, 20.0, 10.0]
-    # By the closed form braking from 120 to 60 km/h takes (v² − u²)/2b, from 60 km/h to the stop v²/2b.
+    # In closed form, braking from 120 to 60 km/h takes (v² − u²)/2b, from 60 km/h to the stop v²/2b.
     way_m = [(a**2 - b**2) * KMH**2 / (2 * EASY) for a, b in ((120, 60), (60, 0))]
     assert steps[0] == pytest.approx(1_000.0 + section.vehicle.train_length_m, abs=10.0)
-    # The curve is known at the ends of intervals: its beginning is at most one of them early.
+    # The curve is computed at the ends of intervals, so braking begins at most one interval early.
     for step_m, foot_m, one_m in zip(steps[1:3], (6_000.0, 12_000.0), way_m, strict=True):
         assert -float(section.step_m.max()) < step_m - (foot_m - one_m) < 10.0
 
 
 def test_it_is_never_above_limit_or_curve_whatever_the_train_does() -> None:
-    """Drawn speeds and judgements. In the last metres before the stop the curve is that of full braking."""
+    """With random speeds and top speeds. In the last metres before the stop the curve is that of full braking."""
     limits = [(0.0, 70.5), (2_000.0, 141.3), (5_000.0, 15.0), (5_400.0, 90.0), (6_000.0, 140.0)]
     section = section_of(9_000.0, limits)
     random = np.random.default_rng(7)
@@ -101,7 +101,7 @@ def test_who_brakes_early_is_not_told_to_speed_up_but_who_is_far_too_slow_is() -
     slow = staircase_of(section)
     first = slow.at(at_m, 5.0, judged)
     assert 15.0 < first < curve_mps(at_m, [(9_000.0, 0.0)])
-    # It stands while the train speeds up, until the curve comes down to it.
+    # The speed shown stays while the train speeds up, until the curve falls to it.
     places = np.arange(at_m, 8_990.0, 10.0)
     speeds = [min(5.0 + 0.06 * (s_m - at_m), first, curve_mps(s_m, [(9_000.0, 0.0)])) for s_m in places]
     shown = [slow.at(s_m, v, judged) for s_m, v in zip(places, speeds, strict=True)]
@@ -111,7 +111,7 @@ def test_who_brakes_early_is_not_told_to_speed_up_but_who_is_far_too_slow_is() -
 
 
 def test_a_train_that_stands_short_of_its_stop_may_move_up() -> None:
-    """At 20 km/h, and ever more slowly in the last metres: halved each time, and 0 only in the last ones."""
+    """It is shown 20 km/h, in the last metres half of that and half again, and 0 only at the very end."""
     section = section_of(9_000.0, [(0.0, 140.0)])
     staircase, places = staircase_of(section), np.arange(8_950.0, 9_000.0, 0.05)
     shown = shown_kmh(staircase, [(s_m, 0.0, 30.0) for s_m in places])

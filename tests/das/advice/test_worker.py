@@ -1,4 +1,4 @@
-"""The worker: at once or in a thread of its own, and what goes wrong is in the answer."""
+"""The worker: it works at once or in a background thread, and the future holds the exception if the work fails."""
 
 from __future__ import annotations
 

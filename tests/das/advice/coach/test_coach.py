@@ -1,4 +1,4 @@
-"""The coach in a cab: reasons in words, what following is worth, restrictions and targets told, and standing."""
+"""The coach in a cab: its reasons in words, what following it saves, restrictions and targets, and standing trains."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def coach_of() -> Coach:
 
 
 def train_of() -> Keeping:
-    """A train that keeps to the reference of its section with a buffer of 15 %."""
+    """A train that keeps the reference of its section with a buffer of 15 %."""
     _, train = started(keeper_of_section(LINE), LINE, goal_of(LINE, 0.15))
     return train
 
 
 def shown(coach: Coach, state: TrainState, goal: Goal, place: SpeedsAllowed = FREE) -> Coaching | None:
-    """What a coach shows to a train that is on time."""
+    """What a coach shows to the driver of a train that is on time."""
     return coach.show(coach.plan(state, goal), state, goal, place, 0.0)
 
 
@@ -68,7 +68,7 @@ def test_the_last_brake_names_the_stop() -> None:
 
 
 def test_a_train_that_is_too_fast_is_told_by_how_much() -> None:
-    """5 m/s above what is allowed."""
+    """The train is 5 m/s above the allowed speed."""
     coach, state = coach_of(), train_of().at(200)
     coaching = said(coach, state, SpeedsAllowed(state.v_mps - 5.0, 60.0))
     assert coaching.reason == "18 km/h too fast"
@@ -77,7 +77,7 @@ def test_a_train_that_is_too_fast_is_told_by_how_much() -> None:
 
 
 def test_coasting_in_time_is_worth_more_than_going_on() -> None:
-    """Where the reference coasts or brakes, going on at the present speed costs energy."""
+    """If the reference coasts or brakes, going on at the present speed costs more energy."""
     coach, train, worth = coach_of(), train_of(), {}
     for second in range(6, int(train.end_s) - 40):
         coaching = said(coach, train.at(second))
@@ -92,7 +92,7 @@ def test_a_standing_train_is_told_to_stand_and_for_how_long() -> None:
 
 
 def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cleared() -> None:
-    """The effort and speed of the train that departs, and no force until then."""
+    """The advice has the effort and speed of the departure, and no force until then."""
     section = section_of(LINE)
     coach, state = coach_of(), TrainState(ns(0), section.start_m, 0.0)
     goal = goal_of(LINE, 0.15)
@@ -138,7 +138,7 @@ def test_reasons_are_what_a_driver_would_say(mode: Regime, late_s: float, expect
 
 
 class Cab:
-    """A leg with its preparation, as a cab has them, in this thread; the train is where the tests say."""
+    """A leg with its preparation, as in a cab, without a background thread; the tests say where the train is."""
 
     def __init__(self) -> None:
         section = section_of(LINE)
@@ -170,7 +170,7 @@ class Cab:
 
 
 def test_what_is_told_on_the_way_makes_one_other_reference_each() -> None:
-    """A restriction, a target at the stop and one at a point, told to a train that keeps to its reference."""
+    """A restriction, then a target at the stop, then one at a point, received by a train that keeps its reference."""
     cab, train = Cab(), train_of()
     causes, times = [cab.coaching(train.at(30)).replan.cause], set()
     section = section_of(LINE)

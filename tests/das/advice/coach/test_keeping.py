@@ -1,4 +1,4 @@
-"""The keeper: a reference stands until there is a reason, and every new one says its reason and its gain."""
+"""The keeper: it keeps a reference until there is a reason for another one, and states the reason and the gain."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ T = TypeVar("T")
 def driven(
     keeper: Keeper, train: Keeping, goal: Goal, seconds: range, *, behind_s: float = 0.0
 ) -> list[tuple[int, Kept]]:
-    """The references that are made while a train keeps to its own plan, some time behind it, and when."""
+    """The references that are made while a train drives some time behind its reference, and when."""
     found: list[tuple[int, Kept]] = []
     for second in seconds:
         before = keeper.reference
@@ -44,7 +44,7 @@ def driven(
 
 
 def ridden(keeper: Keeper, train: Keeping, goal: Goal, seconds: range, point_m: float) -> tuple[list[Replan], float]:
-    """The replans of a train that keeps to every reference until it passes a point, and when it passes it (s)."""
+    """The new references of a train that keeps each of them until it passes a point, and when it passes it (s)."""
     replans: list[Replan] = []
     for second in seconds:
         state, before = train.at(second), keeper.reference
@@ -60,7 +60,7 @@ def ridden(keeper: Keeper, train: Keeping, goal: Goal, seconds: range, point_m: 
 
 @pytest.mark.parametrize("which", BUNDLED)
 def test_who_keeps_exactly_to_the_reference_gets_no_other(which: Which) -> None:
-    """From the departure to the stop; the forecast of the arrival stays the same to within half a second."""
+    """Over the whole section the forecast arrival changes by less than half a second."""
     keeper, goal = keeper_of(which), goal_of(which, BUFFER)
     kept, train = started(keeper, which, goal)
     assert kept.reference.replan.cause is ReplanCause.START
@@ -87,7 +87,7 @@ def test_a_reference_of_a_standing_train_is_made_anew_when_it_departs() -> None:
 
 
 def test_who_is_late_gets_one_other_reference_which_says_what_it_gains() -> None:
-    """8 s behind, of which a quicker run gains nearly all; the train that keeps to it gets no third one."""
+    """The train is 8 s late, and the new reference regains nearly all of it; kept, it gets no third one."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     first, train = started(keeper, LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
@@ -96,7 +96,7 @@ def test_who_is_late_gets_one_other_reference_which_says_what_it_gains() -> None
     replan = kept.reference.replan
     assert (second, replan.cause, replan.time_ns) == (100, ReplanCause.LATE, ns(100))
     assert 4.0 <= replan.gain_s <= 9.0
-    assert replan.gain_j < 0.0  # To be quicker costs energy.
+    assert replan.gain_j < 0.0  # Faster driving costs energy.
     assert kept.late_s < DEFAULT.keeping.late_s
     assert kept.reference.lambda_w > first.reference.lambda_w
     again = Keeping(kept.reference.schedule, kept.forecast, 100.0, train.at(100, behind_s=8.0).s_m)
@@ -104,7 +104,7 @@ def test_who_is_late_gets_one_other_reference_which_says_what_it_gains() -> None
 
 
 def test_a_driver_who_is_known_to_lose_time_gets_another_reference_all_the_same() -> None:
-    """It is made quicker by what he is likely to lose; that it would be early by this without him is no reason."""
+    """It is quicker by the time he is likely to lose; that it is therefore early on paper is no reason against it."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     _, train = started(keeper, LINE, goal)
     ((_, kept),) = driven(keeper, train, goal, range(100, 110), behind_s=8.0)
@@ -131,7 +131,7 @@ def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None
 
 
 def test_a_young_reference_is_not_doubted() -> None:
-    """Late by 30 s, but the reference is younger than the least age."""
+    """The train is 30 s late, but the reference is younger than the least age."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     kept, train = started(keeper, LINE, goal)
     young = range(6, 5 + int(DEFAULT.keeping.least_age_s))
@@ -145,7 +145,7 @@ def test_a_young_reference_is_not_doubted() -> None:
 def test_a_train_that_cannot_be_earlier_keeps_its_reference_and_is_rarely_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A train that is hopelessly late: the fastest run gains 3 s, in its last brake, and no reference gains them."""
+    """The train is hopelessly late: only the fastest run gains 3 s, in its last braking; no reference can do so."""
     keeper, goal, asked = keeper_of(LINE), goal_of(LINE, -0.2), []
     _, train = started(keeper, LINE, goal)
     monkeypatch.setattr("das.advice.coach.keeping.planned", lambda *args: asked.append(args) or planned(*args))
@@ -167,7 +167,7 @@ def test_another_arrival_makes_another_reference_at_once(by_s: float) -> None:
 
 
 def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
-    """The keeper on the new line takes over: until its front is there, the old reference holds below the new limits."""
+    """Until the front of the changed line is ready, the new keeper keeps the old reference below the new limits."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     _, train = started(keeper, LINE, goal)
     free = section_of(LINE)
@@ -193,7 +193,7 @@ def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
 
 
 class PatientWorker(Worker):
-    """Does its work only when it is told to."""
+    """A worker that does its work only when the test calls `finish`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -205,7 +205,7 @@ class PatientWorker(Worker):
         return answer
 
     def finish(self) -> None:
-        """Do all work that nobody has given up."""
+        """Do all work that has not been cancelled."""
         for work, answer in self.waiting:
             if answer.set_running_or_notify_cancel():
                 answer.set_result(work())
@@ -260,7 +260,7 @@ def test_a_reference_that_could_not_be_made_in_the_background_is_asked_for_again
 
 @pytest.mark.parametrize(("earlier_s", "later_s"), [(40.0, None), (25.0, 60.0), (None, -6.0)])
 def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None, later_s: float | None) -> None:
-    """Earliest and latest time, counted from when the train would have passed; who keeps to it gets no other."""
+    """The window counts from when the train would pass without one; keeping the reference, it gets no other one."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     kept, train = started(keeper, LINE, goal)
     point_m, here = section_of(LINE).start_m + 9000.0, train.at(60)
@@ -286,7 +286,7 @@ def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None,
 
 
 def test_who_would_miss_the_window_gets_another_reference() -> None:
-    """Half a minute ahead of a reference that passes a point just after its earliest time."""
+    """The train is half a minute ahead of a reference that passes a point just after its earliest time."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
     kept, train = started(keeper, LINE, goal)
     here, point_m = train.at(60), section_of(LINE).start_m + 9000.0
@@ -308,7 +308,7 @@ def test_who_would_miss_the_window_gets_another_reference() -> None:
 def test_who_is_far_off_the_speed_gets_another_reference_only_where_that_saves_enough(
     least_gain_power_s: float, away_mps: float, cause: ReplanCause
 ) -> None:
-    """4 m/s off the speed, on time to within the late seconds: who is too slow would need more energy for another."""
+    """The train is 4 m/s off its speed but nearly on time; for a slow train a new reference would need more energy."""
     keeping = KeepingSettings(late_s=60.0, early_s=60.0, least_gain_s=30.0, least_gain_power_s=least_gain_power_s)
     keeper, goal = keeper_of(LINE, CoachSettings(keeping=keeping)), goal_of(LINE, BUFFER)
     _, train = started(keeper, LINE, goal)
@@ -343,7 +343,7 @@ def test_the_same_inputs_give_the_same_references() -> None:
 
 
 def drifted(per_min_s: float, minutes: int) -> Drift:
-    """What is known of a driver who loses so much a minute."""
+    """The drift measured for a driver who loses this many seconds a minute."""
     drift = Drift(MarginSettings())
     drift.see(ns(0), 0.0, anew=True)
     for step in range(1, 3 * minutes + 1):
@@ -352,7 +352,7 @@ def drifted(per_min_s: float, minutes: int) -> Drift:
 
 
 def test_the_margin_grows_for_a_driver_who_drifts() -> None:
-    """Whether he loses or gains; it is within its bounds, and larger for a moment further ahead."""
+    """The margin grows whether he loses or gains time, stays within its bounds, and is larger further ahead."""
     calm, losing, gaining = drifted(0.0, 15), drifted(6.0, 15), drifted(-6.0, 15)
     assert calm.margin_s(240.0) < losing.margin_s(240.0) == gaining.margin_s(240.0)
     assert MarginSettings().least_s <= losing.margin_s(1.0) <= losing.margin_s(240.0) <= MarginSettings().most_s
@@ -360,7 +360,7 @@ def test_the_margin_grows_for_a_driver_who_drifts() -> None:
 
 
 def test_a_loss_is_expected_of_a_driver_who_loses_and_of_no_other() -> None:
-    """After 15 min of 3 s a minute: 1 − exp(−15/5) of it is known, so 2 min ahead 5.7 s."""
+    """After 15 min at 3 s a minute, 1 − exp(−15/5) of it has been learned, so 5.7 s are expected in 2 min."""
     assert drifted(3.0, 15).loss_s(120.0) == pytest.approx(6.0 * 0.950, abs=0.05)
     assert drifted(-3.0, 15).loss_s(120.0) == 0.0
     assert drifted(0.0, 15).loss_s(120.0) == 0.0
@@ -368,7 +368,7 @@ def test_a_loss_is_expected_of_a_driver_who_loses_and_of_no_other() -> None:
 
 
 def test_another_reference_is_no_drift() -> None:
-    """The forecast jumps where the reference changes: that is not the driver's doing."""
+    """The forecast jumps when the reference changes; this is not the driver's doing."""
     drift = Drift(MarginSettings())
     drift.see(ns(0), 0.0, anew=True)
     drift.see(ns(30), 50.0, anew=True)

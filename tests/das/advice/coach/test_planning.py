@@ -1,4 +1,4 @@
-"""New references: in time, through the window of a point, and with the braking that the driver uses."""
+"""New references: they arrive on time, keep the window of a point, and brake as a driver does."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.few_switch import BUNDLED, Which, asked_s, front_of, section_
 
 pytestmark = pytest.mark.slow
 EARLY_S = 0.5
-"""A point may be passed by this much before its window (the margin of the keeper is four times as much)."""
+"""A point may be passed this long before its window (the keeper's least margin is four times as long)."""
 
 
 def wanted_from_start(which: Which, buffer_ratio: float, **more: float) -> Wanted:
@@ -43,7 +43,7 @@ def place_m(which: Which, share: float) -> float:
 
 @pytest.mark.parametrize(("which", "buffer_ratio"), crossed(BUNDLED, [0.08, 0.15, 0.3]))
 def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio: float) -> None:
-    """Against the optimum that brakes as the driver does, in the same time. Measured: 0.2 to 0.7 %, 3.5 % on 6 km."""
+    """Compared with the optimum for the same braking and time. Measured: 0.2 to 0.7 % more, 3.5 % on 6 km."""
     wanted = wanted_from_start(which, buffer_ratio)
     found = plan(which, wanted)
     assert found.forecast.time_s <= wanted.left_s + 1.0
@@ -59,7 +59,7 @@ def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio:
 def test_a_point_is_not_passed_before_its_window(
     which: Which, buffer_ratio: float, share: float, slower: float
 ) -> None:
-    """However much later than without the window, on every section and with every buffer."""
+    """However much later the window makes the train, on every section and with every buffer."""
     wanted = wanted_from_start(which, buffer_ratio, point_m=place_m(which, share))
     free = plan(which, wanted)
     wanted = replace(wanted, earliest_s=slower * passed_s(free, wanted))
@@ -74,7 +74,7 @@ def test_a_point_is_not_passed_before_its_window(
 
 @pytest.mark.parametrize(("which", "slower"), crossed(BUNDLED[1:], [1.3, 1.6, 2.0]))
 def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelerate(which: Which, slower: float) -> None:
-    """A driver who went on when told to slow down: coasting alone would bring him to the point too early."""
+    """The driver did not slow down when told to, and coasting alone would bring him to the point too early."""
     section = section_of(which)
     s_m, point_m = place_m(which, 0.4), place_m(which, 0.6)
     v_mps = 0.95 * float(np.interp(s_m, section.node_m, section.envelope_mps))
@@ -88,7 +88,7 @@ def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelera
 
 
 def test_where_no_speed_is_slow_enough_for_a_window_the_train_is_not_told_to_accelerate() -> None:
-    """The window opens in an hour: the train would have to stand, which no schedule before the end can."""
+    """The window opens in an hour: the train would have to stop and wait, which no schedule can do before its end."""
     which = BUNDLED[1]
     wanted = Wanted(s_m=place_m(which, 0.4), v_mps=20.0, left_s=3000.0, point_m=place_m(which, 0.6), earliest_s=3600.0)
     found = plan(which, wanted)
@@ -99,9 +99,9 @@ def test_where_no_speed_is_slow_enough_for_a_window_the_train_is_not_told_to_acc
 
 @pytest.mark.parametrize(("which", "share"), crossed(BUNDLED, [0.2, 0.5, 0.8]))
 def test_a_point_is_passed_by_its_latest_time_where_that_can_be(which: Which, share: float) -> None:
-    """Half-way between the fastest run's time with the driver's braking and that without the window.
+    """The latest time is half-way between that of the fastest run with usual braking and that without the window.
 
-    Measured: late by up to 2.5 s, because the reference knows full traction and few changes of it alone.
+    Measured: late by up to 2.5 s, because a reference has only full traction and few changes.
     """
     wanted = wanted_from_start(which, 0.3, point_m=place_m(which, share))
     at_s = passed_s(plan(which, wanted), wanted)
@@ -124,7 +124,7 @@ def test_a_window_that_is_kept_to_anyway_changes_nothing() -> None:
 
 
 def test_elapsed_times_are_those_of_the_trajectory() -> None:
-    """Second witness: `trajectory_on` from the state on."""
+    """Compared with `trajectory_on` from the same state."""
     which = BUNDLED[2]
     section, wanted = section_of(which), wanted_from_start(which, 0.15)
     found = plan(which, wanted)

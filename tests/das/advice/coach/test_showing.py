@@ -1,4 +1,4 @@
-"""What is shown: never above the limit, not fluttering about a speed, and what comes next."""
+"""What the coach shows: never above the limit, no flickering between instructions, and the instructions that follow."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ FREE = SpeedsAllowed(math.inf, math.inf)
 TOP_MPS = 100 * KMH
 """The speed that the schedule of this file accelerates to and holds."""
 PLACES_M = (0.0, 1000.0, 3000.0, 4700.0)
-"""Where traction, holding, coasting and the brake of it begin on the flat 6 km."""
+"""Where traction, holding, coasting and braking of that schedule begin on the flat 6 km."""
 SETTINGS = ShowingSettings()
 
 
 class Shown(NamedTuple):
-    """A display and the schedule that it shows."""
+    """A schedule, and the object that chooses what is shown of it."""
 
     showing: Showing
     schedule: Schedule
 
     def at(self, second: float, s_m: float, v_mps: float, place: SpeedsAllowed = FREE) -> ShownNow:
-        """What is shown of the schedule to a train in a state."""
+        """What is shown of the schedule to a train in this state at this second."""
         reference = StandingReference(
             schedule=self.schedule, lambda_w=1e6, arrival_ns=ns(400), point=None, replan=Replan()
         )
@@ -52,7 +52,7 @@ class Shown(NamedTuple):
         return self.showing.show(kept, TrainState(ns(second), s_m, v_mps), place)
 
     def modes(self, speeds: list[float], s_m: float, *, every_s: float = 10.0) -> list[Regime]:
-        """The modes shown one after the other, to trains with these speeds at one place."""
+        """The modes shown one after the other to a train that has these speeds at one place."""
         return [self.at(every_s * i, s_m, v).now.mode for i, v in enumerate(speeds)]
 
 
@@ -62,7 +62,7 @@ def section() -> Section:
 
 @pytest.fixture
 def display() -> Shown:
-    """A display of: accelerate to 100 km/h, hold it, coast, brake to the stop."""
+    """A schedule to show: accelerate to 100 km/h, hold it, coast, brake to the stop."""
     node_m = section().node_m
     begins = [int(np.searchsorted(node_m, place)) for place in PLACES_M]
     speeds = (TOP_MPS, TOP_MPS, 90 * KMH, 0.0)
@@ -78,7 +78,7 @@ def display() -> Shown:
 
 
 def test_a_train_on_the_run_is_shown_each_phase_once(display: Shown) -> None:
-    """In order, coasting and the brake some seconds before they are due, holding where the speed is reached."""
+    """In order: coasting and braking some seconds before they are due, holding once the speed is reached."""
     schedule = display.schedule
     forecast = schedule.forecast(0.0, 0.0)
     train, found = Keeping(schedule, forecast, 0.0, 0.0), []
@@ -97,7 +97,7 @@ def test_a_train_on_the_run_is_shown_each_phase_once(display: Shown) -> None:
 @pytest.mark.parametrize("s_m", [500.0, 2000.0, 3500.0, 5000.0])
 @pytest.mark.parametrize("limit_kmh", [30, 80, 99, 160])
 def test_no_speed_is_shown_above_the_limit(display: Shown, s_m: float, v_kmh: float, limit_kmh: float) -> None:
-    """Whatever the reference says, and also where something else was shown before."""
+    """Whatever the reference says, and whatever was shown before."""
     display.at(0.0, max(s_m - 200.0, 0.0), v_kmh * KMH)
     place = SpeedsAllowed(limit_kmh * KMH, limit_kmh * KMH)
     assert display.at(1.0, s_m, v_kmh * KMH, place).now.speed_mps <= limit_kmh * KMH + 0.3
@@ -113,7 +113,7 @@ def test_no_speed_is_shown_above_the_limit(display: Shown, s_m: float, v_kmh: fl
 def test_too_fast_a_train_is_told_to_hold_what_is_allowed_or_to_brake(
     display: Shown, limit_mps: float, shown: list[Regime]
 ) -> None:
-    """Above a limit it holds that first; above the curve to a lower one, below the limit, it brakes fully."""
+    """Slightly above a limit the train is told to hold the limit; above a braking curve, to brake fully."""
     found = []
     for second, over in enumerate((0.2, 0.7, 1.0, 1.4, 5.0)):
         now = display.at(second, 2000.0, 20.0 + over, SpeedsAllowed(20.0, limit_mps)).now
@@ -123,13 +123,13 @@ def test_too_fast_a_train_is_told_to_hold_what_is_allowed_or_to_brake(
 
 
 def test_holding_does_not_flutter_within_the_band(display: Shown) -> None:
-    """4 km/h each way, in and out again and again: it stays at holding the speed."""
+    """The speed varies by 4 km/h either way again and again: the instruction to hold it stays."""
     speeds = [TOP_MPS + by * KMH for by in (0.0, 3.5, -3.5, 3.9, -3.9, 0.0, -3.9, 3.9)]
     assert set(display.modes([TOP_MPS, *speeds], 2000.0)) == {Regime.CRUISE}
 
 
 def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: Shown) -> None:
-    """Below: traction up to half a m/s under it. Above: coasting down to it. Not only to the edge of the band."""
+    """Below it: traction up to 0.5 m/s under the speed. Above: coasting down to the speed, not only into the band."""
     slow = [TOP_MPS + by * KMH for by in (0.0, -5.5, -3.0, -2.2, -1.0, -3.0)]
     assert display.modes(slow, 2000.0) == [Regime.CRUISE, *[Regime.REDUCED_TRACTION] * 3, Regime.CRUISE, Regime.CRUISE]
     display.showing.forget()
@@ -138,7 +138,7 @@ def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: S
 
 
 def test_a_train_that_would_not_roll_down_to_the_speed_to_hold_brakes_to_it(display: Shown) -> None:
-    """12 km/h above it on the flat: rolling would take minutes. The brake stands until the speed is reached."""
+    """12 km/h too fast on the level, coasting would take minutes. The brake is shown until the speed is reached."""
     display.at(0.0, 2000.0, TOP_MPS)
     found = [display.at(10.0 + i, 2000.0, TOP_MPS + by * KMH).now for i, by in enumerate((12.0, 7.0, 3.0, 0.5))]
     assert [one.mode for one in found] == [*[Regime.REDUCED_BRAKE] * 3, Regime.CRUISE]
@@ -153,7 +153,7 @@ def test_a_train_that_would_not_roll_down_to_the_speed_to_hold_brakes_to_it(disp
 
 
 def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) -> None:
-    """A train above the run brakes already where the schedule's brake to the same speed is still to come."""
+    """A train faster than its schedule is already braking to the speed to which the schedule brakes later."""
     node_m = section().node_m
     first, end = (int(np.searchsorted(node_m, at)) for at in (3300.0, 3700.0))
     phases = (
@@ -175,7 +175,7 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
 
 
 def test_what_follows_a_brake_that_no_limit_asks_for_waits_for_its_speed_as_well() -> None:
-    """A train far above the speed of its brake is not told to coast where the schedule does, but when it has slowed."""
+    """A train far too fast is not told to coast where the schedule does, but once it has braked to its speed."""
     here, state = section(), TrainState(0, 3200.0, 30.0)
     brakes, now = ShownBrakes(here, SETTINGS), brake_of(1.0, 20.0)
     announced = (Instruction(mode=Regime.COAST, speed_mps=20.0, effort_ratio=0.0, way_m=2.0, in_s=0.1),)
@@ -187,7 +187,7 @@ def test_what_follows_a_brake_that_no_limit_asks_for_waits_for_its_speed_as_well
 
 
 def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(display: Shown) -> None:
-    """The phase accelerates up to 1000 m; the train is at its speed at 900 m, and then wanders below it."""
+    """The phase accelerates up to 1000 m; the train reaches its speed at 900 m, and then falls a little below it."""
     by_kmh = (-20.0, -1.0, -2.5, -4.5, -2.5, -4.5, -5.5)
     speeds = [TOP_MPS + by * KMH for by in by_kmh]
     held = [Regime.CRUISE] * 5
@@ -196,7 +196,7 @@ def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(d
 
 
 def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
-    """From holding to traction after 8 s, and from traction to coasting after 8 s more."""
+    """Holding changes to traction after 8 s, and traction to coasting after 8 s more."""
     assert display.at(0.0, 2000.0, TOP_MPS).now.mode is Regime.CRUISE
     for second in (1.0, 4.0, 7.9):
         assert display.at(second, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.CRUISE
@@ -206,13 +206,13 @@ def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -
 
 
 def test_a_standing_clock_that_is_put_back_holds_nothing_up(display: Shown) -> None:
-    """A moment before the last one: what is wanted is shown."""
+    """If the time is before the last one, the wanted instruction is shown at once."""
     assert display.at(100.0, 2000.0, TOP_MPS).now.mode is Regime.CRUISE
     assert display.at(50.0, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.REDUCED_TRACTION
 
 
 def test_the_effort_of_a_brake_stands_within_the_band(display: Shown) -> None:
-    """Less is shown only from 40 % less on; more is shown at once, with what a late answer needs, and stands then."""
+    """Less effort is shown only if 40 % less is needed. More is shown at once, enough for late reactions, and stays."""
     rate = display.schedule.braking_mps2(3)
 
     def effort(second: float, share: float) -> float:
@@ -248,7 +248,7 @@ def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again(display:
 def test_who_has_braked_so_early_that_he_would_stand_short_of_the_stop_is_told_to_hold_a_low_speed(
     display: Shown,
 ) -> None:
-    """At 2 m/s 60 m before the stop; to brake when that is due. Coasting on, a driver took a minute for 50 m."""
+    """At 2 m/s 60 m before the stop he is told to creep, then to brake. Coasting took a driver a minute for 50 m."""
     end_m = section().end_m
     display.at(0.0, end_m - 100.0, 10.0)
     modes = [
@@ -260,7 +260,7 @@ def test_who_has_braked_so_early_that_he_would_stand_short_of_the_stop_is_told_t
 
 
 def test_the_next_two_changes_are_named_in_their_order(display: Shown) -> None:
-    """On the way to the speed: coasting and the brake (holding the speed reached is no change)."""
+    """During acceleration these are coasting and braking (holding the speed reached does not count as a change)."""
     for second, (s_m, v_kmh) in enumerate([(10.0, 10), (500.0, 60), (900.0, 90)]):
         following = display.at(10.0 * second, s_m, v_kmh * KMH).following
         assert [one.mode for one in following[:1]] == [Regime.COAST]
@@ -273,7 +273,7 @@ def test_the_next_two_changes_are_named_in_their_order(display: Shown) -> None:
 
 
 def test_the_time_to_a_change_is_that_of_the_forecast(display: Shown) -> None:
-    """From 2000 m at 100 km/h held, 1000 m to coasting take 36 s."""
+    """At 100 km/h the 1000 m to the start of coasting take 36 s."""
     shown = display.at(0.0, 2000.0, TOP_MPS)
     begin_m = display.schedule.begin_m(2)
     assert shown.following[0].in_s == pytest.approx((begin_m - 2000.0) / TOP_MPS, abs=0.1)
@@ -281,13 +281,13 @@ def test_the_time_to_a_change_is_that_of_the_forecast(display: Shown) -> None:
 
 
 def test_a_phase_is_not_taken_up_again(display: Shown) -> None:
-    """A train whose position is corrected backwards over the begin of coasting goes on coasting."""
+    """A train whose position is corrected back to before the start of coasting is still told to coast."""
     assert display.at(0.0, 3005.0, TOP_MPS).now.mode is Regime.COAST
     assert display.at(20.0, 2700.0, TOP_MPS).now.mode is Regime.COAST
 
 
 def test_forces_of_instructions_are_those_that_the_train_has(display: Shown) -> None:
-    """Shares of the largest at this speed; near its speed a force that does not carry the train beyond it."""
+    """A share of the largest force at this speed; near the speed to reach, a force that does not overshoot it."""
     here, v_mps = section(), 20.0
     state, brakes = TrainState(0, 300.0, v_mps), ShownBrakes(section(), SETTINGS)
     traction = replace(display.at(0.0, 300.0, v_mps).now, speed_mps=27.0)
@@ -306,7 +306,7 @@ def test_forces_of_instructions_are_those_that_the_train_has(display: Shown) -> 
 
 
 def test_a_speed_that_cannot_be_reached_any_more_is_not_shown_on(display: Shown) -> None:
-    """A train that is found elsewhere; what was shown before would stand for 8 s."""
+    """The position was corrected; otherwise the instruction would stay for 8 s."""
     assert display.at(0.0, 500.0, 10.0).now.mode in TRACTION
     highest_mps = float(np.interp(5900.0, section().node_m, section().envelope_mps))
     assert highest_mps < 0.6 * TOP_MPS
@@ -314,7 +314,7 @@ def test_a_speed_that_cannot_be_reached_any_more_is_not_shown_on(display: Shown)
 
 
 def test_the_speed_of_a_brake_does_not_stand_above_a_limit_between_two_brakes() -> None:
-    """A train found beyond the first of two brakes that follow each other, where the limit is lower."""
+    """The position was corrected to beyond the first of two successive brakes, where the limit is lower."""
     node_m = section().node_m
     first, second = (int(np.searchsorted(node_m, at)) for at in (3000.0, 3300.0))
     phases = (
@@ -333,7 +333,7 @@ def test_the_speed_of_a_brake_does_not_stand_above_a_limit_between_two_brakes() 
 
 
 def test_the_force_of_the_reference_brakes_along_the_curve_and_is_else_that_of_what_is_shown(display: Shown) -> None:
-    """At 100 km/h the motors give less than one deceleration to the stop would take."""
+    """At 100 km/h the motors cannot brake as hard as a constant deceleration to the stop would need."""
     schedule = display.schedule
     known = display.at(0.0, 4800.0, schedule.speed_at(4800.0))
     force = known.reference_force_n
@@ -353,7 +353,7 @@ def test_the_settings_are_those_that_this_file_counts_with() -> None:
 
 
 def test_a_short_brake_before_coasting_is_shown_to_its_end(display: Shown) -> None:
-    """Coasting that follows a brake has no lead: it would take the place of a brake shorter than the lead."""
+    """Coasting after a brake is not shown early: it would hide a brake that is shorter than that."""
     node_m = section().node_m
     first = int(np.searchsorted(node_m, 3000.0))
     last, begin_m = first + 1, float(node_m[first])
@@ -371,7 +371,7 @@ def test_a_short_brake_before_coasting_is_shown_to_its_end(display: Shown) -> No
 
 
 def test_the_force_of_a_brake_not_due_yet_is_that_with_which_it_begins(display: Shown) -> None:
-    """A driver who looks at it for the next second does not lose that second."""
+    """So a driver who sees it up to a second early does not lose that second."""
     begin_m = display.schedule.begin_m(3)
     speed = display.schedule.speed_at(begin_m)
     soon = display.at(0.0, begin_m - 20.0, speed)
@@ -382,7 +382,7 @@ def test_the_force_of_a_brake_not_due_yet_is_that_with_which_it_begins(display: 
 
 
 def test_a_train_far_too_fast_is_told_to_brake_fully_whatever_the_schedule_brakes_with(display: Shown) -> None:
-    """The schedule's brake may be too weak for a limit that it did not know."""
+    """The schedule may brake too weakly for a limit that was not known when it was made."""
     place = SpeedsAllowed(15.0, 15.0)
     found = [display.at(i, 5000.0, 15.0 + over, place).now for i, over in enumerate((0.6, 1.6, 5.0))]
     assert all(one.mode in BRAKES for one in found[1:])
@@ -391,7 +391,7 @@ def test_a_train_far_too_fast_is_told_to_brake_fully_whatever_the_schedule_brake
 
 
 def two_steps(kind: NotchRegime, share: float, second_mps: float) -> Shown:
-    """A display of a schedule that accelerates, brakes to 20 m/s (3.0 to 3.2 km), and goes on to another speed."""
+    """A schedule to show: accelerate, brake to 20 m/s (km 3.0 to 3.2), and go on to another speed."""
     node_m = section().node_m
     begins = [int(np.searchsorted(node_m, at)) for at in (0.0, 3000.0, 3200.0, 4500.0)]
     phases = (
@@ -407,14 +407,14 @@ def two_steps(kind: NotchRegime, share: float, second_mps: float) -> Shown:
 
 
 def test_a_brake_to_a_lower_speed_behind_a_brake_does_not_wait() -> None:
-    """It is due as soon as it is shown, though the one before it has stood for a second only."""
+    """The second brake is due as soon as it is shown, although the first was shown for only a second."""
     display = two_steps(NotchRegime.BRAKE, 0.0, 10.0)
     end_m = display.schedule.begin_m(2)
     assert display.at(0.0, end_m - 55.0, 22.0).now.speed_mps == pytest.approx(20.0)
     shown = display.at(1.0, end_m - 33.0, 21.0)
     assert shown.now.mode in BRAKES
     assert shown.now.speed_mps == pytest.approx(10.0)
-    assert shown.now.in_s == 0.0  # Nobody releases the brake in between.
+    assert shown.now.in_s == 0.0  # The driver keeps the brake applied.
 
 
 @pytest.mark.parametrize(("limit_mps", "shown"), [(40.0, True), (20.5, False)])
@@ -437,14 +437,14 @@ def test_an_acceleration_is_shown_before_it_is_due_where_the_limit_allows_its_sp
 def test_a_train_that_would_stand_short_of_its_stop_is_told_to_creep(
     display: Shown, way_m: float, creeps: bool
 ) -> None:
-    """At 0.5 m/s a brake would end it within a metre."""
+    """At 0.5 m/s the train would stop within a metre if it braked."""
     shown = display.at(0.0, section().end_m - way_m, 0.5).now
     assert (shown.mode is Regime.CRUISE) is creeps
     assert shown.mode is Regime.CRUISE or shown.mode in BRAKES
 
 
 def test_a_creeping_train_is_told_no_speed_that_the_stop_does_not_allow(display: Shown) -> None:
-    """It was told to creep 40 m before, and is found 2.5 m before its stop."""
+    """The train was told to creep 40 m before its stop; then its position is corrected to 2.5 m before it."""
     assert display.at(0.0, section().end_m - 40.0, 0.5).now.mode is Regime.CRUISE
     allowed_mps = float(np.interp(section().end_m - 2.5, section().node_m, section().envelope_mps))
     assert allowed_mps < 0.8 * SETTINGS.brake.creep_mps
@@ -452,7 +452,7 @@ def test_a_creeping_train_is_told_no_speed_that_the_stop_does_not_allow(display:
 
 
 def shown_of(*phases: tuple[NotchRegime, float, float], showing: Showing | None = None) -> Shown:
-    """A display of phases (kind, place in m, target in m/s), as they are."""
+    """A schedule to show, made of exactly these phases (kind, place in m, target speed in m/s)."""
     node_m = section().node_m
     made = tuple(Phase(kind, 0.0, int(np.searchsorted(node_m, at_m)), target) for kind, at_m, target in phases)
     known = known_run(section(), np.full(len(node_m), 20.0))
@@ -461,7 +461,7 @@ def shown_of(*phases: tuple[NotchRegime, float, float], showing: Showing | None 
 
 @pytest.mark.parametrize("kind", [NotchRegime.HOLD, NotchRegime.COAST, NotchRegime.TRACTION])
 def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind: NotchRegime) -> None:
-    """A schedule may know higher ones: of a limit told too late, or where limits brake the train and no phase does."""
+    """A schedule may have a higher one if a limit came too late, or slows the train without a phase to brake for it."""
     allowed = section().envelope_mps
     display = shown_of((kind, 0.0, 90.0), (NotchRegime.BRAKE, 4700.0, 0.0))
     for second, s_m in enumerate((2000.0, 4000.0)):
@@ -471,7 +471,7 @@ def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind
 
 
 def test_coasting_does_not_stand_to_a_speed_that_the_end_of_its_phase_does_not_allow() -> None:
-    """A new reference ends nearer to the stop; what was shown before would stand for 8 s."""
+    """The phase of a new reference ends nearer to the stop; otherwise the instruction would stay for 8 s."""
     coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
     assert coasts.at(0.0, 4500.0, 15.0).now.speed_mps == pytest.approx(25.0)
     end_m = section().end_m - 120.0
@@ -482,7 +482,7 @@ def test_coasting_does_not_stand_to_a_speed_that_the_end_of_its_phase_does_not_a
 
 
 def test_a_brake_is_announced_where_a_train_faster_than_its_schedule_comes_to_the_curve(display: Shown) -> None:
-    """Before the place where the schedule brakes, and not before one that held its speed would be there."""
+    """It is announced before the place where the schedule brakes, but not before the train can be at the curve."""
     curve_mps, node_m, from_m = section().envelope_mps, section().node_m, 3200.0
     begin_m = display.schedule.begin_m(3)
     fast_mps = float(np.interp(begin_m - 400.0, node_m, curve_mps))
@@ -493,7 +493,7 @@ def test_a_brake_is_announced_where_a_train_faster_than_its_schedule_comes_to_th
 
 
 def test_a_train_nearly_at_the_speed_of_a_brake_brakes_on_to_it() -> None:
-    """It is not told to roll over its last 4 km/h, and not to brake otherwise in its last 2 km/h."""
+    """It is not told to coast over its last 4 km/h, nor to change its effort in the last 2 km/h."""
     display = two_steps(NotchRegime.HOLD, 0.0, 20.0)
     end_m = display.schedule.begin_m(2)
     first = display.at(0.0, end_m - 100.0, 23.0).now
@@ -517,13 +517,13 @@ def test_a_brake_weaker_than_needed_is_replaced_and_a_stronger_one_stays() -> No
 
 
 def effort_needed(left_m: float, rate_mps2: float) -> float:
-    """The effort that brings a train at rest at the stop from a place before it, at the speed that a rate asks for."""
+    """The effort to stop within `left_m`, at the speed from which the deceleration `rate_mps2` would do so."""
     end_m, v_mps = section().end_m, math.sqrt(2.0 * rate_mps2 * left_m)
     return ShownBrakes(section(), SETTINGS).ahead.effort_to(end_m - left_m, v_mps, end_m, 0.0)
 
 
 def test_the_effort_stands_in_the_last_metres_while_the_train_stands_near_the_mark(display: Shown) -> None:
-    """From 10 m on it stands while the train stands near the mark; else it grows by 20 %, or is let go of."""
+    """In the last 10 m the effort stays if the train will stop near the mark; else it grows by 20 % or is released."""
     end_m, rate = section().end_m, display.schedule.braking_mps2(3)
 
     def effort(second: float, left_m: float, share: float) -> float:
@@ -543,7 +543,7 @@ def test_the_effort_stands_in_the_last_metres_while_the_train_stands_near_the_ma
 
 
 def test_a_brake_that_must_grow_asks_for_friction_only_where_the_motors_are_not_enough_soon(display: Shown) -> None:
-    """A driver who answers in 4 s needs more than one who brakes now, but no more than 1.6 times as much."""
+    """A driver who reacts in 4 s needs more effort than one who brakes now, but is shown at most 1.6 times as much."""
     end_m, rate = section().end_m, display.schedule.braking_mps2(3)
 
     def effort(second: float, left_m: float, share: float) -> float:
@@ -560,7 +560,7 @@ def test_a_brake_that_must_grow_asks_for_friction_only_where_the_motors_are_not_
 
 
 def test_who_is_braked_already_is_told_no_higher_speed_by_a_limit_that_asks_for_more() -> None:
-    """A brake to a standstill that must be stronger for a limit on its way stays a brake to a standstill."""
+    """Braking to a standstill that must be stronger for a limit on its way is still shown as such."""
     here = section_of(BUNDLED[1])
     brakes = ShownBrakes(here, SETTINGS)
     falls = np.flatnonzero(np.diff(here.envelope_mps) < -0.05)
@@ -576,7 +576,7 @@ def test_who_is_braked_already_is_told_no_higher_speed_by_a_limit_that_asks_for_
 
 
 def test_a_brake_that_has_not_begun_needs_more_by_the_build_up(display: Shown) -> None:
-    """Half of the build-up is driven unbraked; a brake that is shown already has it behind it."""
+    """The train runs unbraked for half of the build-up time; a brake already shown has built up."""
     schedule, begin_m = display.schedule, display.schedule.begin_m(3)
     braking, state = schedule.section.braking, TrainState(ns(0), begin_m, schedule.speed_at(begin_m))
     assert braking is not None
@@ -589,7 +589,7 @@ def test_a_brake_that_has_not_begun_needs_more_by_the_build_up(display: Shown) -
 
 
 def test_a_brake_to_a_lower_speed_begins_as_strong_as_a_late_answer_needs() -> None:
-    """A driver who answers after 4 s is shown no more later; a brake to a stop, which is long, begins as it is due."""
+    """It is enough for a driver who reacts after 4 s; a brake to a stop, which is long, begins with what is needed."""
     brakes, end_m, v_mps = ShownBrakes(section(), SETTINGS), section().end_m, 75 * KMH
     state = TrainState(ns(0), end_m - 3300.0, v_mps)
     found = []
@@ -605,7 +605,7 @@ def test_a_brake_to_a_lower_speed_begins_as_strong_as_a_late_answer_needs() -> N
 
 
 def test_a_brake_that_ends_hardly_above_its_speed_does_not_grow() -> None:
-    """A train that ends 0.25 m/s above its speed is shown no more effort in the last metres; at 0.8 m/s above it is."""
+    """A train that will end 0.25 m/s above its speed is shown no more effort in the last metres; at 0.8 m/s it is."""
     brakes, end_m = ShownBrakes(section(), SETTINGS), section().end_m
     at_m, target_mps = end_m - 2000.0, 60 * KMH
     from_m, v_mps = at_m - 100.0, 75 * KMH
