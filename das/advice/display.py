@@ -56,7 +56,7 @@ class Display:
         self._settings = settings
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
         self._four_mode = Regime.NONE
-        self._coached = False
+        self._coached: Instruction | None = None
         self._shown_mps = math.nan
 
     def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
@@ -187,9 +187,9 @@ class Display:
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > OVERSPEED_MPS
-        due = coach is not None and coach.now.mode is not Regime.DEPART and coach.now.in_s <= 0.0
-        self._coached = due
-        if coach is not None and due:
+        waits = coach is None or coach.now.mode is Regime.DEPART or coach.now.in_s > 0.0
+        self._coached = None if coach is None or waits else coach.now
+        if coach is not None and not waits:
             mode, following = self._as_coached(coach, plan, scene, place, too_fast=too_fast)
         else:
             mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
@@ -321,7 +321,7 @@ class Display:
 
     def _four_modes(self, plan: Plan, shown: Regime, found: FourModes, following: _Change) -> tuple[Regime, _Change]:
         """What a display of four modes shows: the mode now and the next one, both replaced if they are not safe."""
-        after, _, after_s = self._next_of_four(plan, shown, found.state, following)
+        after, _, after_s = self._next_of_four(plan, shown, found, following)
         safe, then = found.safe(self._four_mode, shown), found.safe(after, after)
         if safe is not self._four_mode or safe is Regime.FULL_BRAKE or then is not after:
             after, after_s = then, max(after_s, self._settings.display.valid_for_s)
@@ -331,14 +331,16 @@ class Display:
         self._four_mode = safe
         return safe, _Change(after, math.nan, after_s)
 
-    def _next_of_four(self, plan: Plan, shown: Regime, state: TrainState, following: _Change) -> _Change:
+    def _next_of_four(self, plan: Plan, shown: Regime, found: FourModes, following: _Change) -> _Change:
         """Choose which of the four modes is wanted now, by the plan or by the mode `shown`; return the next one."""
-        place = plan.at(state.s_m)
+        place = plan.at(found.state.s_m)
         planned = Regime(int(plan.four_modes[place.interval]))
-        if self._coached:
+        if self._coached is not None:
             self._four_mode = four_mode(
                 shown, self._force_n, place.speed_mps, plan.solution.section, self._settings.modes
             )
+            if self._four_mode is Regime.FULL_TRACTION and found.reaches(self._coached.speed_mps):
+                self._four_mode = Regime.CRUISE
             return following._replace(mode=Regime(int(FOUR_MODES[following.mode])))
         if shown == plan.modes[place.interval] or self._four_mode is Regime.NONE:
             self._four_mode = planned

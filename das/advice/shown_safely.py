@@ -129,6 +129,11 @@ class FourModes(NamedTuple):
                 return float(due_s)
         return math.inf
 
+    def reaches(self, speed_mps: float) -> bool:
+        """Whether full traction brings the train to a speed (m/s) while the advice is valid."""
+        gained_mps2 = max(self._gained_mps2(Regime.FULL_TRACTION), 0.0)
+        return self.state.v_mps + gained_mps2 * self.settings.valid_for_s >= speed_mps
+
     def _gained_mps2(self, four: Regime) -> float:
         """The acceleration (m/s²) of the train with full traction if `four` is that, else when it coasts."""
         full = 1.0 if four is Regime.FULL_TRACTION else 0.0
