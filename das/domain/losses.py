@@ -158,7 +158,7 @@ LossModel = EfficiencyLoss | LossMap
 
 
 def check_map_size(source: str | Path, speeds: int, forces: int) -> None:
-    """Raise InputError if a loss map of so many speeds and forces has more than `MOST_MAP_POINTS` points."""
+    """Raise InputError if a loss map of this many speeds and forces has more than `MOST_MAP_POINTS` points."""
     if speeds * forces > MOST_MAP_POINTS:
         found, expected = f"{speeds} speeds × {forces} forces", f"at most {MOST_MAP_POINTS} points"
         raise InputError(source, "size of the loss map", found, expected)
