@@ -6,10 +6,170 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from das.advice.cause import Cause
-from das.advice.coach.coaching import Coaching
 from das.advice.regimes import Regime
 from das.domain.errors import DasError
+from das.estimate.estimate import Problem, ProblemKind
+
+
+class Cause(IntEnum):
+    """Why advice is withdrawn, in the order in which causes are checked; the numbers are those of the bus message."""
+
+    NONE = 0
+    """Advice is given."""
+    TWO_PUBLISHERS = 1
+    """Two publishers send positions of the train, and nobody can tell which one is right."""
+    TWO_OPERATORS = 2
+    """Two publishers send different lists of restrictions."""
+    RESTRICTIONS_UNHEEDED = 3
+    """Restrictions were received that cannot be applied."""
+    JOURNEY_REFUSED = 4
+    """The last journey received was refused: it cannot be driven, or is not meant for this node."""
+    INTERNAL_ERROR = 5
+    """The program met an error that it was not prepared for."""
+    NO_JOURNEY = 6
+    """No journey has been received yet."""
+    RESTRICTIONS_UNTOLD = 7
+    """No list of restrictions has been received, not even an empty one."""
+    SECTION_IMPOSSIBLE = 8
+    """The section cannot be driven under the limits in force, or could not be solved."""
+    NO_POSITION = 9
+    """No position has been received yet."""
+    POSITION_REJECTED = 10
+    """The position received is impossible or unusable."""
+    POSITION_STALE = 11
+    """The last position is too old, or positions come too rarely."""
+    POSITION_AHEAD = 12
+    """The time stamp of the position is ahead of the clock."""
+    POSITION_UNCERTAIN = 13
+    """Position or speed is too uncertain."""
+    OUTSIDE_SECTION = 14
+    """The train is not on the section."""
+    MOVING_UP = 15
+    """The train moves up to the stop where the section begins."""
+    PAST_STOP = 16
+    """The train has run past its stop."""
+    NO_PLAN = 17
+    """From the train's state the end of the section cannot be reached."""
+    TWO_NODES = 18
+    """Another node advises this train as well."""
+
+    @property
+    def label(self) -> str:
+        """The name of the cause in events, tests and tables, e.g. `position-stale`."""
+        return self.name.lower().replace("_", "-")
+
+
+OF_PROBLEM = {
+    ProblemKind.NO_POSITION: Cause.NO_POSITION,
+    ProblemKind.MARKED_UNUSABLE: Cause.POSITION_REJECTED,
+    ProblemKind.NOT_A_NUMBER: Cause.POSITION_REJECTED,
+    ProblemKind.SPEED_IMPOSSIBLE: Cause.POSITION_REJECTED,
+    ProblemKind.POSITION_IMPOSSIBLE: Cause.POSITION_REJECTED,
+    ProblemKind.TOO_UNCERTAIN: Cause.POSITION_REJECTED,
+    ProblemKind.UNCERTAINTY_IMPOSSIBLE: Cause.POSITION_REJECTED,
+    ProblemKind.SPEED_JUMPED: Cause.POSITION_REJECTED,
+    ProblemKind.JUMPED: Cause.POSITION_REJECTED,
+    ProblemKind.JUMPED_BACK: Cause.POSITION_REJECTED,
+    ProblemKind.FROZEN: Cause.POSITION_REJECTED,
+    ProblemKind.STALE: Cause.POSITION_STALE,
+    ProblemKind.RARE: Cause.POSITION_STALE,
+    ProblemKind.AHEAD_OF_CLOCK: Cause.POSITION_AHEAD,
+    ProblemKind.POSITION_UNCERTAIN: Cause.POSITION_UNCERTAIN,
+    ProblemKind.SPEED_UNCERTAIN: Cause.POSITION_UNCERTAIN,
+}
+"""The cause of a withdrawal for each problem of a position."""
+
+
+@dataclass(frozen=True)
+class Withdrawal:
+    """Why there is no advice: the cause and its facts. Fields that the cause does not need keep their defaults."""
+
+    cause: Cause
+    text: str = ""
+    """Text from elsewhere: why a journey or section was refused, an error message, or the names of two publishers."""
+    problem: Problem | None = None
+    """What is wrong with the position; None if the position is not the cause."""
+    position_m: float = 0.0
+    """Where the train is (m), or how far it has run past its stop (m)."""
+    section_m: tuple[float, float] = (0.0, 0.0)
+    """The two ends of the section (m)."""
+
+
+class ReplanCause(IntEnum):
+    """Why the coach made a new reference; the numbers are those of the bus message."""
+
+    NONE = 0
+    """There is no reference."""
+    START = 1
+    """There was no reference before: a section begins, the train departs, or advice is given again after a pause."""
+    GOAL = 2
+    """The wanted arrival has changed."""
+    LINE = 3
+    """Limits, line or train have changed since the reference was made."""
+    POINT = 4
+    """A point ahead has a new window of time, or would be passed outside its window."""
+    LATE = 5
+    """With the reference before, the train would arrive too late."""
+    EARLY = 6
+    """With the reference before, the train would arrive too early, and slower driving saves energy."""
+    ENERGY = 7
+    """The reference before would need more energy than a new one."""
+    LOST = 8
+    """The reference before cannot be kept from where the train is."""
+
+    @property
+    def label(self) -> str:
+        """The name of the cause in events, tests and tables, e.g. `energy`."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Instruction:
+    """One thing for the driver to do: the mode, the speed to reach or hold, the effort, and where and when it begins.
+
+    `effort_ratio` > 0 is a share of the largest traction at the present speed. `effort_ratio` < 0 is a share of the
+    largest electric brake at the present speed (of all brakes if there is no electric one); below -1 the friction brake
+    is used as well. It is NaN for a speed to hold. `way_m` and `in_s` are the distance and time until the instruction
+    begins; 0: it is due.
+    """
+
+    mode: Regime = Regime.NONE
+    speed_mps: float = math.nan
+    effort_ratio: float = math.nan
+    way_m: float = 0.0
+    in_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replan:
+    """Why and when (ns since 1970) the coach made its reference, and what it gains over the one before (J, s)."""
+
+    cause: ReplanCause = ReplanCause.NONE
+    time_ns: int = 0
+    gain_j: float = 0.0
+    gain_s: float = 0.0
+    """By how much (s) the arrival is nearer to the wanted time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coaching:
+    """What the driver should do now and next, and what it saves.
+
+    `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
+    is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps the reference here;
+    it differs while braking, because the effort shown is rounded up. `worth_j` is what following the instruction saves
+    compared with going on at the present speed first, for the same arrival.
+    """
+
+    now: Instruction
+    following: tuple[Instruction, ...] = ()
+    target_m: float = 0.0
+    target_s: float = 0.0
+    force_n: float = 0.0
+    reference_force_n: float = 0.0
+    reason: str = ""
+    worth_j: float = 0.0
+    replan: Replan = Replan()
 
 
 class Source(IntEnum):

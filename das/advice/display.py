@@ -9,9 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice import wording
-from das.advice.advice import Advice, Source
-from das.advice.cause import Withdrawal
-from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.advice import Advice, Coaching, Instruction, Source, Withdrawal
 from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
 from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan, four_mode

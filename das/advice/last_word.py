@@ -18,10 +18,8 @@ import numpy as np
 
 from das.advice import last_word_kernels as kernels
 from das.advice import wording
-from das.advice.advice import Advice, Source
+from das.advice.advice import Advice, Cause, Coaching, Instruction, Source, Withdrawal
 from das.advice.braking_model import BrakingBasis, BrakingModel
-from das.advice.cause import Cause, Withdrawal
-from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.consequences import LONGEST_S, STOPPED_MPS, Consequences, Doing, Excess
 from das.advice.regimes import BRAKES, Regime
 from das.domain.units import KMH, NS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from das.advice.cause import Cause, Withdrawal
+from das.advice.advice import Cause, Withdrawal
 from das.advice.goal import DEVIATION_NAMED_S, PassingTarget
 from das.advice.regimes import Regime
 from das.domain.units import KM, KMH, NS

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from das.advice import wording
-from das.advice.advice import Advice
-from das.advice.cause import Cause
+from das.advice.advice import Advice, Cause
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab import event_wording

@@ -10,8 +10,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from das.advice import wording
-from das.advice.advice import Source
-from das.advice.cause import Cause, Withdrawal
+from das.advice.advice import Cause, Source, Withdrawal
 from das.advice.regimes import Regime, mode_name
 from das.cab.heard import Kind, Target
 from das.domain.conditions import Conditions

@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from das.advice import wording
-from das.advice.advice import Advice, Timetable
+from das.advice.advice import Advice, Coaching, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
-from das.advice.cause import Withdrawal
 from das.advice.coach.coach import Coach
-from das.advice.coach.coaching import Coaching
 from das.advice.coach.keeping import Kept
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene

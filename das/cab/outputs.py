@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from das.advice.advice import Advice
-from das.advice.cause import Cause
+from das.advice.advice import Advice, Cause
 from das.advice.plan import Plan
 from das.advice.regimes import Regime
 from das.cab import event_wording

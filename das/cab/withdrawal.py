@@ -9,9 +9,8 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 
-from das.advice.advice import Advice
+from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
 from das.advice.braking_model import BrakingBasis
-from das.advice.cause import OF_PROBLEM, Cause, Withdrawal
 from das.advice.last_word import Act, LastWord, Part
 from das.advice.settings import DEFAULT, StopSettings
 from das.cab.outputs import is_fresh

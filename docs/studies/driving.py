@@ -8,8 +8,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.advice.advice import Advice
-from das.advice.coach.coaching import ReplanCause
+from das.advice.advice import Advice, ReplanCause
 from das.advice.coach.keeping import StandingReference
 from das.advice.coach.settings import CoachSettings, KeepingSettings
 from das.advice.settings import AdviceSettings

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import sim
-from das.advice.coach.coaching import ReplanCause
+from das.advice.advice import ReplanCause
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from docs.studies.coach import (

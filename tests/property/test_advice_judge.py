@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from das.advice.advice import Advice
-from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.advice import Advice, Coaching, Instruction
 from das.advice.regimes import Regime
 from sim.drivers.kinds import Presentation
 from sim.plant.kernels import PlantState

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pytest
 
-from das.advice.cause import Cause
+from das.advice.advice import Cause
 from tests.support.assessment import Assessor, drawn_days, table
 
 DAYS = int(os.environ.get("DAS_ASSESSMENT_DAYS", "50"))

@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from das.advice.advice import Advice, Timetable
-from das.advice.coach.coaching import Coaching, ReplanCause
+from das.advice.advice import Advice, Coaching, ReplanCause, Timetable
 from das.advice.coach.planning import solve_coach
 from das.advice.coach.settings import CoachSettings
 from das.advice.goal import OVERSPEED_MPS, PassingTarget

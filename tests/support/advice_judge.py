@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from das.advice.advice import Advice
-from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.advice import Advice, Coaching, Instruction
 from das.advice.regimes import Regime
 from sim.drivers.kinds import Presentation
 from tests.support.assessed_day import AT_STOP_M, Seen, Stood

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from das.advice.cause import Cause
+from das.advice.advice import Cause
 from das.cab.fronts import Fronts
 from sim.drivers.kinds import Presentation
 from tests.support.advice_judge import MOVES_MPS, DayJudge, Judge, Problem

@@ -9,8 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from das.advice.advice import Advice
-from das.advice.coach.coaching import Instruction
+from das.advice.advice import Advice, Instruction
 from das.advice.regimes import Regime
 from sim.drivers.cab import CabView
 from sim.drivers.drivers import TimetableDriver

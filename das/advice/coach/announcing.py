@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.coach.coaching import Instruction
+from das.advice.advice import Instruction
 from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake
 from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, FULL_RATIO, TRACTION, Regime

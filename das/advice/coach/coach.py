@@ -7,7 +7,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from das.advice import wording
-from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.advice import Coaching, Instruction
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow

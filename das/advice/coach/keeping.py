@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from das.advice.coach.coaching import Replan, ReplanCause
+from das.advice.advice import Replan, ReplanCause
 from das.advice.coach.planning import Wanted, passes_s, planned
 from das.advice.coach.settings import CoachSettings, MarginSettings
 from das.advice.goal import Goal, PassingTarget, TrainState

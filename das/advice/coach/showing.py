@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.advice.advice import Instruction
 from das.advice.coach.announcing import Announcing, Foreseen, aim_mps, allowed, in_time, traction
-from das.advice.coach.coaching import Instruction
 from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.advice.advice import Instruction
 from das.advice.braking import AT_MARK_M, LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
-from das.advice.coach.coaching import Instruction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime

@@ -10,8 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from das.advice.advice import Source
-from das.advice.cause import Cause
+from das.advice.advice import Cause, Source
 from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording

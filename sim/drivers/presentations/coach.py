@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
-from das.advice.coach.coaching import Instruction
+from das.advice.advice import Instruction
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh_mps

@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.advice.advice import Advice, Source
+from das.advice.advice import Advice, Cause, Coaching, Instruction, Source
 from das.advice.braking_model import LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
-from das.advice.cause import Cause
-from das.advice.coach.coaching import Coaching, Instruction
 from das.advice.consequences import FULL_RATIO
 from das.advice.last_word import Act, LastWord, Part
 from das.advice.regimes import Regime

@@ -12,9 +12,7 @@ from google.protobuf.internal.enum_type_wrapper import EnumTypeWrapper
 from hypothesis import given
 from hypothesis import strategies as st
 
-from das.advice.advice import Advice, Source
-from das.advice.cause import Cause
-from das.advice.coach.coaching import Coaching, Instruction, Replan, ReplanCause
+from das.advice.advice import Advice, Cause, Coaching, Instruction, Replan, ReplanCause, Source
 from das.advice.regimes import Regime
 from das.bus import codec, das_pb2
 from das.bus.topics import CONTROL, POSITION, TRUTH, decoded

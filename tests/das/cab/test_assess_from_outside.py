@@ -10,7 +10,6 @@ from contextlib import redirect_stdout
 import pytest
 
 from das.advice import advice
-from das.advice.coach import coaching
 from das.cab import cab, heard, outputs
 from das.estimate import effort, fix
 from tests.support.making import REPOSITORY
@@ -20,7 +19,7 @@ TEXT = PAGE.read_text(encoding="utf-8")
 CODE = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 SEAM = TEXT.split("<!-- seam: begin -->")[1].split("<!-- seam: end -->")[0]
 ROWS = [re.findall(r"`(\w+)`", row) for row in SEAM.splitlines() if row.startswith("| `")]
-MODULES = (cab, heard, outputs, advice, coaching, effort, fix)
+MODULES = (cab, heard, outputs, advice, effort, fix)
 PROMISED = 22
 """So many types are promised: a row that is taken away is noticed here."""
 

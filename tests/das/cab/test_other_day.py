@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from das.advice.cause import Cause
+from das.advice.advice import Cause
 from das.bus import das_pb2
 from das.bus.topics import CONTROL, JOURNEY, POSITION, RESTRICTION
 from das.cab.heard import JourneyHeard, OrderedStop

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from das.advice.cause import Cause
+from das.advice.advice import Cause
 from das.bus import das_pb2
 from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, RESTRICTION, STATUS
 from das.cab.cab import CabSettings

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from das.advice import wording
-from das.advice.cause import OF_PROBLEM, Cause, Withdrawal
+from das.advice.advice import OF_PROBLEM, Cause, Withdrawal
 from das.cab.withdrawal import LegFacts, Trust, decide
 from das.estimate.estimate import Estimate, Problem, ProblemKind
 from tests.support.making import REPOSITORY

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from das.advice.cause import Cause
+from das.advice.advice import Cause
 from das.bus import das_pb2
 from das.bus.topics import EVENT, JOURNEY, POSITION, RESTRICTION
 from das.domain.clocks import Clocks

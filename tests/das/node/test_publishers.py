@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zenoh
 
-from das.advice.cause import Cause
+from das.advice.advice import Cause
 from das.bus import das_pb2
 from das.bus.session import Bus, Presence, endpoint, free_ports
 from das.bus.topics import EFFORT, ESTIMATE, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic

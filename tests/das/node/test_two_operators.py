@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.advice.cause import Cause
+from das.advice.advice import Cause
 from das.bus import das_pb2
 from das.bus.access import LISTENERS, write_bus_folder
 from das.bus.config import BusFile

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from das.advice.advice import Advice
-from das.advice.coach.coaching import Coaching, Instruction
+from das.advice.advice import Advice, Coaching, Instruction
 from das.advice.regimes import Regime
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from das.advice import wording
-from das.advice.advice import Advice, Timetable
+from das.advice.advice import Advice, Coaching, ReplanCause, Timetable
 from das.advice.coach.coach import Coach
-from das.advice.coach.coaching import Coaching, ReplanCause
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import Goal, PassingTarget, TrainState

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from das.advice.coach.coaching import Replan, ReplanCause
+from das.advice.advice import Replan, ReplanCause
 from das.advice.coach.keeping import Drift, Keeper, Kept
 from das.advice.coach.planning import passes_s, planned, solve_coach
 from das.advice.coach.settings import DEFAULT, CoachSettings, KeepingSettings, MarginSettings

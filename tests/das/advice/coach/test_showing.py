@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from das.advice.advice import Instruction, Replan
 from das.advice.braking import NeededBrake
 from das.advice.coach.announcing import Announcing, Foreseen, in_time
-from das.advice.coach.coaching import Instruction, Replan
 from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
 from das.advice.coach.showing import Showing, ShownNow
