@@ -22,9 +22,8 @@ from das.command_line.running import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from sim.cli.options import RecordingArgument, removed_if_unused
-from sim.options import NodeSaid, OfTrainOption
+from sim.options import NodeSaid, OfTrainOption, WhatIfKind
 from sim.progress import progress_bar
-from sim.recording.opening import WhatIfKind
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
 if TYPE_CHECKING:

@@ -38,8 +38,8 @@ from sim.experiment.study_files import (
 )
 from sim.experiment.trials import trials_of
 from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner, write_files
+from sim.options import typed_command
 from sim.recording.inputs import sha256
-from sim.recording.opening import typed_command
 from sim.world.service import PLANNED
 
 FAILED: Final = ("trial", "participant", "condition", "error")

@@ -17,8 +17,9 @@ from das.domain.units import kmh, kwh
 from sim.drive.comparison.aligned import SAME_ADVICE_MPS, Advised, AlignedDrives, on_track, place, told_apart
 from sim.drive.comparison.rows import as_dict
 from sim.drive.drive import Drive
+from sim.options import WhatIfKind
 from sim.recording.course import minutes
-from sim.recording.opening import WhatIfKind, open_contents
+from sim.recording.opening import open_contents
 
 LEAST_TOLD_KMH: Final = 0.05
 """A mean difference of the advised speed below this is not told: it would read 0.0."""
