@@ -1,11 +1,15 @@
 """Options of das-sim that packages below `sim.cli` use as data; `sim.cli.options` has the others.
 
-The options about a recorded trip and about its replay are groups.
+The options about a recorded trip and about its replay are groups. This module imports nothing heavy, because every help
+needs it.
 """
 
 from __future__ import annotations
 
+import shlex
+import sys
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -145,3 +149,17 @@ class ReplayOptions:
     train: TrainOption = DEFAULT_TRAIN
     bus: BusFolderOption = None
     insecure_bus: InsecureBusOption = False
+
+
+class WhatIfKind(StrEnum):
+    """How a what-if is made from a recording."""
+
+    OPEN_LOOP = "open loop"
+    """The drive stays as it was recorded; only the advice on it is different."""
+    DRIVEN_ANEW = "driven anew"
+    """A simulated driver drives again, on a day with the recorded disturbances."""
+
+
+def typed_command() -> str:
+    """The command line as the user typed it."""
+    return shlex.join(["das-sim", *sys.argv[1:]])

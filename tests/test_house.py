@@ -17,19 +17,18 @@ from tests.support.mutants import MUTANTS, changed
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("das", "precompute", "sim", "docs/studies")
-LONGEST_MODULE, LONGEST_FUNCTION = 400, 50
+LONGEST_MODULE, LONGEST_FUNCTION = 450, 50
 MOST_METHODS, MOST_ATTRIBUTES, MOST_PARAMETERS = 20, 12, 6
 GENERATED = {"das/bus/das_pb2.py"}
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 MIRRORS: dict[str, str] = {
     "das/advice/advice.py:Advice": "the fields of the message Advice",
-    "das/advice/settings.py:PlanSettings": "settings, a sentence each",
     "das/domain/route.py:Route": "the lists of a route file, one field each",
     "das/domain/vehicle.py:Vehicle": "the keys of a vehicle file, one field each",
     "das/estimate/track_filter.py:Track": "a mean of four and the upper half of its covariance",
     "das/solver/kernels/tuples.py:TrainParams": "an argument of the kernels: one figure of the vehicle's file each",
-    "sim/drivers/cab.py:AdviceView": "what any of the five presentations may show",
+    "sim/drivers/cab.py:AdviceView": "what any presentation may show",
     "sim/drivers/parameters.py:HumanParameters": "the keys of the table [human] of a scenario, one field each",
     "sim/plant/kernels.py:PlantState": "the fields of the message Truth, and an argument of the kernels",
     "sim/plant/kernels.py:TrainNumbers": "an argument of the kernels: one figure of the vehicle's file each",

@@ -185,15 +185,7 @@ class Display:
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > OVERSPEED_MPS
-        waits = coach is None or coach.now.mode is Regime.DEPART or coach.now.in_s > 0.0
-        self._coached = None if coach is None or waits else coach.now
-        if coach is not None and not waits:
-            mode, following = self._as_coached(coach, plan, scene, place, too_fast=too_fast)
-        else:
-            mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
-            following = self._next_change(plan, mode, state, place)
-            if coach is not None and coach.now.in_s > 0.0:
-                following = _Change.to(coach.now)
+        mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
         shown_mps = self.displayed(advised, allowed)
         found = FourModes(self._settings.display, planner, state, max(advised, shown_mps), excess_mps)
@@ -271,6 +263,18 @@ class Display:
         if mode is wanted:
             self._force_n = shown_n
         return mode
+
+    def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, _Change]:
+        """The mode to show and the next change: those of the coach once its instruction is due, else of the plan."""
+        coach = scene.coach
+        waits = coach is None or coach.now.mode is Regime.DEPART or coach.now.in_s > 0.0
+        self._coached = None if coach is None or waits else coach.now
+        if coach is not None and not waits:
+            return self._as_coached(coach, plan, scene, place, too_fast=too_fast)
+        mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
+        if coach is not None and coach.now.in_s > 0.0:
+            return mode, _Change.to(coach.now)
+        return mode, self._next_change(plan, mode, scene.state, place)
 
     def _as_coached(
         self, coach: Coaching, plan: Plan, scene: Scene, place: Place, *, too_fast: bool

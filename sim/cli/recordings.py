@@ -21,9 +21,8 @@ from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen, removed_if_unused
-from sim.options import NodeSaid, OfTrainOption
+from sim.options import NodeSaid, OfTrainOption, WhatIfKind
 from sim.progress import progress_bar
-from sim.recording.opening import WhatIfKind
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
 if TYPE_CHECKING:

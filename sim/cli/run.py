@@ -49,9 +49,8 @@ from sim.drivers.kinds import (
     Presentation,
     named_driver,
 )
-from sim.options import ParticipantOption, PopulationOption, SpeedOption, speed_factor
+from sim.options import ParticipantOption, PopulationOption, SpeedOption, speed_factor, typed_command
 from sim.progress import progress_bar
-from sim.recording.opening import typed_command
 
 if TYPE_CHECKING:
     from das.bus.config import BusFolder

@@ -35,9 +35,8 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
 from sim.cli.options import TripArgument, new_recording, removed_if_unused, tell_written
-from sim.options import ReplayOptions, TripOptions
+from sim.options import ReplayOptions, TripOptions, typed_command
 from sim.progress import progress_bar
-from sim.recording.opening import typed_command
 
 if TYPE_CHECKING:
     from sim.bundled.hurried import HurriedState

@@ -45,8 +45,8 @@ from sim.experiment.study_files import (
     trials_table,
 )
 from sim.jobs.runner import JobRecording, JobResult, JobWords, Rows, Runner, write_files
+from sim.options import typed_command
 from sim.recording.inputs import sha256
-from sim.recording.opening import typed_command
 from sim.world.service import PLANNED
 
 MOST_PERMUTED: Final = 6

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.bus import topics
-from das.bus.recorder import message_time_ns
 from das.bus.recording import Recording, Stamped
 from das.bus.topics import Topic
 from das.domain.errors import DasError
@@ -172,6 +171,8 @@ def utc(time_ns: int) -> str:
 
 def stated_ns(entry: Stamped) -> int:
     """The time (ns since 1970) that a message states; the recorder's time for a message that states none."""
+    from das.bus.recorder import message_time_ns  # brings the bus along, and every help imports this module
+
     return message_time_ns(entry.message) or entry.log_time_ns
 
 

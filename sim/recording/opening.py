@@ -7,12 +7,9 @@ appears in its place only when it is whole.
 from __future__ import annotations
 
 import os
-import shlex
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
@@ -28,23 +25,7 @@ from das.domain.files.writing import refuse_link
 NODE_ARGUMENTS: Final = "node_arguments"
 """Key of the arguments with which the node was started (JSON list)."""
 WHAT_IF: Final = "what_if"
-"""Key of the kind of a what-if (`WhatIfKind`)."""
-
-
-class WhatIfKind(StrEnum):
-    """How a what-if is made from a recording."""
-
-    OPEN_LOOP = "open loop"
-    """The drive stays as it was recorded; only the advice on it is different."""
-    DRIVEN_ANEW = "driven anew"
-    """A simulated driver drives again, on a day with the recorded disturbances."""
-
-
-def typed_command() -> str:
-    """The command line as the user typed it."""
-    return shlex.join(["das-sim", *sys.argv[1:]])
-
-
+"""Key of the kind of a what-if (`sim.options.WhatIfKind`)."""
 _warned: set[str] = set()
 """Warnings that this process has printed."""
 

@@ -17,8 +17,9 @@ from das.bus.recording import Recording
 from das.domain.trajectory import Trajectory
 from das.domain.vehicle import Vehicle
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of, shown_presentation
+from sim.options import WhatIfKind
 from sim.recording.course import Floats, Times
-from sim.recording.opening import WHAT_IF, WhatIfKind
+from sim.recording.opening import WHAT_IF
 
 
 class EnergyCause(StrEnum):

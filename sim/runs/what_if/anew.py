@@ -24,9 +24,9 @@ from sim.drivers.kinds import DriverKind, DriverName, External, FrictionPolicy, 
 from sim.drivers.own_class import driver_versions
 from sim.drivers.parameters import DEFAULT, Participant, load_population, participant_of
 from sim.drivers.screen import recorded_screen
+from sim.options import WhatIfKind, typed_command
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import put, sha256, vehicle_files
-from sim.recording.opening import WhatIfKind, typed_command
 from sim.runs.reproduce.hearing import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise

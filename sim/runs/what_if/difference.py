@@ -17,11 +17,12 @@ from das.domain.units import kmh, kwh
 from sim.drive.comparison import SAME_ADVICE_MPS, Advised, AlignedDrives, as_dict, on_track, told_apart
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
+from sim.options import WhatIfKind
 from sim.recording.course import minutes
-from sim.recording.opening import WhatIfKind, open_contents
+from sim.recording.opening import open_contents
 
 LEAST_TOLD_KMH: Final = 0.05
-"""The sentences leave out a mean difference of the advised speed below this, which would read 0.0."""
+"""A mean difference of the advised speed below this is not told: it would read 0.0."""
 NAMES: Final = ("recorded", "what if")
 
 
@@ -61,7 +62,7 @@ class SaidAdvice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Changed:
-    """The two drives aligned on track position (None if they cannot be; `why_not` says why), and their advice."""
+    """The two drives aligned on track position (None, and `why_not`: they cannot be), and their advice."""
 
     kind: WhatIfKind
     aligned: AlignedDrives | None
@@ -76,7 +77,7 @@ class Changed:
         return None if self.aligned is None else self.aligned.first_different_advice(1)
 
     def as_dict(self) -> dict[str, Any]:
-        """The changes for JSON."""
+        """The same for JSON."""
         advice = self.advice
         return {
             "comparison": None if self.aligned is None else as_dict(self.aligned),
@@ -93,7 +94,7 @@ class Changed:
         }
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """The rows of a table: name, recorded, what if. An open loop has no rows about the drive, which is the same."""
+        """What is compared, of both recordings; in an open loop the drive is the same, and only its advice differs."""
         advice, rows = self.advice, list[tuple[str, str, str]]()
         if self.aligned is not None and self.kind is WhatIfKind.DRIVEN_ANEW:
             rows += _drive_rows(self.aligned)

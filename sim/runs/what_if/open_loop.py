@@ -1,4 +1,4 @@
-"""Open loop: a changed cab hears the recorded drive and advises on it; the drive stays as it was."""
+"""Open loop: the recorded drive as it was heard goes through a cab made otherwise, which advises otherwise on it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from das.cab.heard import RestrictionsHeard
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.node.process import CabPlan, plan_cab
-from sim.options import NodeSaid
+from sim.options import NodeSaid, WhatIfKind
 from sim.recording.inputs import sha256, vehicle_files
-from sim.recording.opening import NODE_ARGUMENTS, WhatIfKind, whole_recording
+from sim.recording.opening import NODE_ARGUMENTS, whole_recording
 from sim.runs.reproduce.hearing import HeardAgain, NodeGiven, Rehearing, by_bus_clock, node_given, of_the_process
 from sim.runs.reproduce.reproduce import BY_THE_WALL, COMPARED, EXTRACT, without_waiting
 from sim.runs.what_if.origin import Origin
@@ -31,10 +31,10 @@ OWN_FILES = ("vehicle", "loss_map")
 
 
 def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, progress: HeardAgain) -> list[str]:
-    """Write the recorded drive with the advice of a changed cab; returns notes about what to know of the result.
+    """Write the recorded drive with the advice of a cab made otherwise; returns what should be known about it.
 
-    All messages of others than the cab stay as recorded, except for changed restrictions and a changed train of the
-    journey. Raises DasError if the recording holds no advice or the cab cannot be made.
+    Every message that the cab did not say is as recorded, but for the restrictions and the train of the journey where
+    these are otherwise. Raises DasError where the recording holds no advice or the cab cannot be made.
     """
     if not origin.has_advice:
         raise DasError(f"{origin.path}: no node advised in this recording: drive it anew (--driven-anew)")
@@ -63,7 +63,7 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
 
 
 def _words(words: Sequence[str], new: Otherwise) -> list[str]:
-    """The words of a node's command line with the changes of the what-if."""
+    """The words of a node's command line with what is otherwise."""
     cab, found = new.cab, list(words)
     if cab.vehicle is not None:
         for option in ("--load", "--loss-map"):
@@ -142,7 +142,7 @@ def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
 
 
 def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dict[str, str]:
-    """The metadata of the run, with the changes and with the command line that the node would have had."""
+    """The metadata of the run, with what is otherwise and what the node would have been started with."""
     whole = new.over(Otherwise.of(origin.run))
     run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new, whole)}
     run |= {"version": __version__, NODE_ARGUMENTS: json.dumps(given.typed)}

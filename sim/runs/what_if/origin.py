@@ -13,8 +13,9 @@ from das.bus import topics
 from das.bus.contents import Contents, RecordedMessage
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
+from sim.options import WhatIfKind
 from sim.recording.inputs import AttachedFiles, sha256
-from sim.recording.opening import WHAT_IF, WhatIfKind, open_contents
+from sim.recording.opening import WHAT_IF, open_contents
 from sim.runs.what_if.otherwise import KEPT, Otherwise
 
 OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"

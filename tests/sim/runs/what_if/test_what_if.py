@@ -27,10 +27,9 @@ from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.options import NodeSaid
+from sim.options import NodeSaid, WhatIfKind
 from sim.recording.check import check_file
 from sim.recording.inputs import inputs_of, sha256
-from sim.recording.opening import WhatIfKind
 from sim.runs.reproduce.reproduce import reproduce
 from sim.runs.what_if.anew import _window, attached_scenario, day_again, drive_again, scenario_of_drive
 from sim.runs.what_if.difference import changed
