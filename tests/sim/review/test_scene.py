@@ -11,19 +11,21 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2, topics
-from das.bus.recording import Recording, read_recording
+from das.bus.recording import Recording
 from das.domain.units import kwh
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.notes import Note, add_note
 from sim.drive.happenings import NOT_HEARD, happenings, points, signals
+from sim.drivers.kinds import DriverKind
 from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
 from sim.review.colors import Meaning
 from sim.review.lanes import lanes
-from sim.review.scene import ReviewScene
+from sim.review.scene import OTHER_THAN_ADVISED, ReviewScene
+from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import LINE_MPS, SECONDS, SPEED_MPS, advice, cab, logged, recorded, told, withdrawn
-from tests.support.making import das_sim
+from tests.support.recorded_days import inputs_of_day, recorded_day
 from tests.support.recordings import START_NS, at_ns, write_recording
 
 
@@ -161,18 +163,14 @@ def test_notes_are_marks_and_bookmarks(tmp_path: Path) -> None:
     assert not [one for one in found if "  advice: " in one.text]
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
-def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution(tmp_path: Path) -> None:
-    from sim.review.picture import picture_of
-    from sim.review.scene import LEAST_KWH, OTHER_THAN_ADVISED, AttributionView, spans_of
+def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -> None:
+    from sim.review.picture import panels
 
-    path = tmp_path / "run.mcap"
-    answer = das_sim("run", "clear-day", "--driver", "human", "--seed", "2", "--out", str(path), cwd=tmp_path)
-    assert answer.returncode == 0, answer.stderr
-    attribution = Drive(source=read_recording(path)).known_attribution
-    shown = AttributionView.of(attribution)
+    day = flat_day()
+    drive = Drive(source=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
+    scene, attribution = ReviewScene.of(drive).with_attribution(), drive.known_attribution
+    shown = scene.attribution
+    assert shown is not None
     beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     driving = sum(energy_j for cause, energy_j in attribution.by_cause.items() if cause not in beside)
     motion = sum(leg.energies.motors_j[-1] - leg.committed.energy_j[0] for leg in attribution.legs)
@@ -181,16 +179,14 @@ def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution(tmp
     other = sum(attribution.by_cause.get(cause, 0.0) for cause in OTHER_THAN_ADVISED)
     assert shown.series["lost/advice"][1][-1] == pytest.approx(kwh(other), abs=1e-6)
     assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(attribution.optimum_j), rel=1e-6)
+    (summed,) = scene.over_distance(["sum/lost"])
+    assert summed.values[-1] == pytest.approx(kwh(attribution.difference_j))
     times = [change.time_ns for change in shown.lane.changes]
     assert times == sorted(set(times))
-    spans = [span for leg in attribution.legs for span in spans_of(leg)]
-    assert sum(span.energy_j for span in spans) == pytest.approx(motion, rel=1e-9)
-    worth = [span for span in spans if abs(kwh(span.energy_j)) >= LEAST_KWH]
+    assert sum(span.energy_j for span in shown.spans) == pytest.approx(motion, rel=1e-9)
     in_lane = [change.state for change in shown.lane.changes if change.state]
-    assert in_lane == [f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" for span in worth]
+    assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in shown.spans if one.worth]
     assert f"Above the optimum for the same times: {kwh(attribution.difference_j):+.1f} kWh" in shown.text
-    names = [
-        axis.get_ylabel() or axis.get_yticklabels()[0].get_text() for axis in picture_of(read_recording(path)).axes
-    ]
-    assert {"cost (kWh)", "Lost (kWh)"} <= set(names)
-    assert names.index("cost (kWh)") == names.index("Controller (%)") + 1  # under the effort shown and set
+    names = list(panels(scene))
+    assert "lost" in names
+    assert names.index("cost") == names.index("lever") + 1  # under the effort shown and set
