@@ -255,6 +255,8 @@ class Drive(DrivenWay):
     @property
     def measured(self) -> bool:
         """Whether a simulator measured the energy; otherwise it is estimated from positions."""
+        if self.run is not None:
+            return self.run.above.measured
         motion = _or_error(lambda: self.motion)
         return not isinstance(motion, DasError) and motion.input_j is not None
 

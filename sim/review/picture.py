@@ -31,7 +31,7 @@ from sim.review.canvas import (
 from sim.review.colors import LIGHT, Meaning, Theme
 from sim.review.lanes import WAY, Lane
 from sim.review.scene import DRAWN_OVER_DISTANCE, OVER_DISTANCE, CostSpan, ReviewScene, speed_text
-from sim.review.series import BUFFER_PERCENT, QUANTITIES, STYLES
+from sim.review.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
 from sim.review.words import headline, on_this_day
 
 TITLE_IN, LINE_IN = 0.35, 0.19
@@ -132,8 +132,8 @@ def _costs_of(scene: ReviewScene) -> list[CostSpan]:
 def _over_distance(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:
     """Draw the panels over distance, with what has a place of its own."""
     trip, speed = scene.trip, axes["speed"]
-    for name, at_m, values in scene.over_distance(DRAWN_OVER_DISTANCE):
-        curve(axes[name.split("/")[0]], name, at_m / KM, values, theme)
+    for trace in scene.over_distance(DRAWN_OVER_DISTANCE):
+        curve(axes[trace.quantity], trace.name, trace.s_m / KM, trace.values, theme)
     margin_m = MARGIN_RATIO * max(float(np.ptp(trip.s_m)), 100.0)
     ends_km = (trip.s_m.min() - margin_m) / KM, (trip.s_m.max() + margin_m) / KM
     share_x(list(axes.values()), ends_km, "Position (km)", theme)
@@ -206,7 +206,7 @@ def _over_time(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:
         return since_s
 
     for name, (at, values) in scene.series.items():
-        axis = axes.get(name.split("/")[0])
+        axis = axes.get(quantity_of(name))
         if axis is not None and not name.endswith("_sd"):
             curve(axis, name, along(at), values, theme)
     start, end = scene.ends_s

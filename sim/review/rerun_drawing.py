@@ -22,7 +22,7 @@ from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
-from sim.review.series import QUANTITIES, STYLES, MapTrack
+from sim.review.series import QUANTITIES, STYLES, MapTrack, quantity_of
 from sim.review.words import cards, summary
 
 DRIVE_CLOCK, TIME_OF_DAY, POSITION = "drive_clock", "time_of_day", "position_m"
@@ -128,7 +128,7 @@ def _series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times
     style, modes = STYLES[name], rr.components.InterpolationMode
     looks = rr.SeriesLines(
         colors=rgba(VIEWER.of[style.meaning]),
-        names=f"{style.label}, {QUANTITIES[name.split('/', maxsplit=1)[0]].spelt_unit}",
+        names=f"{style.label}, {QUANTITIES[quantity_of(name)].spelt_unit}",
         widths=style.width,
         interpolation_mode=modes.StepAfter if style.held else modes.Linear,
     )
@@ -274,14 +274,14 @@ def _over_distance(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene
     _stops(out, plane, scene)
     _places(out, plane, scene)
     named: dict[Meaning, None] = {}
-    for number, (name, at_m, values) in enumerate(scene.over_distance(DRAWN_OVER_DISTANCE)):
-        strip, style = name.split("/")[0], STYLES[name]
-        pieces = unbroken(plane.x(at_m), plane.y(strip, values), values)
+    for number, trace in enumerate(scene.over_distance(DRAWN_OVER_DISTANCE)):
+        style = STYLES[trace.name]
+        pieces = unbroken(plane.x(trace.s_m), plane.y(trace.quantity, trace.values), trace.values)
         if style.held:
             pieces = [stepped(piece) for piece in pieces]
         radius, color = rr.Radius.ui_points(0.6 * style.width), rgba(VIEWER.of[style.meaning])
         drawn = rr.LineStrips2D(pieces, colors=color, radii=radius, draw_order=20.0 + number)
-        out.log(f"distance/{name}", drawn, static=True)
+        out.log(f"distance/{trace.name}", drawn, static=True)
         named[style.meaning] = None
     # What each colour means, once, under the positions.
     x = np.linspace(0.0, WIDTH, len(named) + 2)[1:-1]

@@ -24,7 +24,7 @@ from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points,
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.colors import Meaning, Theme
 from sim.review.lanes import COST, Change, Lane, lanes
-from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, series
+from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
 
 FROM_ADVICE: Final = (
     "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
@@ -32,7 +32,7 @@ FROM_ADVICE: Final = (
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
 """The quantities that viewer and picture draw over distance as well as over time."""
 DRAWN_OVER_DISTANCE: Final = tuple(
-    name for name in STYLES if name.split("/")[0] in OVER_DISTANCE and name != "speed/same_times"
+    name for name in STYLES if quantity_of(name) in OVER_DISTANCE and name != "speed/same_times"
 )
 """The series of these quantities that they draw, in drawing order; the optimum is that from the start."""
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
@@ -108,6 +108,11 @@ class Trace(NamedTuple):
     name: str
     s_m: Floats
     values: Floats
+
+    @property
+    def quantity(self) -> str:
+        """The name of its quantity."""
+        return quantity_of(self.name)
 
 
 class MotorPoints(NamedTuple):
@@ -201,7 +206,7 @@ class ReviewScene:
     @property
     def quantities(self) -> set[str]:
         """The quantities of which there is something to show."""
-        return {name.split("/")[0] for name, (time_ns, _) in self.series.items() if len(time_ns)}
+        return {quantity_of(name) for name, (time_ns, _) in self.series.items() if len(time_ns)}
 
     @property
     def ends_s(self) -> tuple[float, float]:
@@ -231,7 +236,7 @@ class ReviewScene:
         ends: list[float] = []
         for name, (_, values) in self.series.items():
             known = values[np.isfinite(values)]
-            if name.startswith(f"{quantity}/") and len(known):
+            if quantity_of(name) == quantity and len(known):
                 usual = name == "force/advised"
                 ends += np.percentile(known, USUAL_PERCENT).tolist() if usual else [known.min(), known.max()]
         return (min(ends), max(ends)) if ends else None
@@ -401,18 +406,18 @@ def _attribution_series(attribution: Attribution) -> Found:
 
 def _attribution_by_place(attribution: Attribution) -> Iterator[Trace]:
     """The speed of the optimum, and the energy lost above it: by place, and summed over the places."""
-    best, lost, total = list[tuple[Floats, Floats]](), list[tuple[Floats, Floats]](), list[tuple[Floats, Floats]]()
+    pieces: dict[str, list[tuple[Floats, Floats]]] = {"speed/same_times": [], "place/lost": [], "sum/lost": []}
     before_j = 0.0
     for leg in attribution.legs:
         run, places = leg.optimum.trajectory, leg.even
         edges_m = np.append(places.start_m, places.end_m[-1:])
         upto_j = before_j + np.concatenate(([0.0], np.cumsum(places.lost_more_j)))
         before_j = float(upto_j[-1])
-        best += [(run.s_m, run.v_mps / KMH), (run.s_m[-1:], GAP)]
-        lost.append((edges_m, np.append(kwh(places.lost_more_j) / (np.diff(edges_m) / KM), GAP)))
-        total.append((edges_m, kwh(upto_j)))
-    for name, pieces in (("speed/same_times", best), ("place/lost", lost), ("sum/lost", total)):
-        yield Trace(name, *(np.concatenate(values) for values in zip(*pieces, strict=True)))
+        pieces["speed/same_times"] += [(run.s_m, run.v_mps / KMH), (run.s_m[-1:], GAP)]
+        pieces["place/lost"].append((edges_m, np.append(kwh(places.lost_more_j) / (np.diff(edges_m) / KM), GAP)))
+        pieces["sum/lost"].append((edges_m, kwh(upto_j)))
+    for name, parts in pieces.items():
+        yield Trace(name, *(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
 def _motors(leg: LegAttribution) -> Iterator[MotorPoints]:

@@ -69,6 +69,11 @@ QUANTITIES: Final = {
 """The quantities; the name of a series begins with that of its quantity."""
 
 
+def quantity_of(name: str) -> str:
+    """The name of the quantity of a series."""
+    return name.split("/", maxsplit=1)[0]
+
+
 class Style(NamedTuple):
     """How a series looks: label, what its colour means, width, and whether a value holds until the next."""
 

@@ -19,7 +19,7 @@ from sim.plant.kernels import Command
 from sim.plant.plant import speed
 from sim.recording.inputs import DriveInputs
 from sim.world.lockstep import happened
-from sim.world.loop import BEFORE_S, TRAIN, InProcess, Tick, Told, World
+from sim.world.loop import BEFORE_S, TRAIN, InProcess, Run, Tick, Told, World
 from sim.world.over_bus import _truth
 from sim.world.service import Day
 
@@ -58,15 +58,22 @@ class KeptInProcess(InProcess):
         self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
 
 
-def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presentation.VECTOR) -> Recording:
-    """Drive a day and return what a recorder would have written, without the attached files."""
+def run_and_recording(
+    day: Day, driver: Driver, presentation: Presentation = Presentation.VECTOR
+) -> tuple[Run, Recording]:
+    """Drive a day; the run, and what a recorder would have written, without the attached files."""
     link = KeptInProcess(day, coach=presentation is Presentation.COACH)
-    World(day, driver, presentation, link).run()
-    return Recording(
+    run = World(day, driver, presentation, link).run()
+    return run, Recording(
         path=Path("day.mcap"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,
         messages={name: tuple(entries) for name, entries in link.messages.items()},
         metadata={"run": {"kind": "run", "level": str(day.service.level)}},
     )  # fmt: skip
+
+
+def recorded_day(day: Day, driver: Driver, presentation: Presentation = Presentation.VECTOR) -> Recording:
+    """Drive a day and return its recording (see `run_and_recording`)."""
+    return run_and_recording(day, driver, presentation)[1]
 
 
 def inputs_of_day(day: Day) -> DriveInputs:

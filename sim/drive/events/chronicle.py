@@ -49,7 +49,7 @@ REPLANS: Final = {
     7: "keeping the plan would cost more energy than a new one",
     8: "the plan could no longer be kept",
 }
-"""Why the coach made its reference anew, by the numbers of `ReplanCause` on the bus."""
+"""Why the coach made a new reference plan, by the numbers of `ReplanCause` on the bus."""
 
 
 class NewPlan(NamedTuple):

@@ -54,7 +54,7 @@ class DriveEvent:
     """Something that happened: when (ns since 1970), where (m, NaN where unknown), what, and figures that go with it.
 
     `end_ns` is when it was over; it equals `time_ns` for what has no duration. The names in `facts` carry their units.
-    `mark` says why the event is a bookmark that made itself; it is empty for all others.
+    `mark` says why the program made the event a bookmark; it is empty for all others.
     """
 
     time_ns: int
@@ -91,7 +91,7 @@ class Filter:
     from_ns: int | None = None
     to_ns: int | None = None
     bookmarks: bool = False
-    """Only bookmarks: those that made themselves, and notes."""
+    """Only bookmarks: those that the program made, and notes."""
 
     def choose(self, events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
         """The events that pass, in their order."""
@@ -197,5 +197,5 @@ def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[Drive
 
 
 def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
-    """All bookmarks in order of time: those that make themselves, and the notes of people."""
+    """All bookmarks in order of time: those that the program made, and the notes of people."""
     return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)

@@ -42,7 +42,7 @@ def drive_figure(scene: ReviewScene) -> Figure:
     lanes = [lane for lane in scene.lanes if lane.name in MODE_LANES]
     below = list(scene.over_distance(("deviation/operator", "apart/shown")))
     heights_in = [HEIGHTS_IN["speed"], *([HEIGHTS_IN["modes"] * len(lanes)] if lanes else [])]
-    figure, axes = light_figure([*heights_in, *(HEIGHTS_IN[_quantity(trace)] for trace in below)])
+    figure, axes = light_figure([*heights_in, *(HEIGHTS_IN[trace.quantity] for trace in below)])
     _speeds(axes[0], scene)
     if lanes:
         modes = lane_rows(axes[1], lanes, int(scene.trip.time_ns[-1]), scene.km_at, LIGHT)
@@ -55,14 +55,10 @@ def drive_figure(scene: ReviewScene) -> Figure:
     return figure
 
 
-def _quantity(trace: Trace) -> str:
-    return trace.name.split("/", maxsplit=1)[0]
-
-
 def _draw(axis: Any, trace: Trace) -> None:
     """Draw a series over distance in its style, and name the axis."""
     curve(axis, trace.name, trace.s_m / KM, trace.values, LIGHT)
-    named(axis, y=QUANTITIES[_quantity(trace)].title)
+    named(axis, y=QUANTITIES[trace.quantity].title)
 
 
 def _speeds(axis: Any, scene: ReviewScene) -> None:
@@ -81,7 +77,7 @@ def _speeds(axis: Any, scene: ReviewScene) -> None:
 
 def _below(axis: Any, trace: Trace) -> None:
     """Draw the lateness, or driven less shown speed, about 0."""
-    if _quantity(trace) != "apart":
+    if trace.quantity != "apart":
         _draw(axis, trace)
         axis.axhline(0.0, color=INK, linewidth=0.7)
         return
@@ -115,7 +111,7 @@ def place_figure(scene: ReviewScene) -> Figure:
     lost, summed = scene.over_distance(("place/lost", "sum/lost"))
     color = LIGHT.of[STYLES[lost.name].meaning]
     bars.stairs(lost.values[:-1], lost.s_m / KM, fill=True, color=color, linewidth=0.0)
-    named(bars, y=QUANTITIES[_quantity(lost)].title)
+    named(bars, y=QUANTITIES[lost.quantity].title)
     bars.axhline(0.0, color=INK, linewidth=0.7)
     _draw(total, summed)
     for axis in (bars, total):

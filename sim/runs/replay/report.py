@@ -32,8 +32,8 @@ from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
-"""Less than this share of the energy above the optimum is within the error of inverse dynamics: for a driver who drove
-the optimum it finds 0.5 %."""
+"""An energy above the optimum of less than this share of the energy driven is within the error of inverse dynamics,
+which finds 0.5 % for a driver who drove the optimum."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

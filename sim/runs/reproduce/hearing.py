@@ -205,7 +205,7 @@ class Rehearing:
             self._cab.close()
 
     def _start_anew(self) -> None:
-        """The node was started anew: a cab that has heard nothing but what the bus keeps."""
+        """Replace the cab by one that has heard only what the bus keeps, as after a restart of the node."""
         self._cab.close()
         self._cab = self.make()
         self._judged_ns = 0
@@ -270,7 +270,7 @@ def _announced(messages: Sequence[RecordedMessage]) -> dict[str, list[RecordedMe
 
 
 def _starts(messages: Sequence[RecordedMessage]) -> set[int]:
-    """Places of the first status of every node that was started anew."""
+    """Places in the list of the first status after each restart of the node."""
     places = [i for i, one in enumerate(messages) if one.topic is STATUS]
     found = restarts_of([Stamped(messages[i].log_time_ns, messages[i].message) for i in places])
     return {places[i] for i in found}

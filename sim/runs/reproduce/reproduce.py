@@ -204,7 +204,7 @@ def _bare(path: str) -> str:
 
 HEARD = (POSITION, DELAY, EFFORT, JOURNEY, RESTRICTION, TARGET)
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
-"""The metadata of a recording that holds all that its node heard, but only a part of what it said."""
+"""Metadata of an extract: a recording of everything that its node heard, with a part of what the node said."""
 CONTEXT_S = 5.0
 """The messages heard in this time (s) before the first difference are shown."""
 BY_THE_WALL = (

@@ -171,7 +171,7 @@ def _delay(call: KeptCall, dwell_s: float) -> Iterator[str]:
 
 
 def _restrictions(origin: Origin, trip: DrivenCourse) -> Iterator[str]:
-    """Each restriction that was told, from where the train was when it was first told."""
+    """Each restriction that the node received, announced where the train was when the node first received it."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
     known: set[Restriction] = set()
     for time_ns, told in told_lists(origin.recording):
@@ -210,7 +210,7 @@ BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgainDay:
-    """A day to be driven anew, how, and what its recording says about it."""
+    """A day to be driven anew, how it is driven, and the metadata of its recording."""
 
     day: Day
     how: How

@@ -130,7 +130,7 @@ def _journey(message: Any, cab: CabOtherwise, plan: CabPlan) -> Any:
 
 
 def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
-    """Attach the input files, and copy the metadata beside those of the run."""
+    """Attach the input files, and copy all metadata but those of the run."""
     replaced = {origin.files.sha256(kind) for kind in OWN_FILES} if cab.vehicle else set()
     for attached in origin.files.others(replaced):
         file.add_attachment(attached.name, attached.media_type, attached.data)

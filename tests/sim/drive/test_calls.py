@@ -1,4 +1,4 @@
-"""Stops have their names on every axis of time, as they have on those of distance."""
+"""When a train was at its stops, to a fraction of a second; and their names on every axis of time and of distance."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ def test_when_the_train_was_at_its_stops() -> None:
     assert first.end_ns / 1e9 == pytest.approx(at_ns(10) / 1e9, abs=0.1)
     assert passed.start_ns == passed.end_ns
     assert (passed.start_ns - at_ns(0)) / 1e9 == pytest.approx(80.0, abs=1.0)  # 100 m to 10 m/s, then 500 m at it
+    assert last.start_ns / 1e9 == pytest.approx(at_ns(150) / 1e9, abs=0.1)
     assert last.end_ns == at_ns(170)
     changes = lane_of_stops((first, passed, last)).changes
     assert [change.state for change in changes] == ["Aarau", "to Brugg", "to Cham", "Cham", ""]

@@ -6,22 +6,20 @@ import subprocess
 import sys
 from dataclasses import asdict, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from das.bus.recording import Recording, Stamped
+from das.bus.recording import Stamped
 from das.domain.errors import DasError
 from sim.drive.drive import Drive
 from sim.drive.happenings import Signal
 from sim.drive.limits import Violations, violations_of
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind
 from sim.recording.course import DrivenCourse
-from sim.world.loop import World
 from sim.world.outcome import DayOutcome, outcome
 from tests.support.flat_days import flat_day
-from tests.support.recorded_days import KeptInProcess, inputs_of_day
+from tests.support.recorded_days import inputs_of_day, run_and_recording
 
 S = 1_000_000_000
 
@@ -30,15 +28,11 @@ S = 1_000_000_000
 def driven() -> tuple[DayOutcome, Drive]:
     """A day with another train than planned: what its run came to, and the drive of its recording."""
     day = flat_day("[truth]\nmass_ratio = 1.1\n")
-    link = KeptInProcess(day)
-    found = outcome(day, World(day, day.driver(DriverKind.HUMAN), Presentation.VECTOR, link).run(), DriverKind.HUMAN)
-    said = found.energies.above.message(link.messages["truth"][-1].message.time_ns)
-    recording = Recording(
-        path=Path("nowhere/day.mcap"), train="train", trains=("train",), attachments=(), complete=True,
-        messages={name: tuple(one) for name, one in {**link.messages, "saving": [Stamped(0, said)]}.items()},
-        metadata={"run": {"kind": "run"}},
-    )  # fmt: skip
-    return found, Drive(source=recording, given=inputs_of_day(day))
+    run, recording = run_and_recording(day, day.driver(DriverKind.HUMAN))
+    found = outcome(day, run, DriverKind.HUMAN)
+    said = found.energies.above.message(recording.of("truth")[-1].message.time_ns)
+    messages = {**recording.messages, "saving": (Stamped(0, said),)}
+    return found, Drive(source=replace(recording, messages=messages), given=inputs_of_day(day))
 
 
 def test_a_run_and_its_recording_keep_the_same_stops() -> None:

@@ -11,35 +11,42 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2, topics
-from das.bus.recording import read_recording
+from das.bus.recording import Recording
 from das.domain.units import kwh
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.notes import Note, add_note
-from sim.drive.happenings import NOT_HEARD, happenings, points, signals, silences
-from sim.drive.limits import temporary_limits
+from sim.drive.happenings import NOT_HEARD, happenings, points, signals
+from sim.drivers.kinds import DriverKind
 from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
 from sim.review.colors import Meaning
 from sim.review.lanes import lanes
-from sim.review.scene import ReviewScene
+from sim.review.scene import OTHER_THAN_ADVISED, ReviewScene
+from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import LINE_MPS, SECONDS, SPEED_MPS, advice, cab, logged, recorded, told, withdrawn
-from tests.support.making import das_sim
+from tests.support.recorded_days import inputs_of_day, recorded_day
 from tests.support.recordings import START_NS, at_ns, write_recording
 
 
 def test_a_restriction_holds_from_when_it_is_told_until_it_is_lifted() -> None:
     one, other, late = (400.0, 600.0, 10.0), (500.0, 800.0, 15.0), (1000.0, 1400.0, 12.0)
     recording = recorded(told(5, one, other), told(60, one, other, late), told(65))
-    trip = DrivenCourse.of(recording)
-    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
-    for t, limit in zip((at - START_NS) / 1e9, limit_mps, strict=True):
+    drive = Drive(source=recording)
+    for t, limit in zip((drive.course.time_ns - START_NS) / 1e9, drive.limit_mps, strict=True):
         s_m = SPEED_MPS * t
         in_force = [v for since, (a, b, v) in ((5, one), (5, other), (60, late)) if since <= t < 65 and a <= s_m <= b]
         assert limit == min([LINE_MPS, *in_force]), t
-    found = {(x.restriction.start_m, x.told_ns, x.lifted_ns) for x in temporary_limits(recording, trip)}
+    found = {(x.restriction.start_m, x.told_ns, x.lifted_ns) for x in drive.temporary_limits}
     assert found == {(400.0, at_ns(5), at_ns(65)), (500.0, at_ns(5), at_ns(65)), (1000.0, at_ns(60), at_ns(65))}
-    assert ReviewScene.of(Drive(source=recording)).series["speed/limit"][1].min() == pytest.approx(36.0)
+    assert ReviewScene.of(drive).series["speed/limit"][1].min() == pytest.approx(36.0)
+
+
+def slow_s(recording: Recording) -> tuple[float, float]:
+    """The first and the last second (s) with a limit of 10 m/s."""
+    drive = Drive(source=recording)
+    seconds = (drive.course.time_ns[drive.limit_mps == 10.0] - START_NS) / 1e9
+    return float(seconds.min()), float(seconds.max())
 
 
 def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open() -> None:
@@ -47,11 +54,8 @@ def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open(
     one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=2_000.0, limit_mps=10.0, **window)
     list_of_one = topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(5), restrictions=[one])
     recording = recorded(list_of_one, told(90))
-    trip = DrivenCourse.of(recording)
-    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
-    slow = (at[limit_mps == 10.0] - START_NS) / 1e9
-    assert (slow.min(), slow.max()) == (30.0, 39.0)
-    (span,) = temporary_limits(recording, trip)
+    assert slow_s(recording) == (30.0, 39.0)
+    (span,) = Drive(source=recording).temporary_limits
     assert [(round((at_ns - START_NS) / 1e9), word) for at_ns, word in span.changes()] == [
         (5, "told"), (30, "begins"), (40, "ends"), (90, "lifted"),
     ]  # fmt: skip
@@ -59,21 +63,16 @@ def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open(
 
 def test_behind_a_restriction_the_tail_counts_as_long_as_the_node_says() -> None:
     tail = [advice(t, limit_mps=10.0 if 20 <= t <= 38 else LINE_MPS) for t in range(SECONDS)]
-    recording = recorded(told(5, (400.0, 600.0, 10.0)), *tail)
-    trip = DrivenCourse.of(recording)
-    at, limit_mps = trip.time_ns, Drive(source=recording).limit_mps
-    slow = (at[limit_mps == 10.0] - START_NS) / 1e9
-    assert (slow.min(), slow.max()) == (20.0, 38.0)
+    assert slow_s(recorded(told(5, (400.0, 600.0, 10.0)), *tail)) == (20.0, 38.0)
     lower = [advice(t, limit_mps=1.0) for t in range(SECONDS)]  # a node's own limit is not the line's
     recording = recorded(told(5, (400.0, 600.0, 10.0)), *lower)
     assert Drive(source=recording).limit_mps.min() == 10.0
 
 
 def test_a_restriction_that_is_none_is_left_out() -> None:
-    recording = recorded(told(5, (600.0, 400.0, 10.0), (0.0, math.nan, 10.0), (0.0, 900.0, 0.0)))
-    trip = DrivenCourse.of(recording)
-    assert temporary_limits(recording, trip) == ()
-    assert set(Drive(source=recording).limit_mps) == {LINE_MPS}
+    drive = Drive(source=recorded(told(5, (600.0, 400.0, 10.0), (0.0, math.nan, 10.0), (0.0, 900.0, 0.0))))
+    assert drive.temporary_limits == ()
+    assert set(drive.limit_mps) == {LINE_MPS}
 
 
 def test_silences_have_their_reasons() -> None:
@@ -83,14 +82,13 @@ def test_silences_have_their_reasons() -> None:
     recording = recorded(*said, *reasons)
     found = [
         (round((x.start_ns - START_NS) / 1e9), round((x.end_ns - START_NS) / 1e9), x.text)
-        for x in silences(recording, DrivenCourse.of(recording))
+        for x in Drive(source=recording).silences
     ]
     assert found == [
         (0, 5, NOT_HEARD), (22, 30, NOT_HEARD), (50, 55, "the position is 4.0 s old"),
         (55, 60, "outside the section"), (93, 100, NOT_HEARD),
     ]  # fmt: skip
-    nobody = recorded()
-    assert silences(nobody, DrivenCourse.of(nobody)) == ()
+    assert Drive(source=recorded()).silences == ()
 
 
 def test_what_is_advised_has_a_gap_where_the_node_is_not_heard() -> None:
@@ -131,8 +129,8 @@ def test_what_happened_is_told_once_and_in_order() -> None:
         logged(40, "no advice: the clock was set", topics.EVENT, Log.WARNING),
         logged(30, "position rejected", topics.EVENT, Log.WARNING),
     )  # fmt: skip
-    trip = DrivenCourse.of(recording)
-    found = [(x.kind, x.text) for x in happenings(recording, trip, silences(recording, trip))]
+    drive = Drive(source=recording)
+    found = [(x.kind, x.text) for x in happenings(recording, drive.course, drive.silences)]
     assert found == [
         ("log", "(7 s before) departed"), ("warning", "position rejected"),
         ("silence", "no advice for 60 s: the clock was set"), ("log", "signal clear"),
@@ -165,18 +163,14 @@ def test_notes_are_marks_and_bookmarks(tmp_path: Path) -> None:
     assert not [one for one in found if "  advice: " in one.text]
 
 
-@pytest.mark.more
-@pytest.mark.slow
-@pytest.mark.processes
-def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution(tmp_path: Path) -> None:
-    from sim.review.picture import picture_of
-    from sim.review.scene import LEAST_KWH, OTHER_THAN_ADVISED, AttributionView, spans_of
+def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -> None:
+    from sim.review.picture import panels
 
-    path = tmp_path / "run.mcap"
-    answer = das_sim("run", "clear-day", "--driver", "human", "--seed", "2", "--out", str(path), cwd=tmp_path)
-    assert answer.returncode == 0, answer.stderr
-    attribution = Drive(source=read_recording(path)).known_attribution
-    shown = AttributionView.of(attribution)
+    day = flat_day()
+    drive = Drive(source=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
+    scene, attribution = ReviewScene.of(drive).with_attribution(), drive.known_attribution
+    shown = scene.attribution
+    assert shown is not None
     beside = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     driving = sum(energy_j for cause, energy_j in attribution.by_cause.items() if cause not in beside)
     motion = sum(leg.energies.motors_j[-1] - leg.committed.energy_j[0] for leg in attribution.legs)
@@ -185,16 +179,14 @@ def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution(tmp
     other = sum(attribution.by_cause.get(cause, 0.0) for cause in OTHER_THAN_ADVISED)
     assert shown.series["lost/advice"][1][-1] == pytest.approx(kwh(other), abs=1e-6)
     assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(attribution.optimum_j), rel=1e-6)
+    (summed,) = scene.over_distance(["sum/lost"])
+    assert summed.values[-1] == pytest.approx(kwh(attribution.difference_j))
     times = [change.time_ns for change in shown.lane.changes]
     assert times == sorted(set(times))
-    spans = [span for leg in attribution.legs for span in spans_of(leg)]
-    assert sum(span.energy_j for span in spans) == pytest.approx(motion, rel=1e-9)
-    worth = [span for span in spans if abs(kwh(span.energy_j)) >= LEAST_KWH]
+    assert sum(span.energy_j for span in shown.spans) == pytest.approx(motion, rel=1e-9)
     in_lane = [change.state for change in shown.lane.changes if change.state]
-    assert in_lane == [f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" for span in worth]
+    assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in shown.spans if one.worth]
     assert f"Above the optimum for the same times: {kwh(attribution.difference_j):+.1f} kWh" in shown.text
-    names = [
-        axis.get_ylabel() or axis.get_yticklabels()[0].get_text() for axis in picture_of(read_recording(path)).axes
-    ]
-    assert {"cost (kWh)", "Lost (kWh)"} <= set(names)
-    assert names.index("cost (kWh)") == names.index("Controller (%)") + 1  # under the effort shown and set
+    names = list(panels(scene))
+    assert "lost" in names
+    assert names.index("cost") == names.index("lever") + 1  # under the effort shown and set

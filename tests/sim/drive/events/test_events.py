@@ -20,7 +20,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction
 from das.domain.units import NS
-from sim.drive.calls import calls_of, stands
+from sim.drive.calls import stands
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.recording.course import DriveClock, DrivenCourse
@@ -61,17 +61,6 @@ STOPS = (("Aarau", 0.0, 0.0, 4.0), ("Brugg", 600.0, 80.0, 90.0), ("Cham", 1200.0
 
 def of_kind(recording: Recording, kind: EventKind) -> list[DriveEvent]:
     return [one for one in Drive(source=recording).events if one.kind is kind]
-
-
-def test_departure_and_arrival_are_found_between_two_samples_of_the_positions() -> None:
-    recording = drive(stops=STOPS)
-    first, missed, last = calls_of(recording, DrivenCourse.of(recording))
-    assert (first.departed_ns - at_ns(10.0)) / 1e9 == pytest.approx(0.0, abs=0.1)
-    assert (last.arrived_ns - at_ns(150.0)) / 1e9 == pytest.approx(0.0, abs=0.1)
-    assert first.departed_late_s == pytest.approx(6.0, abs=0.1)
-    assert last.arrived_late_s == pytest.approx(10.0, abs=0.1)
-    assert missed.stand is None
-    assert missed.reached
 
 
 def test_the_story_has_departure_missed_stop_and_arrival() -> None:

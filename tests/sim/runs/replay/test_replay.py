@@ -31,6 +31,8 @@ from tests.support.making import flat, make_train
 
 LENGTH_M, MIDDLE_M, DWELL_S = 8000.0, 3000.0, 45
 FIRST_S, SECOND_S = 170.0, 260.0
+Driven = tuple[ReplayJob, TripEnergies, list[float]]
+"""The replay of a trip, its energies, and the least energy of each of its sections (J)."""
 
 
 def job_of(trip: Trip) -> ReplayJob:
@@ -62,7 +64,7 @@ def recorded(job: ReplayJob, energies: TripEnergies | None = None) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplayJob, TripEnergies, list[float]]:
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
     """The optimum of both sections with a stand between them, as a record once a second; and its energies (J)."""
     ends = flat(LENGTH_M, 120 * KMH)
     first, last = ends.stops
@@ -84,9 +86,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplayJob, TripEne
     return job, trip_energies(job), energies
 
 
-def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(
-    driven: tuple[ReplayJob, TripEnergies, list[float]],
-) -> None:
+def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(driven: Driven) -> None:
     job, found, energies = driven
     assert [(one.start.name, one.end.name) for one in job.legs] == [
         (job.trip.start.name, "M"),
@@ -102,9 +102,7 @@ def test_who_drove_both_sections_as_well_as_possible_is_not_above_the_optimum(
     assert through < 0.9 * sum(energies)  # the optimum that does not stop would have claimed a saving that nobody had
 
 
-def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(
-    driven: tuple[ReplayJob, TripEnergies, list[float]],
-) -> None:
+def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(driven: Driven) -> None:
     above, spread = driven[1].above, driven[1].above_range
     assert spread is not None
     message = das_pb2.Saving.FromString(above.message(7).SerializeToString())
@@ -118,9 +116,7 @@ def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(
     assert math.isnan(untold.likely_low_j)
 
 
-def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(
-    driven: tuple[ReplayJob, TripEnergies, list[float]],
-) -> None:
+def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(driven: Driven) -> None:
     """Its journey does not name the stop on the way, at which the trip stood; the energies are those that it said."""
     job, found, _ = driven
     section = job.front.section
@@ -149,16 +145,14 @@ def test_a_recorded_trip_and_its_replay_are_one_drive(tmp_path: Path) -> None:
     np.testing.assert_allclose(source.legs[0].motion.s_m, job.legs[0].motion.s_m)
 
 
-def test_a_trip_without_stops_on_the_way_is_one_leg(driven: tuple[ReplayJob, TripEnergies, list[float]]) -> None:
+def test_a_trip_without_stops_on_the_way_is_one_leg(driven: Driven) -> None:
     trip = driven[0].trip
     other = replace(trip.route, stops=(trip.route.stops[0], trip.route.stops[-1]))
     (only,) = driven_legs(replace(trip, route=other), trip.run)
     assert only.trip_s == pytest.approx(FIRST_S + DWELL_S + SECOND_S, abs=2.0)
 
 
-def test_a_trip_that_does_not_stand_at_its_stops_is_one_leg_over_its_whole_run(
-    driven: tuple[ReplayJob, TripEnergies, list[float]],
-) -> None:
+def test_a_trip_that_does_not_stand_at_its_stops_is_one_leg_over_its_whole_run(driven: Driven) -> None:
     trip = driven[0].trip
     part = replace(trip, matched=replace(trip.matched, ends=trip.matched.ends._replace(starts_standing=False)))
     (only,) = driven_legs(part, trip.run)

@@ -79,12 +79,14 @@ def rewritten(out: Path, change: Change) -> Path:
     return out
 
 
-def same(messages: list[RecordedMessage]) -> list[RecordedMessage]:
-    return messages
+@pytest.fixture(scope="module")
+def beginning(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first minute of a reference."""
+    return rewritten(tmp_path_factory.mktemp("beginning") / "run.mcap", list)
 
 
-def test_the_beginning_of_a_recording_is_reproduced(tmp_path: Path) -> None:
-    found = heard_again(rewritten(tmp_path / "run.mcap", same))
+def test_the_beginning_of_a_recording_is_reproduced(beginning: Path) -> None:
+    found = heard_again(beginning)
     assert found.same
     assert found.comparison.compared["advice"] == KEPT_S
 
@@ -133,18 +135,16 @@ def test_words_that_are_missing_or_new_are_found(tmp_path: Path) -> None:
     ]
 
 
-def test_another_loss_level_is_another_advice(tmp_path: Path) -> None:
+def test_another_loss_level_is_another_advice(beginning: Path) -> None:
     """The settings of the node count: the same day planned with other losses is not the same."""
-    path = rewritten(tmp_path / "run.mcap", same)
-    found = heard_again(path, "--route zurich-luzern --vehicle re460-ic --level l0-reg")
+    found = heard_again(beginning, "--route zurich-luzern --vehicle re460-ic --level l0-reg")
     assert not found.same
     assert "status.section" in found.comparison.by_field
 
 
-def test_what_is_not_known_of_the_node_is_guessed_and_said(tmp_path: Path) -> None:
-    contents = read_contents(rewritten(tmp_path / "whole.mcap", same))
+def test_what_is_not_known_of_the_node_is_guessed_and_said(beginning: Path, tmp_path: Path) -> None:
     file = RecordingFile(tmp_path / "bare.mcap")
-    for one in contents.messages:
+    for one in read_contents(beginning).messages:
         file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
     file.close()
     found = heard_again(tmp_path / "bare.mcap")
@@ -161,9 +161,9 @@ def test_what_is_not_known_of_the_node_is_guessed_and_said(tmp_path: Path) -> No
         ("--route nowhere --vehicle re460-ic", "nowhere: not a bundled route"),
     ],
 )
-def test_nonsense_about_the_node_is_refused(tmp_path: Path, node: str, expected: str) -> None:
+def test_nonsense_about_the_node_is_refused(beginning: Path, node: str, expected: str) -> None:
     with pytest.raises(DasError, match=expected):
-        heard_again(rewritten(tmp_path / "run.mcap", same), node)
+        heard_again(beginning, node)
 
 
 @pytest.mark.parametrize(
@@ -191,11 +191,10 @@ def test_a_file_that_a_recording_only_names_is_opened_only_if_the_user_says_so(
         heard_again(path)
 
 
-def test_a_file_that_the_user_names_is_opened(tmp_path: Path) -> None:
+def test_a_file_that_the_user_names_is_opened(beginning: Path, tmp_path: Path) -> None:
     own = shutil.copy(catalogue("vehicles")["re460-ic"], tmp_path / "own.toml")
     words = ["--route", "zurich-luzern", "--vehicle", str(own), "--from", "Zürich HB", "--to", "Zug"]
-    path = rewritten(tmp_path / "run.mcap", same)
-    assert heard_again(path, shlex.join(words)).same
+    assert heard_again(beginning, shlex.join(words)).same
 
 
 def test_a_trip_without_a_node_cannot_be_reproduced() -> None:
@@ -203,8 +202,10 @@ def test_a_trip_without_a_node_cannot_be_reproduced() -> None:
         heard_again(bundled_recording())
 
 
-def test_the_exit_code_says_whether_it_is_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    reproduce_command(rewritten(tmp_path / "run.mcap", same), NodeSaid())
+def test_the_exit_code_says_whether_it_is_the_same(
+    beginning: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reproduce_command(beginning, NodeSaid())
     assert "today's cab says the same" in capsys.readouterr().out
 
     def other(messages: list[RecordedMessage]) -> list[RecordedMessage]:
