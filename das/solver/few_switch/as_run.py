@@ -53,7 +53,7 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
 
 
 def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
-    """The phases, where a train that is much slower than the speed to hold accelerates to it first, and no other."""
+    """The phases, where only a train that is much slower than the speed to hold accelerates to it first."""
     found: list[Phase] = []
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         if one.kind is not NotchRegime.HOLD:

@@ -56,7 +56,7 @@ LATE_RATIO = 3.0
 EARLY_RATIO = 0.7
 """A second of being early is worth this share of the price of time."""
 EARLY_S = 2.0
-"""Only this many seconds of being early are worth anything: the price, taken from the ladder, may be half too high."""
+"""Only this many seconds of being early count, because the price, one of the ladder, may be up to half too high."""
 
 
 class PricesOfTime(NamedTuple):
@@ -79,7 +79,7 @@ class PricesOfTime(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Schedule:
-    """Phases in the order of the line from interval `first` of the section on, and the run that keeps to them.
+    """Phases of a section in the order of the line, and the run that keeps to them.
 
     `known` is that run, at all nodes of the section.
     """
@@ -140,7 +140,7 @@ class Schedule:
         return bool(kind[number] == NotchRegime.BRAKE and share[number] > 0.0)
 
     def needed_mps2(self, number: int, s_m: float, v_mps: float) -> float:
-        """The deceleration (m/s²) here and now of a train that keeps to a phase to brake from a state on."""
+        """The deceleration (m/s²) at a state of a train that keeps to a phase to brake."""
         kind, share, target = self.columns
         if self.brakes_by_effort(number):
             train = self.section.train
