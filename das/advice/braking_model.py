@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from das.advice import last_word_kernels as kernels
 from das.domain.conditions import Conditions
-from das.domain.formulary import curve_resistance_mps2
 from das.domain.restriction import Restriction
-from das.domain.route import Route, Stretches
+from das.domain.route import Route
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 
@@ -202,11 +201,8 @@ def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
 
 def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
     """The deceleration (m/s², uphill > 0) of a train by gradient and curves, averaged over its length."""
-    curves = Stretches(
-        start_m=route.curvature_per_m.start_m.copy(), value=curve_resistance_mps2(route.curvature_per_m.value)
-    )
     found = np.zeros(len(nodes_m) - 1)
-    for stretches, factor in ((route.gradients_ratio, STANDARD_GRAVITY_MPS2), (curves, 1.0)):
+    for stretches, factor in ((route.gradients_ratio, STANDARD_GRAVITY_MPS2), (route.curve_resistance_mps2(), 1.0)):
         middle_m = 0.5 * (nodes_m[:-1] + nodes_m[1:])
         over = stretches.mean(middle_m - length_m, middle_m) if length_m > 0 else stretches.at(middle_m)
         found += factor * over

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import fields
 from typing import Any, TypeVar
 
 from das.bus import das_pb2
@@ -19,7 +20,7 @@ def encode_restriction(one: Restriction) -> das_pb2.Restrictions.Restriction:
 
 def decode_restriction(message: Any, kind: type[_Kind]) -> _Kind:
     """The restriction of a message. If `kind` checks the figures, as Restriction does, wrong ones raise InputError."""
-    return kind(message.start_m, message.end_m, message.limit_mps, message.valid_from_ns, message.valid_until_ns)
+    return kind(**{one.name: getattr(message, one.name) for one in fields(kind)})
 
 
 def valid_restrictions(messages: Iterable[Any]) -> tuple[Restriction, ...]:

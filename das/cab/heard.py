@@ -51,7 +51,7 @@ class ToldRestriction(Restriction):
 
 def judged(received: Restriction) -> Restriction:
     """A received restriction with its figures checked; raises InputError if they are impossible."""
-    return Restriction(*received.figures)
+    return Restriction(**vars(received))
 
 
 class Target(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InputError
-from das.domain.units import NS
+from das.domain.units import KM, KMH, NS
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -57,9 +57,9 @@ class Restriction:
             raise InputError("restriction", "valid_until_ns", self.valid_until_ns, f"more than {self.valid_from_ns}")
 
     @property
-    def figures(self) -> tuple[float, float, float, int, int]:
-        """Start (m), end (m), limit (m/s), and the window (ns)."""
-        return self.start_m, self.end_m, self.limit_mps, self.valid_from_ns, self.valid_until_ns
+    def figures(self) -> tuple[float, ...]:
+        """The values of all fields, in their order."""
+        return tuple(vars(self).values())
 
     @property
     def has_window(self) -> bool:
@@ -97,6 +97,12 @@ class Restriction:
     def mirrored(self, line_length_m: float) -> Restriction:
         """The same restriction for a line that is driven the other way, where positions count from its other end."""
         return replace(self, start_m=line_length_m - self.end_m, end_m=line_length_m - self.start_m)
+
+    @property
+    def words(self) -> str:
+        """The restriction in words, for example "80 km/h, km 20.00 to 22.00 from 08:10:00 until 08:20:00 UTC"."""
+        place = f"km {self.start_m / KM:.2f} to {self.end_m / KM:.2f}"
+        return f"{self.limit_mps / KMH:.4g} km/h, {place}{self.window_words()}"
 
     def window_words(self) -> str:
         """The window in words, for example " from 08:10:00 until 08:20:00 UTC"; nothing where both ends are open."""

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.formulary import curve_resistance_mps2, line_force_n
+from das.domain.formulary import line_force_n
 from das.domain.route import Route, Stretches
 from das.domain.vehicle import Vehicle
 from das.solver.kernels.tuples import LineArrays
@@ -37,7 +37,7 @@ class LineProfile:
     def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, train_length_m: float) -> Self:
         """The line under a train of this length (m, 0: a point mass), between the given positions."""
         grade = _over_train(route.gradients_ratio, node_m, train_length_m)
-        curve = _over_train(_curve_resistance(route), node_m, train_length_m)
+        curve = _over_train(route.curve_resistance_mps2(), node_m, train_length_m)
         constant_n = line_force_n(vehicle.mass_kg, grade, curve)
         limit = np.minimum(
             route.limits_mps.minimum(node_m[:-1] - train_length_m, node_m[1:]),
@@ -71,12 +71,6 @@ def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats
     # The train-averaged profile is linear between nodes that contain every breakpoint b and b + length.
     at_nodes = stretches.mean(node_m - length_m, node_m)
     return 0.5 * (at_nodes[:-1] + at_nodes[1:])
-
-
-def _curve_resistance(route: Route) -> Stretches:
-    return Stretches(
-        start_m=route.curvature_per_m.start_m.copy(), value=curve_resistance_mps2(route.curvature_per_m.value)
-    )
 
 
 def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:

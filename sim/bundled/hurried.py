@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from das.domain.formulary import curve_resistance_mps2
 from das.domain.losses import LossModel
 from das.domain.route import Floats, Route
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
@@ -40,7 +39,7 @@ class HurriedPlant:
 
     def __init__(self, route: Route, vehicle: Vehicle, loss: LossModel, step_s: float = 0.05) -> None:
         self.route, self.vehicle, self.loss, self.step_s = route, vehicle, loss, step_s
-        self._curve = curve_resistance_mps2(route.curvature_per_m.value)
+        self._curve = route.curve_resistance_mps2()
         self._offsets = np.linspace(-vehicle.train_length_m, 0.0, TRAIN_SAMPLES)
 
     def step(self, state: HurriedState, wanted_n: float) -> HurriedState:
@@ -79,13 +78,14 @@ class HurriedPlant:
         """Force of gradients, curves and tunnels on the train (N), gradient averaged over its length."""
         places = s_m + self._offsets
         grade = float(self.route.gradients_ratio.at(places).mean())
-        i = np.clip(np.searchsorted(self.route.curvature_per_m.start_m, places, side="right") - 1, 0, None)
         tunnel = sum(
             self.vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)
             * float(np.mean((places >= t.start_m) & (places < t.start_m + t.length_m)))
             for t in self.route.tunnels
         )
-        return tunnel * v * v + self.vehicle.mass_kg * (STANDARD_GRAVITY_MPS2 * grade + float(self._curve[i].mean()))
+        return tunnel * v * v + self.vehicle.mass_kg * (
+            STANDARD_GRAVITY_MPS2 * grade + float(self._curve.at(places).mean())
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from das.compiling import kernel
-from das.domain.formulary import curve_resistance_mps2
 from das.domain.restriction import Restriction
 from das.domain.route import NEUTRAL, POSITION_TOLERANCE_M, Floats, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
@@ -242,10 +241,9 @@ def _least(stretches: Stretches, node_m: Floats) -> Floats:
 def _line_n(line: LineKnowledge, node_m: Floats) -> Floats:
     """Force of gradient and curves in each cell (N), over the train."""
     route, mass_kg = line.route, line.vehicle.mass_kg
-    curve = Stretches(start_m=route.curvature_per_m.start_m, value=curve_resistance_mps2(route.curvature_per_m.value))
     tail = node_m[:-1] - line.vehicle.train_length_m
     grade = route.gradients_ratio.mean(tail, node_m[1:])
-    return np.asarray(mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve.mean(tail, node_m[1:])))
+    return np.asarray(mass_kg * (STANDARD_GRAVITY_MPS2 * grade + route.curve_resistance_mps2().mean(tail, node_m[1:])))
 
 
 def _tunnels(line: LineKnowledge, node_m: Floats) -> Floats:

@@ -14,7 +14,6 @@ import numpy as np
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
-from das.domain.formulary import curve_resistance_mps2
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap, LossModel, outside_map
 from das.domain.route import Floats, Route, Stretches
@@ -278,7 +277,7 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
 def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> LineNumbers:
     quantities = (
         route.gradients_ratio,
-        Stretches(start_m=route.curvature_per_m.start_m, value=curve_resistance_mps2(route.curvature_per_m.value)),
+        route.curve_resistance_mps2(),
         _tunnel_coefficient(route, vehicle),
     )
     breaks = np.concatenate([q.start_m for q in quantities])

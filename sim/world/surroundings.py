@@ -21,7 +21,7 @@ from das.cab.heard import (
 )
 from das.domain.restriction import Restriction
 from das.domain.route import Stretches
-from das.domain.units import KM, KMH
+from das.domain.units import KM
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix, Quality
 from das.estimate.settings import LEAST_SD_M, LEAST_SD_MPS
@@ -237,12 +237,7 @@ class DayNews:
         counting = (x for x in self.told if x.counts_at(moment_ns(state.time_s)))
         slow = (Restriction(x.from_m, x.to_m, x.speed_mps) for x in self._day.of(DelayOnTheWay) if ahead <= x.to_m)
         self.shown = (*counting, *slow)
-        return [
-            f"restriction to {x.limit_mps / KMH:.0f} km/h, km {x.start_m / KM:.1f} to {x.end_m / KM:.1f}"
-            f"{x.window_words()}"
-            for x in self.told
-            if x not in before
-        ]
+        return [f"restriction to {x.words}" for x in self.told if x not in before]
 
     def _outages(self, now_s: float) -> list[str]:
         begun = [x for x in self._faults_to_come if x.from_s <= now_s]

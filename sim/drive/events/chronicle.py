@@ -299,13 +299,12 @@ def _told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
 def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     for span in temporary_limits(recording, trip):
         one = span.restriction
-        place = f"{kmh(one.limit_mps):.0f} km/h, km {one.start_m / KM:.2f} to {one.end_m / KM:.2f}{one.window_words()}"
         facts = {"start_m": one.start_m, "end_m": one.end_m, "limit_mps": one.limit_mps}
         for at, word in span.changes():
             if word == "told" or at <= trip.time_ns[-1]:
                 yield DriveEvent(
                     time_ns=at, kind=EventKind.RESTRICTION, s_m=place_m(trip, at), facts=facts,
-                    text=f"restriction {word}: {place}",
+                    text=f"restriction {word}: {one.words}",
                 )  # fmt: skip
 
 

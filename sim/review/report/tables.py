@@ -95,12 +95,8 @@ def restrictions_told(drive: Drive) -> str:
     if not lists:
         return ""
     told = dict.fromkeys(one for entry in lists for one in valid_restrictions(entry.message.restrictions))
-    words = (
-        f"{kmh(one.limit_mps):.0f} km/h from km {one.start_m / 1000:.2f} to {one.end_m / 1000:.2f}{one.window_words()}"
-        for one in told
-    )
     nothing = "none that is valid" if any(x.message.restrictions for x in lists) else NONE_TOLD
-    return "; ".join(words) or nothing
+    return "; ".join(one.words for one in told) or nothing
 
 
 def rests_on(drive: Drive) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ from das.command_line.options import LoadOption
 from das.domain.errors import DasError, InputError
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
-from das.domain.units import KM, KMH, kmh
+from das.domain.units import KM, KMH
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.options import ParticipantOption, PopulationOption
 
@@ -136,12 +136,12 @@ class Otherwise:
         }
         said = [f"{name} {value}" for name, value in named.items() if value is not None]
         said += ["without the recorded restrictions"] if self.without_restrictions else []
-        return [*said, *map(_described, self.restrictions)]
+        return [*said, *(f"restriction to {one.words}" for one in self.restrictions)]
 
     def kept(self) -> str:
         """The changes that a what-if of this what-if has to repeat, as JSON; the train is attached to the recording."""
         cab = {name: value for name, value in asdict(self.cab).items() if name in KEPT_OF_CAB}
-        restrictions = [one.figures[: 5 if one.has_window else 3] for one in self.restrictions]
+        restrictions = [one.figures for one in self.restrictions]
         return json.dumps({**cab, "restrictions": restrictions, "without_restrictions": self.without_restrictions})
 
     @classmethod
@@ -158,12 +158,6 @@ class Otherwise:
             return cls(cab=CabOtherwise(**kept), restrictions=restrictions, without_restrictions=without)
         except (ValueError, TypeError, KeyError, AttributeError, InputError) as error:
             raise DasError(f"metadata run.{KEPT}: cannot be read ({error})") from None
-
-
-def _described(one: Restriction) -> str:
-    return (
-        f"restriction to {kmh(one.limit_mps):g} km/h, km {one.start_m / KM:g} to {one.end_m / KM:g}{one.window_words()}"
-    )
 
 
 def read_restriction(text: str, departure_ns: int = 0) -> Restriction:

@@ -42,6 +42,13 @@ def test_without_a_window_the_bytes_are_those_of_a_message_that_has_none() -> No
     assert windowed == by_hand + bytes([4 << 3, 1, 5 << 3, 2])
 
 
+def test_every_field_is_sent_and_judged() -> None:
+    one = Restriction(12.5, 99.0, 7.0, 1, 2)
+    assert {field.name for field in encode_restriction(one).DESCRIPTOR.fields} == set(vars(one))
+    assert all(vars(one).values()), "a field without a value could be lost unseen"
+    assert judged(decode_restriction(encode_restriction(one), ToldRestriction)) == one
+
+
 def test_impossible_figures_are_decoded_as_they_are_and_left_out_of_a_recorded_list() -> None:
     wrong = [ToldRestriction(5.0, 1.0, -3.0), ToldRestriction(0.0, 1.0, math.inf), ToldRestriction(0.0, 1.0, 5.0, 9, 3)]
     right = Restriction(0.0, 1.0, 5.0, 3, NOW_NS)
