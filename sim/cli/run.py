@@ -7,7 +7,6 @@ import shlex
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -53,11 +52,10 @@ from sim.options import ParticipantOption, PopulationOption, SpeedOption, speed_
 from sim.progress import progress_bar
 
 if TYPE_CHECKING:
-    from das.bus.config import BusFolder
-    from sim.drivers.cab import Driver
     from sim.world.external import ExternalDriver
-    from sim.world.loop import Run
+    from sim.world.lockstep import Traffic
     from sim.world.outcome import DayResult, RecordedFigures
+    from sim.world.over_bus import How
     from sim.world.scenario import Scenario
     from sim.world.service import Day
 
@@ -97,20 +95,6 @@ def scenarios(as_json: JsonOption = False) -> None:
     tell(f"their files, to copy and change: {found[0].source.parent}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """What the user asked for, checked."""
-
-    driver: DriverName
-    friction: FrictionPolicy
-    advice: Presentation
-    speed: float | None
-    out: Path | None
-    train: str
-    bus: BusFolder | None
-    driver_at: str | None
-
-
 def run(
     scenario: ScenarioArgument,
     driver: DriverOption = DriverKind.HUMAN,
@@ -141,6 +125,7 @@ def run(
         from das.command_line.files import warn_unusual
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
+        from sim.world.over_bus import How
         from sim.world.scenario import load_scenario
         from sim.world.service import make_day, prepare_service
 
@@ -154,12 +139,12 @@ def run(
         day = make_day(prepare_service(read, level=level), seed, person)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     reserved = new_recording("run") if out is None and not in_process else None
-    asked = _Asked(
-        driver=who, friction=friction, advice=advice, speed=factor, out=out or reserved, train=train, bus=files,
+    how = How(
+        driver=who, friction=friction, advice=advice, train=train, command=typed_command(), bus=files,
         driver_at=listens,
     )  # fmt: skip
     with removed_if_unused(reserved):
-        _tell(_drive(day, asked), as_json)
+        _tell(_drive(day, how, out or reserved, factor), as_json)
 
 
 def _tell(found: DayResult, as_json: bool) -> None:
@@ -204,63 +189,45 @@ def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
             raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
 
 
-def _drive(day: Day, options: _Asked) -> DayResult:
+def _drive(day: Day, how: How, out: Path | None, speed: float | None) -> DayResult:
     """Run the day: over the bus if there is a recording to write, else in this process."""
     from sim.world.disturbances import described
     from sim.world.outcome import DayResult, outcome
+    from sim.world.over_bus import drive_day
 
     interrupt_on_termination()
-    title = f"{day.service.scenario.id}, {options.driver}"
+    driver = _external(day, how, speed) if isinstance(how.driver, External) else day.driver(how.driver, how.friction)
     try:
-        with progress_bar(title, "starting node and recorder" if options.out else "driving", "km") as progress:
-            pace = _Pace(options.speed, progress)
-            run, recorded = _run(day, options, pace.tick)
+        title = f"{day.service.scenario.id}, {how.driver}"
+        with progress_bar(title, "starting node and recorder" if out else "driving", "km") as progress:
+            pace = _Pace(speed, progress)
+            run, traffic = drive_day(day, driver, how, out, pace.tick)
     except KeyboardInterrupt:
-        if options.out is not None:
-            print(f"stopped; recorded so far: {options.out}", file=sys.stderr)
+        if out is not None:
+            print(f"stopped; recorded so far: {out}", file=sys.stderr)
         raise
     except DasError as error:
-        if options.out is None or not options.out.is_file() or options.out.stat().st_size == 0:
+        if out is None or not out.is_file() or out.stat().st_size == 0:
             raise
-        raise DasError(f"{error}; recorded so far: {options.out}") from error
+        raise DasError(f"{error}; recorded so far: {out}") from error
     return DayResult(
-        outcome=outcome(day, run, options.driver),
-        driver=options.driver,
-        friction=options.friction,
-        advice=options.advice,
+        outcome=outcome(day, run, how.driver),
+        driver=how.driver,
+        friction=how.friction,
+        advice=how.advice,
         happens=described(day.disturbances),
         drawn=day.drawn,
         wall_s=pace.driven_s,
-        recorded=recorded,
+        recorded=None if out is None or traffic is None else _recorded(out, traffic),
     )
 
 
-def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tuple[Run, RecordedFigures | None]:
-    """The run, and the figures of its recording; None without one."""
-    from sim.drivers.presentations.presenter import presenter_of
-    from sim.world.loop import InProcess, World
+def _recorded(out: Path, traffic: Traffic) -> RecordedFigures:
+    """The figures of a run's recording."""
     from sim.world.outcome import RecordedFigures
-    from sim.world.over_bus import How, make_processes, run_over_bus
 
-    if isinstance(options.driver, External):
-        driver: Driver = _external(day, options)
-    else:
-        driver = day.driver(options.driver, options.friction)
-    if options.out is None:
-        link = InProcess(day.service, coach=presenter_of(options.advice).needs_coach)
-        return World(day, driver, options.advice, link).run(tick), None
-    how = How(
-        driver=options.driver,
-        friction=options.friction,
-        advice=options.advice,
-        train=options.train,
-        command=typed_command(),
-        bus=options.bus,
-        driver_at=options.driver_at,
-    )
-    run, traffic = run_over_bus(day, driver, options.advice, make_processes(day, how, options.out), tick)
-    return run, RecordedFigures(
-        file=str(options.out),
+    return RecordedFigures(
+        file=str(out),
         messages_sent=sum(traffic.sent.values()),
         messages_recorded=sum(traffic.recorded.values()),
         messages_lost=traffic.lost,
@@ -268,15 +235,15 @@ def _run(day: Day, options: _Asked, tick: Callable[[float, float], None]) -> tup
     )
 
 
-def _external(day: Day, options: _Asked) -> ExternalDriver:
+def _external(day: Day, how: How, speed: float | None) -> ExternalDriver:
     """The external driver, a process of its own; prints the command that starts it."""
     from sim.world.external import ExternalDriver
 
-    where = f"--bus {options.bus.path}" if options.bus is not None else f"--connect {options.driver_at}"
+    where = f"--bus {how.bus.path}" if how.bus is not None else f"--connect {how.driver_at}"
     scenario = shlex.quote(str(day.service.scenario.source))
-    command = f"{typed('das-sim')} drive {scenario} --train {options.train} {where}"
+    command = f"{typed('das-sim')} drive {scenario} --train {how.train} {where}"
     print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
-    return ExternalDriver(day, times_real=options.speed)
+    return ExternalDriver(day, times_real=speed)
 
 
 class _Pace:

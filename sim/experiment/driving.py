@@ -17,12 +17,12 @@ from das.domain.units import NS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
 from sim.drivers.parameters import Participant, Population, load_population
 from sim.experiment.factors import Setting
-from sim.jobs.runner import JobRecording, ServiceMemory, drive_day
+from sim.jobs.runner import JobRecording, ServiceMemory, whole_run
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
 from sim.world.loop import LOOK_S, TICK_S, Run
 from sim.world.outcome import DayOutcome, outcome, true_fronts
-from sim.world.over_bus import How
+from sim.world.over_bus import How, drive_day
 from sim.world.service import Day, Service, make_day
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
@@ -171,7 +171,8 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
         command="" if record is None else record.command,
         screen=setting.screen,
     )
-    run = drive_day(day, driver, how, None if record is None else record.file)
+    out = None if record is None else record.file
+    run = whole_run(drive_day(day, driver, how, out), out)
     return Driven(day=day, run=run, outcome=outcome(day, run), looks=driver.looks)
 
 

@@ -26,11 +26,11 @@ from sim.drivers.cab import DriverEvent
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.own_class import driver_versions
 from sim.drivers.parameters import Participant
-from sim.jobs.runner import JobRecording, JobResult, ServiceMemory, drive_day
+from sim.jobs.runner import JobRecording, JobResult, ServiceMemory, whole_run
 from sim.recording.inputs import sha256
 from sim.world.disturbances import described
 from sim.world.outcome import SHARES, outcome
-from sim.world.over_bus import How
+from sim.world.over_bus import How, drive_day
 from sim.world.scenario import load_scenario, read_scenario
 from sim.world.service import lay_out, make_day, scenario_files
 
@@ -175,7 +175,7 @@ def make_run(job: BatchJob) -> JobResult:
     """Make a run; returns the row of its figures, raises DasError where the run cannot be made."""
     day = make_day(_services.of(read_scenario(job.scenario), job.level), job.seed, job.participant)
     how = How(driver=job.driver, friction=job.friction, advice=job.advice, train="train-1", command=job.command)
-    run = drive_day(day, day.driver(job.driver, job.friction), how, job.record)
+    run = whole_run(drive_day(day, day.driver(job.driver, job.friction), how, job.record), job.record)
     figures = outcome(day, run, job.driver).as_dict()
     stops = figures.pop("stops")
     row = {

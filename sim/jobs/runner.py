@@ -29,13 +29,11 @@ from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.levels import Level
 from precompute.pool import Made
 from precompute.workers import Workers
-from sim.drivers.cab import Driver
-from sim.drivers.presentations.presenter import presenter_of
 from sim.progress import progress_bar
-from sim.world.loop import InProcess, Run, World
-from sim.world.over_bus import How, make_processes, run_over_bus
+from sim.world.loop import Run
+from sim.world.over_bus import Driven
 from sim.world.scenario import Scenario
-from sim.world.service import Day, Service, prepare_service
+from sim.world.service import Service, prepare_service
 
 Rows = Mapping[str, Mapping[str, Any]]
 """The rows of a journal by the hashes of their inputs."""
@@ -291,15 +289,8 @@ class ServiceMemory:
         return solved.on(scenario)
 
 
-def drive_day(day: Day, driver: Driver, how: How, out: Path | None) -> Run:
-    """Drive a day: in this process, or over the bus where it is recorded in the file `out`.
-
-    Raises DasError where the train does not arrive, or where the recording lacks messages.
-    """
-    if out is None:
-        link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)
-        return World(day, driver, how.advice, link, how.screen).run()
-    run, traffic = run_over_bus(day, driver, how.advice, make_processes(day, how, out), screen=how.screen)
-    if traffic.lost:
-        raise DasError(f"{out}: {traffic.lost} messages were lost")
-    return run
+def whole_run(driven: Driven, out: Path | None) -> Run:
+    """The run of a job; DasError where its recording lacks messages."""
+    if driven.traffic is not None and driven.traffic.lost:
+        raise DasError(f"{out}: {driven.traffic.lost} messages were lost")
+    return driven.run

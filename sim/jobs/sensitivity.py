@@ -13,9 +13,9 @@ from das.domain.errors import DasError
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters, Population, Spread
-from sim.jobs.runner import ServiceMemory, drive_day
+from sim.jobs.runner import ServiceMemory
 from sim.world.outcome import outcome
-from sim.world.over_bus import How
+from sim.world.over_bus import How, drive_day
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day
 
@@ -161,7 +161,7 @@ def drive(job: SensitivityJob) -> SensitivityRun:
     """Drive a run in this process; raises DasError where it cannot be driven or has no optimum to compare with."""
     day = replace(make_day(_services.of(read_scenario(job.scenario), job.level), job.seed), human=job.human)
     how = How(driver=DriverKind.HUMAN, friction=job.friction, advice=job.advice, train="train-1", command="")
-    run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None)
+    run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None).run
     energies = outcome(day, run).energies
     if energies.above.gap_ratio is None:
         why = energies.above.why_not or "the optimum takes no energy"

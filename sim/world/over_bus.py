@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +30,7 @@ from sim.recording.inputs import sha256
 from sim.world.disturbances import described
 from sim.world.external import ExternalDriver
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location
-from sim.world.loop import BEFORE_S, Progress, Run, Tick, Told, World
+from sim.world.loop import BEFORE_S, InProcess, Progress, Run, Tick, Told, World
 from sim.world.outcome import above_optimum
 from sim.world.service import Day, Service, scenario_files
 
@@ -73,38 +74,6 @@ class OverBus:
         self._lockstep.restart_node()
 
 
-class Recorded(NamedTuple):
-    """A run over the bus, and the counts of its messages."""
-
-    run: Run
-    traffic: Traffic
-
-
-def run_over_bus(
-    day: Day,
-    driver: Driver,
-    presentation: Presentation,
-    processes: Processes,
-    progress: Progress | None = None,
-    *,
-    screen: ScreenSettings | None = None,
-) -> Recorded:
-    """Drive a day with node and recorder as processes; DasError where one fails or the train does not arrive."""
-    with Lockstep(processes) as lockstep:
-        lockstep.begin(day.service.journey(processes.train, day.service.moment_ns(-BEFORE_S)))
-        outside = isinstance(driver, ExternalDriver)
-        if isinstance(driver, ExternalDriver):
-            driver.begin(lockstep)
-        link = OverBus(day, lockstep, shows_cab=not outside)
-        run = World(day, driver, presentation, link, screen).run(progress)
-        end_ns = day.service.moment_ns(run.states[-1].time_s)
-        lockstep.send(MEASURES, _measures(end_ns, run.stability))
-        with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
-            lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
-        lockstep.finish(end_ns)
-    return Recorded(run, lockstep.traffic)
-
-
 @dataclass(frozen=True, kw_only=True)
 class How:
     """How a day is driven, as its recording tells.
@@ -120,6 +89,39 @@ class How:
     bus: BusFolder | None = None
     driver_at: str | None = None
     screen: ScreenSettings = field(default_factory=ScreenSettings)
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    """What else the recording says of the run, for example what a what-if changed."""
+
+
+class Driven(NamedTuple):
+    """A run, and the counts of its messages (None: it was driven without a bus)."""
+
+    run: Run
+    traffic: Traffic | None
+
+
+def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None) -> Driven:
+    """Drive a day: in this process, or with node and recorder as processes where it is recorded in the file `out`.
+
+    Raises DasError where a process fails or the train does not arrive.
+    """
+    if out is None:
+        link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)
+        return Driven(World(day, driver, how.advice, link, how.screen).run(progress), None)
+    processes = make_processes(day, how, out)
+    with Lockstep(processes) as lockstep:
+        lockstep.begin(day.service.journey(processes.train, day.service.moment_ns(-BEFORE_S)))
+        outside = isinstance(driver, ExternalDriver)
+        if isinstance(driver, ExternalDriver):
+            driver.begin(lockstep)
+        link_to_node = OverBus(day, lockstep, shows_cab=not outside)
+        run = World(day, driver, how.advice, link_to_node, how.screen).run(progress)
+        end_ns = day.service.moment_ns(run.states[-1].time_s)
+        lockstep.send(MEASURES, _measures(end_ns, run.stability))
+        with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
+            lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
+        lockstep.finish(end_ns)
+    return Driven(run, lockstep.traffic)
 
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:
@@ -144,6 +146,7 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
         "vehicle": service.vehicle.name,
         "level": str(service.level),
         **{f"{name}_sha256": sha256(path) for name, path in files.items()},
+        **how.metadata,
     }
     return Processes(
         train=how.train,

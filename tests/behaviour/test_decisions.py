@@ -18,7 +18,7 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.jobs.batch import Batch, make_run
 from sim.jobs.runner import attempted
-from sim.world.over_bus import How, make_processes, run_over_bus
+from sim.world.over_bus import How, drive_day
 from sim.world.service import make_day
 from tests.support.flat_days import service_of
 
@@ -33,7 +33,8 @@ def test_the_recording_has_every_decision_at_its_time(flat: Callable[[str], Path
     driver = day.driver(DriverKind.HUMAN)
     assert isinstance(driver, HumanDriver)
     how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
-    run, traffic = run_over_bus(day, driver, Presentation.VECTOR, make_processes(day, how, out))
+    run, traffic = drive_day(day, driver, how, out)
+    assert traffic is not None
     assert traffic.lost == 0
     kept = [one.message for one in read_recording(out).of("decision")]
     found = [(KINDS[one.kind - 1], one.value) for one in kept]

@@ -28,7 +28,7 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import ReplayOptions
 from sim.runs.replay.replay import prepare, replay
 from sim.runs.reproduce.reproduce import COMPARED, EXTRACT, SAID_FROM, SAID_TO, TOLERANCES, reproduce
-from sim.world.over_bus import How, make_processes, run_over_bus
+from sim.world.over_bus import How, drive_day
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import make_day, prepare_service
 from tests.support.making import REPOSITORY
@@ -79,7 +79,7 @@ def make(name: str, out: Path) -> None:
             day = make_day(prepare_service(read_scenario(bundled_scenarios()[name])), SEED)
             shown = Presentation.COACH if name in COACHED else Presentation.VECTOR
             how = How(driver=DriverKind.HUMAN, advice=shown, train="T1", command=COMMAND)
-            run_over_bus(day, day.driver(DriverKind.HUMAN), shown, make_processes(day, how, whole))
+            drive_day(day, day.driver(DriverKind.HUMAN), how, whole)
         shorten(whole, out, SPANS_S[name])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -32,7 +32,7 @@ from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 from sim.world.disturbances import AnnouncedRestriction
 from sim.world.drawn import Truth
-from sim.world.over_bus import How, make_processes, run_over_bus
+from sim.world.over_bus import How, drive_day
 from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario
 from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
@@ -210,11 +210,10 @@ BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AgainDay:
-    """A day to be driven anew, how it is driven, and the metadata of its recording."""
+    """A day to be driven anew, and how it is driven."""
 
     day: Day
     how: How
-    metadata: Mapping[str, str]
 
 
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainDay:
@@ -236,16 +235,14 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainD
     day = make_day(service.timed(origin.timetables()), _seed(origin), person)
     metadata = origin.metadata(WhatIfKind.DRIVEN_ANEW, new, whole)
     metadata |= {} if true_level is None else {TRUE_LEVEL: str(true_level)}
-    return AgainDay(day=_restricted(day, whole), how=how, metadata=metadata)
+    return AgainDay(day=_restricted(day, whole), how=replace(how, metadata=metadata))
 
 
 def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
     """Drive the day into a recording, with node and recorder as processes; DasError where it cannot be driven."""
     day, how = again.day, again.how
-    processes = make_processes(day, how, out)
-    processes = replace(processes, metadata={**processes.metadata, **again.metadata})
     assert not isinstance(how.driver, External)
-    run_over_bus(day, day.driver(how.driver, how.friction), how.advice, processes, progress, screen=how.screen)
+    drive_day(day, day.driver(how.driver, how.friction), how, out, progress)
 
 
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:

@@ -37,7 +37,7 @@ from sim.runs.what_if.open_loop import advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 from sim.world.disturbances import DepartureDelay
-from sim.world.over_bus import How, make_processes, run_over_bus
+from sim.world.over_bus import How, drive_day
 from sim.world.scenario import read_scenario
 from sim.world.service import lay_out, make_day, prepare_service, scenario_files
 from tests.sim.world.test_drawn import write_map
@@ -107,7 +107,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     day = make_day(prepare_service(read_scenario(scenario)), 3)
     how = How(driver=DriverKind.HUMAN, advice=Presentation.VECTOR, train="T1", command="test")
     out = folder / "day.mcap"
-    run_over_bus(day, day.driver(DriverKind.HUMAN), how.advice, make_processes(day, how, out))
+    drive_day(day, day.driver(DriverKind.HUMAN), how, out)
     shutil.rmtree(inputs)
     return out
 
@@ -183,7 +183,7 @@ def test_a_what_if_of_a_what_if_keeps_what_was_otherwise(recorded: Path, tmp_pat
     twice = anew(once, tmp_path / "twice.mcap")
     assert payloads(once) == payloads(twice)
     again = day_again(origin_of(once), Otherwise())
-    assert again.metadata["what_if_true_level"] == "l3"
+    assert again.how.metadata["what_if_true_level"] == "l3"
     assert again.day.service.level is Level.L1
     drives = AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(once)]))
     assert drives.energy_j[1, -1] < 0.8 * drives.energy_j[0, -1]  # nobody brakes with friction for nothing
