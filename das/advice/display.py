@@ -15,7 +15,7 @@ from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan, four_mode
 from das.advice.planner import Planner
 from das.advice.regimes import BRAKES, EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
-from das.advice.settings import DEFAULT, AdviceSettings
+from das.advice.settings import DEFAULT, AdviceSettings, DisplaySettings
 from das.advice.shown_safely import FourModes, braked_enough, kept_behind
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
@@ -214,7 +214,7 @@ class Display:
             next_change_s=following.time_s,
             predicted_arrival_ns=arrival_ns,
             predicted_deviation_s=deviation_s,
-            buffer_ratio=self._buffer_ratio(scene),
+            buffer_ratio=_buffer_ratio(scene, self._settings.display),
             energy_to_go_j=plan.energy_to_go_j(place.interval, state.s_m),
             source=planner.basis.source,
             reason=self._reason(scene, plan, deviation_s, excess_mps),
@@ -239,13 +239,6 @@ class Display:
 
     def _valid_until_ns(self, state: TrainState) -> int:
         return state.now_ns + round(self._settings.display.valid_for_s / NS)
-
-    def _buffer_ratio(self, scene: Scene) -> float:
-        """The buffer: time left divided by the least driving time, minus 1; NaN if hardly any driving time is left."""
-        state, _, planner, goal, _ = scene
-        least_s = planner.least_time_s(state.s_m, state.v_mps)
-        enough = least_s > self._settings.display.least_for_buffer_s
-        return goal.left_s(state.now_ns) / least_s - 1.0 if enough else math.nan
 
     def _show(self, mode: Regime, now_ns: int) -> None:
         self._mode, self._mode_since_ns = mode, now_ns
@@ -392,6 +385,13 @@ class Display:
             return wording.wait_for_point(point, state.now_ns)
         missed_s = _missed_s(point, plan)
         return wording.point_missed(point, missed_s) if missed_s >= self._settings.display.missed_named_s else ""
+
+
+def _buffer_ratio(scene: Scene, settings: DisplaySettings) -> float:
+    """The buffer: time left divided by the least driving time, minus 1; NaN if hardly any driving time is left."""
+    state, _, planner, goal, _ = scene
+    least_s = planner.least_time_s(state.s_m, state.v_mps)
+    return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > settings.least_for_buffer_s else math.nan
 
 
 def _top_speed_mps(scene: Scene) -> float:

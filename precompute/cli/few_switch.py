@@ -115,7 +115,8 @@ def few_switch(
 
 def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, FewSwitchFront]]:
     """Each price of a change (s), with the few-switch trajectories of a section for it."""
-    from das.solver.few_switch.few_switch import FewSwitchSettings, solve_few_switch
+    from das.solver.few_switch.few_switch import solve_few_switch
+    from das.solver.few_switch.settings import FewSwitchSettings
 
     return [(price_s, solve_few_switch(section, FewSwitchSettings(change_s=price_s))) for price_s in prices_s]
 

@@ -31,7 +31,7 @@ from precompute.pool import Made
 from precompute.workers import Workers
 from sim.progress import progress_bar
 from sim.world.loop import Run
-from sim.world.over_bus import Driven
+from sim.world.over_bus import DayRun
 from sim.world.scenario import Scenario
 from sim.world.service import Service, prepare_service
 
@@ -289,7 +289,7 @@ class ServiceMemory:
         return solved.on(scenario)
 
 
-def whole_run(driven: Driven, out: Path | None) -> Run:
+def whole_run(driven: DayRun, out: Path | None) -> Run:
     """The run of a job; DasError where its recording lacks messages."""
     if driven.traffic is not None and driven.traffic.lost:
         raise DasError(f"{out}: {driven.traffic.lost} messages were lost")

@@ -93,21 +93,21 @@ class How:
     """What else the recording says of the run, for example what a what-if changed."""
 
 
-class Driven(NamedTuple):
+class DayRun(NamedTuple):
     """A run, and the counts of its messages (None: it was driven without a bus)."""
 
     run: Run
     traffic: Traffic | None
 
 
-def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None) -> Driven:
+def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None) -> DayRun:
     """Drive a day: in this process, or with node and recorder as processes where it is recorded in the file `out`.
 
     Raises DasError where a process fails or the train does not arrive.
     """
     if out is None:
         link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)
-        return Driven(World(day, driver, how.advice, link, how.screen).run(progress), None)
+        return DayRun(World(day, driver, how.advice, link, how.screen).run(progress), None)
     processes = make_processes(day, how, out)
     with Lockstep(processes) as lockstep:
         lockstep.begin(day.service.journey(processes.train, day.service.moment_ns(-BEFORE_S)))
@@ -121,7 +121,7 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Pr
         with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome says so
             lockstep.send(SAVING, above_optimum(day, run).message(end_ns))
         lockstep.finish(end_ns)
-    return Driven(run, lockstep.traffic)
+    return DayRun(run, lockstep.traffic)
 
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:

@@ -127,7 +127,7 @@ def problems(run: Run, replans: int, service: Service) -> list[str]:
         "changes per minute": (calm.changes_per_min, CHANGES_PER_MIN),
         "replans per minute": (replans / minutes, REPLANS_PER_MIN),
         "swings": (swings([state.speed_mps for state in run.states]), turns + MORE_SWINGS),
-        "late": (run.late_s, LATE_S),
+        "late": (run.calls[-1].late_s, LATE_S),
     }
     return [f"{name}: {value:.2f} > {most:.2f}" for name, (value, most) in bounds.items() if not value <= most]
 

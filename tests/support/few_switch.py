@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
-from das.solver.few_switch.few_switch import FewSwitchFront, FewSwitchSettings, solve_few_switch
+from das.solver.few_switch.few_switch import FewSwitchFront, solve_few_switch
 from das.solver.few_switch.schedule import Schedule, Scheduled
 from das.solver.few_switch.scheduling import polished, scheduled
+from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from das.domain.units import KMH
-from das.solver.few_switch.few_switch import FewSwitchSettings
-from das.solver.few_switch.scheduling import PolishSettings, ScheduleSettings
+from das.solver.few_switch.settings import FewSwitchSettings, PolishSettings, ScheduleSettings
 
 
 @dataclass(frozen=True, kw_only=True)

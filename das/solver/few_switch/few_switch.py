@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.solver.few_switch.settings import FewSwitchSettings
 from das.solver.front import Sweep
 from das.solver.kernels import few_switch_policy as kernels
 from das.solver.kernels.driving import run_energy
@@ -59,25 +60,6 @@ def make_notches(traction_shares: tuple[float, ...], brake_shares: tuple[float, 
 
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FewSwitchSettings:
-    """The notches of few-switch trajectories, the price of a change, and the ladder of multipliers."""
-
-    traction_shares: tuple[float, ...] = (1.0, 0.8, 0.6, 0.4)
-    """The steps of traction effort, as shares of the largest."""
-    brake_shares: tuple[float, ...] = (1.0, 0.7, 0.4)
-    """The steps of the electric brake, as shares of the largest."""
-    change_s: float = 0.08
-    """A change of the notch must save as much energy as the train's full power needs in this time: 0.13 kWh of a
-    locomotive of 6 MW. `das-precompute few-switch` shows what other prices do."""
-    ladder_size: int = 32
-    """The number of multipliers λ."""
-    low_ratio: float = 0.004
-    """The lowest multiplier, as a share of the traction power that can be used on the section."""
-    high_ratio: float = 3.0
-    """The highest multiplier, as a multiple of that power; its run is almost the fastest."""
 
 
 DEFAULT = FewSwitchSettings()

@@ -3,44 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from das.domain.errors import InfeasibleError
-from das.domain.units import KMH
 from das.solver.few_switch.few_switch import FewSwitchFront, FewSwitchTrajectory, NotchRegime
 from das.solver.few_switch.phases import BRAKES, phases_of
 from das.solver.few_switch.schedule import PricesOfTime, Prospect, Schedule, Scheduled, topped
+from das.solver.few_switch.settings import PolishSettings, ScheduleSettings
 from das.solver.kernels.few_switch_schedule import polish
 from das.solver.kernels.tuples import KnownRun
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScheduleSettings:
-    """How a few-switch trajectory becomes a schedule."""
-
-    least_s: float = 10.0
-    """A phase other than a brake lasts at least this long (s), or becomes part of a neighbour."""
-    back_share: float = 0.6
-    """A train slower than the speed to hold gets back to it with this share of its traction."""
-    ripple_mps: float = 1.5
-    """A short acceleration by less than this, from one speed to hold to the next, is left out."""
-    reach_m: float = 2000.0
-    """Coasting begins at most this much earlier than in the few-switch trajectory, so that the train is not early."""
-    tries: int = 8
-    """The place where coasting begins, or the highest speed, is narrowed down in this number of steps."""
-    near_s: float = 0.3
-    """A schedule that arrives within this time (s) of the wanted one is near enough."""
-    early_s: float = 1.0
-    """A schedule that arrives earlier than wanted by more than this (s) gets a lower highest speed."""
-    lowest_top_ratio: float = 0.8
-    """The lower highest speed of an early schedule is at least this share of the highest speed before."""
-    late_s: float = 1.0
-    """A schedule that arrives later than wanted by more than this (s) is made again from a quicker run."""
-    rounds: int = 4
-    """At most this number of runs is tried, each quicker than the one before."""
-
 
 DEFAULT = ScheduleSettings()
 SHORTER = (1.0, 0.4, 0.0)
@@ -158,31 +131,6 @@ def _coasting_earlier(schedule: Schedule, by_m: float, least_s: float) -> Schedu
             begin = int(np.searchsorted(node_m, node_m[moved[i].begin] - by_m))
             moved[i] = moved[i]._replace(begin=min(max(begin, least), moved[i].begin))
     return replace(schedule, phases=tuple(moved))
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolishSettings:
-    """How far phases are changed in place, speed and effort."""
-
-    steps_m: tuple[float, ...] = (200.0, 80.0, 30.0)
-    """A phase begins this much (m) earlier or later, in rounds of smaller and smaller steps."""
-    steps_mps: tuple[float, ...] = (3.0 * KMH, 1.0 * KMH, 0.5 * KMH)
-    """A speed is made this much (m/s) lower or higher, in the same rounds."""
-    steps_share: tuple[float, ...] = (0.2, 0.2, 0.0)
-    """An effort is made this much smaller or larger, in the same rounds: a fifth, as finely as a driver reads it. An
-    effort between two fifths would flicker on a display that rounds to them."""
-    thorough_steps_share: tuple[float, ...] = (0.2, 0.1, 0.1)
-    """As `steps_share`, for a schedule that is polished thoroughly: that of a train that departs or is new."""
-    prices: int = 3
-    """A schedule that is polished thoroughly is first polished at this number of prices of time."""
-    price_ratio: float = 2.0
-    """Those prices are at most this many times lower or higher than that of the schedule's run."""
-    least_s: float = 10.0
-    """Moves of its neighbours make no phase except a brake shorter than this (s)."""
-    rounds: int = 2
-    """A schedule is polished at most this number of times, until it is in time."""
-    late_s: float = 1.0
-    """A schedule that is later than wanted by more than this (s) is polished once more for less time."""
 
 
 DEFAULT_POLISH = PolishSettings()

@@ -28,7 +28,7 @@ from sim.plant.plant import COAST, force, lever, speed
 from sim.world.external import AWAITED_S, SILENT_S, DeadMan, ExternalDriver
 from sim.world.lockstep import Answers
 from sim.world.loop import InProcess, World
-from sim.world.over_bus import Driven, How, drive_day
+from sim.world.over_bus import DayRun, How, drive_day
 from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
 from tests.support.making import REPOSITORY, das_sim
@@ -100,7 +100,7 @@ def day_of(folder: Path, name: str, seed: int = 3) -> Day:
     return make_day(service_of(folder / name), seed)
 
 
-def driven(day: Day, place: str, out: Path, shown: Presentation) -> Driven:
+def driven(day: Day, place: str, out: Path, shown: Presentation) -> DayRun:
     how = How(driver=EXTERNAL, advice=shown, train="T1", command="test", driver_at=place)
     return drive_day(day, ExternalDriver(day), how, out)
 

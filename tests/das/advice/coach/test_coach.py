@@ -159,7 +159,7 @@ class Cab:
             problem=None,
         )
         self.leg.see(here)
-        self.preparation.prepare([self.leg], 0, self.situation, state.now_ns, told=False)
+        self.preparation.prepare([self.leg], 0, self.situation, state.now_ns, changed=False)
         return self.leg.advise(here)
 
     def coaching(self, state: TrainState) -> Coaching:

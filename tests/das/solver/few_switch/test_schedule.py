@@ -13,7 +13,8 @@ from das.domain.units import KMH
 from das.solver.few_switch.few_switch import NotchRegime, solve_few_switch
 from das.solver.few_switch.phases import BRAKES, Phase
 from das.solver.few_switch.schedule import Schedule, Scheduled, known_run, on_section, topped
-from das.solver.few_switch.scheduling import ScheduleSettings, scheduled
+from das.solver.few_switch.scheduling import scheduled
+from das.solver.few_switch.settings import ScheduleSettings
 from das.solver.kernels.forces import electric_limit
 from das.solver.section import Section, build_section
 from das.solver.solution import trajectory_on

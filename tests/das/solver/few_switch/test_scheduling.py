@@ -10,7 +10,8 @@ import pytest
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import BRAKES, Phase
 from das.solver.few_switch.schedule import Scheduled
-from das.solver.few_switch.scheduling import PolishSettings, polished, polished_thoroughly, scheduled
+from das.solver.few_switch.scheduling import polished, polished_thoroughly, scheduled
+from das.solver.few_switch.settings import PolishSettings
 from tests.support.few_switch import BUFFERS, BUNDLED, Which, few_switch_of, front_of, schedules, section_of
 
 pytestmark = pytest.mark.slow
