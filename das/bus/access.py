@@ -26,7 +26,6 @@ from typing import Any, Final, Self
 import zenoh
 
 from das.bus.topics import TOPICS
-from das.cab.outputs import Moderation
 from das.command_line.printing import say
 from das.domain.clocks import WALL_NS
 from das.domain.errors import DasError
@@ -203,6 +202,8 @@ class Refusals:
     """Finds in Zenoh's log what was refused; `now_ns` is the clock of the moderation (ns since 1970)."""
 
     def __init__(self, now_ns: Callable[[], int] = WALL_NS) -> None:
+        from das.cab.outputs import Moderation  # Loads the solver, which readers of recordings do without.
+
         self._now_ns = now_ns
         self._news: deque[str] = deque(maxlen=MOST_KEPT)
         self._moderation = Moderation()
