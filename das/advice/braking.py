@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice import braking_kernels as kernels
+from das.advice import kernels
 from das.advice.regimes import FULL_RATIO, Regime
 from das.solver.kernels.forces import brake_limit, on_supply, traction_limit
 from das.solver.section import Section

@@ -19,8 +19,7 @@ import numpy as np
 from das.advice import last_word_kernels as kernels
 from das.advice import wording
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Source, Withdrawal
-from das.advice.braking_model import BrakingBasis, BrakingModel
-from das.advice.consequences import LONGEST_S, STOPPED_MPS, Consequences, Doing, Excess
+from das.advice.braking_model import LONGEST_S, STOPPED_MPS, BrakingBasis, BrakingModel, Consequences, Doing, Excess
 from das.advice.regimes import BRAKES, Regime
 from das.domain.units import KMH, NS
 from das.estimate.estimate import Estimate

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice import plan_kernels as kernels
+from das.advice import kernels
 from das.advice.regimes import FOUR_MODES, ROLLING, Regime
 from das.advice.settings import DEFAULT, ModeSettings
 from das.domain.units import NS

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from das.advice import braking_kernels, plan_kernels
+from das.advice import kernels
 from das.advice.advice import Source
 from das.advice.braking import BEGINS_MPS, BrakingAhead
 from das.advice.goal import Goal, PassingTarget, TrainState
@@ -97,12 +97,12 @@ class Planner:
     def allowed_mps(self, s_m: float) -> float:
         """The highest speed (m/s) at a position from which the limits and the stop can still be kept."""
         section = self.section
-        return float(plan_kernels.allowed(section.node_m, self.allowed_w, section.limit_mps, s_m))
+        return float(kernels.allowed(section.node_m, self.allowed_w, section.limit_mps, s_m))
 
     def _planned_mps(self, s_m: float) -> float:
         """The highest speed (m/s) that a plan may have at a position: a reserve below what is allowed."""
         section = self.section
-        return float(plan_kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
+        return float(kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
 
     def allowed_for(self, state: TrainState) -> float:
         """The highest speed (m/s) allowed for a train whose true position may be ahead of the estimated one."""
@@ -117,7 +117,7 @@ class Planner:
         Until then the train runs at `v_mps`.
         """
         section, from_m = self.section, state.braked_m
-        lowest_w = braking_kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
+        lowest_w = kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)
         return math.sqrt(lowest_w) < min(v_mps, self.allowed_mps(state.s_m)) - BEGINS_MPS
 
     def lowest_allowed_mps(self, from_m: float, to_m: float) -> float:
@@ -130,7 +130,7 @@ class Planner:
 
     def limit_mps(self, s_m: float) -> float:
         """The speed limit (m/s) over the train."""
-        return float(self.section.limit_mps[plan_kernels.interval(self.section.node_m, s_m)])
+        return float(self.section.limit_mps[kernels.interval(self.section.node_m, s_m)])
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
         """The time (s) that the fastest trajectory from a state takes to the end of the section."""

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice import plan_kernels
+from das.advice import kernels
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
@@ -48,7 +48,7 @@ class Staircase:
 
     def at(self, s_m: float, v_mps: float, judged_mps: float) -> float:
         """The speed to show (m/s) to a train in a state; `judged_mps` is its reduced maximum speed."""
-        i = int(plan_kernels.interval(self._section.node_m, s_m))
+        i = int(kernels.interval(self._section.node_m, s_m))
         limit_mps = float(self._section.limit_mps[i])
         free_mps = min(self._held(judged_mps), self._whole(limit_mps))
         curve_mps = self.curve_mps(s_m)
@@ -66,7 +66,7 @@ class Staircase:
     def curve_mps(self, s_m: float) -> float:
         """The highest speed (m/s) at a place from which gentle braking keeps every limit and stop ahead."""
         section = self._section
-        i = int(plan_kernels.interval(section.node_m, s_m))
+        i = int(kernels.interval(section.node_m, s_m))
         share = min(max((s_m - section.node_m[i]) / (section.node_m[i + 1] - section.node_m[i]), 0.0), 1.0)
         return math.sqrt(self._start_w[i] + (self._end_w[i] - self._start_w[i]) * share)
 
@@ -89,7 +89,7 @@ class Staircase:
 
     def _slow_mps(self, s_m: float) -> float:
         """The slowest speed of the settings, halved until full braking from it stops the train at the mark."""
-        full_mps = math.sqrt(plan_kernels.linear(self._section.node_m, self._full_w, s_m))
+        full_mps = math.sqrt(kernels.linear(self._section.node_m, self._full_w, s_m))
         speed_mps = self._settings.reduced.slowest_mps
         while speed_mps > full_mps and speed_mps > 0:
             speed_mps = self._whole(0.5 * speed_mps)

@@ -1,7 +1,7 @@
 """A section: route × vehicle × level as arrays on the space grid, ready for the kernels.
 
 A section has two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, and between them as line
-and speed ask, `das.solver.decision_nodes`). Between them the motion is integrated over the finer *integration nodes*,
+and speed ask, `das.solver.line_profile`). Between them the motion is integrated over the finer *integration nodes*,
 on which trajectories are given.
 """
 
@@ -23,12 +23,11 @@ from das.domain.route import NEUTRAL, Route
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
-from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes, subdivide
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
 from das.solver.kernels.forces import mean_resistance
 from das.solver.kernels.roll_out import fastest_roll_out, fastest_run
 from das.solver.kernels.tuples import KnownRun, LossParams, SpeedBounds, TrainParams, loss_params, train_params
-from das.solver.line_profile import LineProfile
+from das.solver.line_profile import LineProfile, decision_nodes, even_nodes, fixed_nodes, subdivide
 
 Floats = NDArray[np.float64]
 AT_STOP_M = 1.0

@@ -12,7 +12,7 @@ from typing import Final
 
 @dataclass(frozen=True, kw_only=True)
 class StepSettings:
-    """How long a decision step may be (see `das.solver.decision_nodes`)."""
+    """How long a decision step may be (see `das.solver.line_profile`)."""
 
     step_s: float = 3.2
     """The fastest run takes at most this time (s) for a decision step where the line changes every `usual_apart_m`."""

@@ -30,8 +30,8 @@ from sim.drive.attribution.driven_legs import LikelyRange, likely_range
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
+from sim.review.canvas import INK, LINES, light_figure, named, page_legend
 from sim.review.colors import LIGHT, SEVERAL, Meaning
-from sim.review.light import INK, LINES, legend, light_figure, named
 from sim.runs.replay.replay import prepare, replay
 
 PAGE: Final = DOCS / "explanation" / "real-trips.md"
@@ -197,7 +197,7 @@ def trip_figure(found: Sequence[TripAttribution]) -> Figure:
     speed.set_ylim(bottom=0.0)
     named(speed, y="Speed (km/h)")
     named(lost, x="Position (km from Kolbäck)", y="Lost above the optimum,\nsummed (kWh)")
-    legend(speed, columns=5)
+    page_legend(speed, columns=5)
     return figure
 
 
@@ -224,7 +224,7 @@ def above_figure(found: Sequence[TripAttribution]) -> Figure:
     axis.set_xlim(left=0.0)
     axis.grid(visible=False, axis="y")
     named(axis, x="Energy above the optimum for the same times (kWh)")
-    legend(axis)
+    page_legend(axis)
     return figure
 
 

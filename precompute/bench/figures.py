@@ -26,8 +26,8 @@ from precompute.exact.passes import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL
 from precompute.tables.synthetic import made_up_line
 
 DIVISIONS_PER_TRANSITION = 4
-"""Divisions and roots in vectors, counted in das/solver/kernels/abreast.py: its cost 1, its place on the grid 1, and
-its share of the four landing speeds of its state, each found in four steps of 2."""
+"""Divisions and roots in vectors, counted in das/solver/kernels/transitions.py: its cost 1, its place on the grid 1,
+and its share of the four landing speeds of its state, each found in four steps of 2."""
 DIVISIONS_PER_LANDING_TRIED = 5
 """Divisions for each landing that a roll-out tries: step_cost has 3 to 4, locate has 1."""
 POLISHED_LANDINGS = 12

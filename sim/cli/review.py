@@ -132,7 +132,7 @@ def note(
 ) -> None:
     """Add a note to a recording, or list its notes; they are kept in FILE.notes.mcap beside it."""
     from sim.drive.drive import Drive
-    from sim.drive.events.notes import Note, add_note, remove_note
+    from sim.drive.events.event import Note, add_note, remove_note
 
     if (text == "") is not (at is None):
         example = 'das-sim note drive.mcap --at 12:34 "braked late"'
@@ -162,7 +162,7 @@ def _times(drive: Drive, at: str, until: str | None) -> tuple[int, int]:
 
 
 def _list_notes(file: Path, drive: Drive, as_json: bool) -> None:
-    from sim.drive.events.notes import notes_path, read_notes
+    from sim.drive.events.event import notes_path, read_notes
 
     clock, kept = drive.clock, read_notes(file)
     if as_json:
@@ -280,7 +280,7 @@ def compare(
     if out is not None:
         write_whole(out, as_csv(aligned))
     if plot is not None:
-        from sim.review.light import comparison_figure
+        from sim.review.canvas import comparison_figure
 
         save_figure(plot, comparison_figure(aligned))
     if as_json:

@@ -13,8 +13,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS
-from sim.drive.events.event import place_m
-from sim.drive.events.notes import read_notes
+from sim.drive.events.event import place_m, read_notes
 from sim.recording.course import DriveClock, DrivenCourse
 
 HEARD_NS: Final = 3_000_000_000

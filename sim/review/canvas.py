@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from das.domain.units import KM, kmh, kwh
 from sim.drive.happenings import Span
 from sim.recording.course import Floats, Times
-from sim.review.colors import Meaning, Theme
+from sim.review.colors import LIGHT, SEVERAL, Meaning, Theme
 from sim.review.lanes import Lane
 from sim.review.scene import Mark
-from sim.review.series import STYLES
+from sim.review.series import QUANTITIES, STYLES
+
+if TYPE_CHECKING:
+    from sim.drive.comparison import AlignedDrives
 
 WIDTH_IN, DPI = 11.0, 160
 LEFT_IN, RIGHT_IN, SPACE_IN = 0.8, 0.2, 0.14
@@ -236,3 +243,98 @@ def _list_rows(found: Sequence[Mark]) -> int:
 
 def _times(*time_ns: int) -> Times:
     return np.array(time_ns, dtype=np.int64)
+
+
+LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
+"""Styles of lines that are beside each other, in their order."""
+INK: Final = LIGHT.ink
+PAGE_WIDTH_IN: Final = 9.0
+TEXT_POINTS: Final = 8.5
+EDGE_M: Final = 50.0
+"""A stop this near (m) to the ends of what is drawn belongs to it."""
+
+
+def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
+    """A figure with axes of these heights (in) under each other, which share their horizontal axis."""
+    figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor=LIGHT.background)
+    FigureCanvasAgg(figure)
+    ratios = list(heights_in)
+    axes = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0].tolist()
+    for axis in axes:
+        plain(axis)
+    return figure, axes
+
+
+def plain(axis: Any) -> None:
+    """Make an axis dark on white, with a light grid behind everything."""
+    axis.grid(color=LIGHT.grid, linewidth=0.6)
+    axis.set_axisbelow(True)
+    axis.tick_params(colors=INK, labelsize=TEXT_POINTS)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+
+
+def named(axis: Any, *, x: str = "", y: str = "") -> None:
+    """Name the axes of a picture, with their units."""
+    if x:
+        axis.set_xlabel(x, color=INK, fontsize=TEXT_POINTS)
+    if y:
+        axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
+
+
+def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
+    """Draw the legend above the axis, where no curve lies under it: of its curves, or of patches by their colours."""
+    looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
+    if patches is not None:
+        handles = [Patch(color=color, label=name) for name, color in patches.items()]
+        looks = {"handles": handles, "ncols": 8, "borderaxespad": 0.1, "handlelength": 1.0, "columnspacing": 1.2}
+    if patches is not None or axis.get_legend_handles_labels()[0]:
+        axis.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks
+        )
+
+
+def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = True) -> None:
+    """Mark stops (name, position in m), with their names above the axis, over its legend, if they are to be written."""
+    for _, s_m in places:
+        axis.axvline(s_m / KM, color=INK, linewidth=0.6, alpha=0.4)
+    if written:
+        name_stops(axis, [(name, s_m / KM) for name, s_m in places], LIGHT)
+
+
+def as_image(figure: Figure) -> str:
+    """A figure as the address of an image that a page holds itself (SVG); the same figure gives the same address."""
+    content = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "das"}):  # names inside the picture, else drawn at random
+        figure.savefig(content, format="svg", metadata={"Date": None})
+    return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
+
+
+def comparison_figure(aligned: AlignedDrives) -> Figure:
+    """Drives beside each other over the track: speeds, and time and energy more than the first drive."""
+    figure, (speed, time, energy) = light_figure((2.6, 1.5, 1.5))
+    at_km = aligned.s_m / KM
+    curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)
+    for i, drive in enumerate(aligned.drives):
+        style = {
+            "color": SEVERAL[i % len(SEVERAL)],
+            "linestyle": LINES[i % len(LINES)],
+            "linewidth": 1.3,
+        }
+        speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)
+        if i:
+            time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)
+            energy.plot(at_km, kwh(aligned.lost_j[i] - aligned.lost_j[0]), **style)
+    for axis in (time, energy):
+        axis.axhline(0.0, color=SEVERAL[0], linewidth=1.0)
+    legs = aligned.drives[0].legs
+    places = [(legs[0].start.name, legs[0].start.s_m), *((leg.end.name, leg.end.s_m) for leg in legs)]
+    common = [(name, s_m) for name, s_m in places if aligned.s_m[0] - EDGE_M <= s_m <= aligned.s_m[-1] + EDGE_M]
+    for axis in (speed, time, energy):
+        stops(axis, common, written=axis is speed)
+    speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
+    named(speed, y=QUANTITIES["speed"].title)
+    named(time, y="Later than\nthe first (s)")
+    named(energy, y="Lost more than\nthe first (kWh)", x="Position (km)")
+    page_legend(speed)
+    return figure

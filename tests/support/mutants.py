@@ -105,7 +105,7 @@ MUTANTS = [
         ("back under in a minute", "BACK_IN_S = 4.0", "BACK_IN_S = 60.0"),
     ),
     *_of(
-        "das/advice/braking_kernels.py",
+        "das/advice/kernels.py",
         BRAKES,
         ("the least effort is not enough", "    return high\n", "    return low\n"),
         ("the gradient is forgotten", "held = (mean_resistance(v0, v1, q, here) + g)", "held = (mean_resistance(v0, v1, q, here))"),
@@ -147,7 +147,7 @@ MUTANTS = [
         ("four modes are trusted", "if advice.four_mode in (Regime.NONE, *_STANDS):", "if True:"),
     ),
     *_of(
-        "das/advice/consequences.py",
+        "das/advice/braking_model.py",
         LAST,
         ("the train is where it seems", "deviation_m = SDS_AHEAD * here.position_sd_m", "deviation_m = 0.0"),
         ("any force is there", "abs(force_n) > FORCE_RATIO * most_n + 1.0", "abs(force_n) > 10.0 * FORCE_RATIO * most_n + 1.0"),

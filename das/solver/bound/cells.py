@@ -14,7 +14,7 @@ from das.domain.losses import LossMap
 from das.solver import tolerances as tol
 from das.solver.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits, map_rows
 from das.solver.kernels.cell_links import CellEfforts, CellLine, CellTrain, EvenRows
-from das.solver.kernels.loss_planes import MapRows, row_hulls
+from das.solver.kernels.relaxed_program import MapRows, row_hulls
 from das.solver.kernels.speed_cells import Cells, values_ahead, values_behind
 
 Floats = NDArray[np.float64]

@@ -17,8 +17,7 @@ from das.solver.bound.cells import SETTINGS as TIGHT
 from das.solver.bound.relaxation import MapPlanes, Task, acceleration_limits, efficiency_planes, joined, relaxation
 from das.solver.kernels.forces import adhesion_coefficient
 from das.solver.kernels.interior_point import best_bound
-from das.solver.kernels.loss_planes import MeanSpeeds
-from das.solver.kernels.relaxed_program import FIXED_ROWS, Multipliers, Planes, Program, RelaxedRun
+from das.solver.kernels.relaxed_program import FIXED_ROWS, MeanSpeeds, Multipliers, Planes, Program, RelaxedRun
 from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import NO_LIMIT_N, TrainParams
 from das.solver.line_profile import LineProfile

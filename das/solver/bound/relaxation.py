@@ -16,8 +16,17 @@ from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import NEUTRAL
 from das.solver import tolerances as tol
 from das.solver.kernels.forces import brake_limit, on_supply
-from das.solver.kernels.loss_planes import MapRows, MeanSpeeds, loss_planes, row_hulls
-from das.solver.kernels.relaxed_program import Box, Planes, Program, RelaxedEfforts, RelaxedMotion
+from das.solver.kernels.relaxed_program import (
+    Box,
+    MapRows,
+    MeanSpeeds,
+    Planes,
+    Program,
+    RelaxedEfforts,
+    RelaxedMotion,
+    loss_planes,
+    row_hulls,
+)
 from das.solver.kernels.tuples import NO_LIMIT_N
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section

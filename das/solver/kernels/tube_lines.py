@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import compiled, kernel
-from das.solver.kernels.abreast import adhesion, losses_of_map, places_on_map
 from das.solver.kernels.forces import on_supply
+from das.solver.kernels.transitions import adhesion, losses_of_map, places_on_map
 from das.solver.kernels.tuples import NO_LIMIT_N
 from das.solver.tolerances import INFEASIBLE
 

@@ -25,8 +25,15 @@ from sim.drive.events.driving_events import (
     stand_events,
     top_speed_events,
 )
-from sim.drive.events.event import DriveEvent, EventKind, deviation_events, lateness_text, place_m, with_marks
-from sim.drive.events.notes import read_notes
+from sim.drive.events.event import (
+    DriveEvent,
+    EventKind,
+    deviation_events,
+    lateness_text,
+    place_m,
+    read_notes,
+    with_marks,
+)
 from sim.drive.happenings import NOT_HEARD, Span, points, signals
 from sim.drive.limits import temporary_limits
 from sim.drivers.kinds import Presentation

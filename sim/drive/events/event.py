@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
 
 from das.bus import topics
 from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
 from das.domain.units import NS
 from sim.recording.course import DrivenCourse
 
@@ -199,3 +207,102 @@ def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[Drive
 def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
     """All bookmarks in order of time: those that the program made, and the notes of people."""
     return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
+
+
+SUFFIX: Final = ".notes.mcap"
+TOPIC: Final = "notes"
+LONGEST_NOTE: Final = 2000
+"""Most characters that a note may have."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    """A note: the span of time that it is about (ns since 1970), its text, its tags, and its author if one is given."""
+
+    time_ns: int
+    end_ns: int
+    text: str
+    tags: tuple[str, ...] = ()
+    author: str = ""
+
+
+def notes_path(recording: Path) -> Path:
+    """The file of the notes of a recording."""
+    return recording.with_name(f"{recording.stem}{SUFFIX}")
+
+
+def read_notes(recording: Path) -> tuple[Note, ...]:
+    """The notes of a recording in order of time; empty where there are none. DasError for a file that is damaged."""
+    path = notes_path(recording)
+    if not path.exists():
+        return ()
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            found = [_note(FoxgloveEvent.FromString(message.data)) for _, _, message in reader.iter_messages([TOPIC])]
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+    except Exception as error:  # Damaged bytes surface as errors of the decompressor, of struct, of protobuf, …
+        raise DasError(f"{path}: damaged notes: {' '.join(str(error).split()) or type(error).__name__}") from error
+    return tuple(sorted(found, key=lambda note: note.time_ns))
+
+
+def add_note(recording: Path, note: Note) -> Path:
+    """Add a note to those of a recording; rewrite the file of the notes as a whole and return its path.
+
+    Raises DasError for a text that is empty or too long, and where the file cannot be read or written.
+    """
+    if not note.text.strip() or len(note.text) > LONGEST_NOTE:
+        raise DasError(f"note of {len(note.text)} characters: expected 1 to {LONGEST_NOTE}")
+    for tag in note.tags:
+        if not tag.strip() or "," in tag:
+            raise DasError(f"--tag {tag!r}: expected a word without commas")
+    path = notes_path(recording)
+    write_whole(path, _as_mcap(recording, [*read_notes(recording), note]))
+    return path
+
+
+def remove_note(recording: Path, number: int) -> Note:
+    """Remove a note by its number, counted from 1 in order of time, and return it; DasError where there is none."""
+    kept = list(read_notes(recording))
+    if not 1 <= number <= len(kept):
+        raise DasError(f"--remove {number}: {recording} has {len(kept)} notes")
+    removed = kept.pop(number - 1)
+    write_whole(notes_path(recording), _as_mcap(recording, kept))
+    return removed
+
+
+def _as_mcap(recording: Path, notes: list[Note]) -> bytes:
+    """The notes as an MCAP file, in order of time."""
+    content = io.BytesIO()
+    writer = Writer(content)
+    writer.start(library="das-sim")
+    writer.add_metadata("notes", {"recording": recording.name})
+    channel = writer.register_channel(TOPIC, "protobuf", register_schema(writer, FoxgloveEvent))
+    for note in sorted(notes, key=lambda one: one.time_ns):
+        writer.add_message(channel, note.time_ns, _event(note).SerializeToString(), note.time_ns)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return content.getvalue()
+
+
+def _event(note: Note) -> Any:
+    event = FoxgloveEvent()
+    event.start_time.FromNanoseconds(note.time_ns)
+    event.end_time.FromNanoseconds(max(note.end_ns, note.time_ns))
+    for key, value in (("text", note.text), ("tags", ",".join(note.tags)), ("author", note.author)):
+        if value:
+            event.metadata.add(key=key, value=value)
+    return event
+
+
+def _note(event: Any) -> Note:
+    said = {pair.key: pair.value for pair in event.metadata}
+    # Other programs may use another key for the text; then all their keys and values are shown.
+    text = said.get("text") or "; ".join(f"{key}: {value}" for key, value in said.items()) or "(no text)"
+    return Note(
+        time_ns=event.start_time.ToNanoseconds(),
+        end_ns=event.end_time.ToNanoseconds(),
+        text=text,
+        tags=tuple(filter(None, said.get("tags", "").split(","))),
+        author=said.get("author", ""),
+    )

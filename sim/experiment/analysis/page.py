@@ -29,8 +29,8 @@ from sim.experiment.analysis.comparing import (
 from sim.experiment.analysis.differences import TwoGroups
 from sim.experiment.analysis.reading import Floats, ShownMeasure, probability
 from sim.experiment.plan import PlannedComparison
+from sim.review.canvas import INK, PAGE_WIDTH_IN, TEXT_POINTS, as_image, light_figure, named, plain
 from sim.review.colors import LIGHT, SEVERAL
-from sim.review.light import INK, TEXT_POINTS, WIDTH_IN, as_image, light_figure, named, plain
 
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
@@ -249,7 +249,7 @@ def _beside(count: int) -> Floats:
 
 def _side_by_side(height_in: float, widths: tuple[float, float]) -> tuple[Figure, Any, Any]:
     """A figure with two axes beside each other."""
-    figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(PAGE_WIDTH_IN, height_in), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, width_ratios=widths)
     for axis in (left, right):

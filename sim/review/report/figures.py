@@ -9,10 +9,9 @@ import numpy as np
 from das.domain.units import KM, KMH, KN, kmh, kwh
 from sim.drive.attribution.causes import OVER_MPS
 from sim.drive.events.event import bookmarks
-from sim.review.canvas import curve, lane_rows
+from sim.review.canvas import INK, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.review.lanes import MODE_LANES
-from sim.review.light import INK, legend, light_figure, named, stops
 from sim.review.report.sentences import told_causes
 from sim.review.scene import ReviewScene, Trace, meaning_of
 from sim.review.series import QUANTITIES, STYLES
@@ -46,7 +45,7 @@ def drive_figure(scene: ReviewScene) -> Figure:
     _speeds(axes[0], scene)
     if lanes:
         modes = lane_rows(axes[1], lanes, int(scene.trip.time_ns[-1]), scene.km_at, LIGHT)
-        legend(axes[1], modes)
+        page_legend(axes[1], modes)
     for axis, trace in zip(axes[len(heights_in) :], below, strict=True):
         _below(axis, trace)
     for axis in axes:
@@ -72,7 +71,7 @@ def _speeds(axis: Any, scene: ReviewScene) -> None:
             one.s_m / KM, (1.13, 1.07)[number % 2] * top, str(number), ha="center", va="center", fontsize=6.5,
             color=LIGHT.background, bbox={"boxstyle": "round,pad=0.15", "facecolor": INK, "edgecolor": "none"},
         )  # fmt: skip
-    legend(axis, columns=5)
+    page_legend(axis, columns=5)
 
 
 def _below(axis: Any, trace: Trace) -> None:
@@ -146,7 +145,7 @@ def efficiency_figure(scene: ReviewScene) -> Figure:
     axis.axhline(0.0, color=INK, linewidth=0.7)
     axis.set_ylim(1.08 * float(brakes.min()) / KN, 1.08 * float(pulls.max()) / KN)
     named(axis, x=QUANTITIES["speed"].title, y=QUANTITIES["motors"].title)
-    legend(axis)
+    page_legend(axis)
     for handle in axis.get_legend().legend_handles:
         handle.set_markersize(8.0)
     return figure
@@ -195,7 +194,7 @@ def punctuality_figure(scene: ReviewScene) -> Figure:
     low, high = axis.get_ylim()
     axis.set_ylim(min(1.25 * low, -LEAST_LATE_S), max(1.25 * high, LEAST_LATE_S))
     named(axis, y=QUANTITIES["deviation"].title)
-    legend(axis)
+    page_legend(axis)
     return figure
 
 

@@ -25,8 +25,8 @@ from sim.drive.drive import Drive
 from sim.drive.events.chronicle import as_rows, place_text
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
+from sim.review.canvas import as_image, comparison_figure
 from sim.review.colors import LIGHT
-from sim.review.light import as_image, comparison_figure
 from sim.review.report import figures, tables
 from sim.review.report.sentences import compliance, paragraph, title, where_time_went
 from sim.review.scene import ReviewScene

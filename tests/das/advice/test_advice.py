@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from das.advice.advice import Advice, Source, Timetable
 from das.advice.display import Display
 from das.advice.goal import UNHURRIED_S
+from das.advice.kernels import interval, without_ripples
 from das.advice.plan import Plan, classify_modes, without_short
-from das.advice.plan_kernels import interval, without_ripples
 from das.advice.reduced import ReducedSpeed
 from das.advice.regimes import FOUR_MODES, ROLLING, Regime
 from das.advice.settings import DEFAULT

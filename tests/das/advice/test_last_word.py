@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Source
-from das.advice.braking_model import LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
-from das.advice.consequences import FULL_RATIO
+from das.advice.braking_model import FULL_RATIO, LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
 from das.advice.last_word import Act, LastWord, Part
 from das.advice.regimes import Regime
 from das.cab.leg import Leg

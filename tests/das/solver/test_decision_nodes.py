@@ -9,7 +9,7 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.route import Route
 from das.solver import tolerances as tol
-from das.solver.decision_nodes import decision_nodes, even_nodes, fixed_nodes
+from das.solver.line_profile import decision_nodes, even_nodes, fixed_nodes
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from tests.support.making import flat, make_route

@@ -21,8 +21,8 @@ from mcap.reader import make_reader
 from das.bus.recording import read_recording
 from das.bus.topics import LOCATION, LOG, TOPICS, topic_of
 from das.command_line.options import DEFAULT_TRAIN
-from sim.drive.events.notes import TOPIC as NOTES
-from sim.drive.events.notes import Note, add_note, notes_path
+from sim.drive.events.event import TOPIC as NOTES
+from sim.drive.events.event import Note, add_note, notes_path
 from sim.review.colors import LIGHT
 from tests.support.recordings import at_ns, write_recording
 

@@ -15,7 +15,7 @@ from das.bus.recording import Recording
 from das.domain.units import kwh
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events.notes import Note, add_note
+from sim.drive.events.event import Note, add_note
 from sim.drive.happenings import NOT_HEARD, happenings, points, signals
 from sim.drivers.kinds import DriverKind
 from sim.recording.course import DrivenCourse

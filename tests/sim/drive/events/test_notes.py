@@ -9,7 +9,7 @@ from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
 from mcap.reader import make_reader
 
 from das.domain.errors import DasError
-from sim.drive.events.notes import Note, add_note, notes_path, read_notes, remove_note
+from sim.drive.events.event import Note, add_note, notes_path, read_notes, remove_note
 from tests.support.recordings import at_ns
 
 
