@@ -13,6 +13,7 @@ import select
 import shutil
 import sys
 import textwrap
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -138,13 +139,52 @@ def typed(command: str) -> str:
 
 
 Item = TypeVar("Item")
+Progressed = Callable[[float, float], None]
+"""Called with the amount done and the whole amount."""
 Show = Callable[[str, float, float | None], None]
-"""Updates a progress bar: what is being done, how much is done, and the total (None while unknown)."""
+"""Updates a bar: what is being done, how much is done, and the total (None while unknown)."""
+SAID_EVERY_S = 2.0
+"""Interval (s) of the lines of progress without a terminal."""
 
 
 @contextlib.contextmanager
-def progress_bar(first: str) -> Iterator[Show]:
-    """Show a progress bar while the block runs; yields the function that updates it. `first` is its first text."""
+def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
+    """Show the progress as a bar on a terminal, as a line every few seconds elsewhere; `first` is shown at first.
+
+    Yields the function to call with the amount done and the whole amount. The bar estimates the remaining time from
+    what has been done so far.
+    """
+    if not sys.stderr.isatty():
+        yield _lines(title, first, unit)
+        return
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        *(BarColumn(), TaskProgressColumn(), TimeRemainingColumn()),
+    )
+    with Progress(*columns, console=error_console(), transient=True) as bar:
+        task = bar.add_task(f"{title}: {first}", total=None)
+        yield lambda done, whole: bar.update(task, completed=done, total=whole, description=title)
+
+
+def _lines(title: str, first: str, unit: str) -> Progressed:
+    """Progress as lines on standard error."""
+    said = time.monotonic()
+
+    def line(done: float, whole: float) -> None:
+        nonlocal said
+        if time.monotonic() - said > SAID_EVERY_S or done == whole:
+            print(f"{title}: {done:.0f} of {whole:.0f} {unit}", file=sys.stderr)
+            said = time.monotonic()
+
+    print(f"{title}: {first}", file=sys.stderr)
+    return line
+
+
+@contextlib.contextmanager
+def steps_bar(first: str) -> Iterator[Show]:
+    """Show on a terminal a bar that names each step; yields the function that updates it. `first` is its first text."""
     if not sys.stderr.isatty():
         yield lambda _what, _done, _whole: None
         return
@@ -158,8 +198,8 @@ def progress_bar(first: str) -> Iterator[Show]:
 
 
 def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[Item]:
-    """Iterate over items and show a progress bar that names the current one."""
-    with progress_bar("") as show:
+    """Iterate over items and show a bar that names the current one."""
+    with steps_bar("") as show:
         for done, item in enumerate(items):
             show(name(item), done, len(items))
             yield item

@@ -13,7 +13,7 @@ import typer
 
 from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
-from das.command_line.printing import busy, loading_solver, progress_bar
+from das.command_line.printing import busy, loading_solver, steps_bar
 from das.domain.errors import DasError
 from precompute.baselines import Strategy
 from precompute.cli.options import (
@@ -258,7 +258,7 @@ def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float
     if budget_s > 0:
         runs, refining_s = _refined(runs, budget_s)
         seconds = [sum(both) for both in zip(seconds, refining_s, strict=True)]
-    with progress_bar("proving") as show:
+    with steps_bar("proving") as show:
         for done, solution in enumerate(runs):
             show("proving", done, len(runs))
             certified(solution)
@@ -273,7 +273,7 @@ def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], lis
         warm_up_refinement()
     began = time.perf_counter()
     finished_s, order = [began], []
-    with progress_bar("refining") as show:
+    with steps_bar("refining") as show:
 
         def finished(index: int) -> None:
             order.append(index)

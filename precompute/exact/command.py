@@ -14,7 +14,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from das.command_line.printing import paragraph, print_table, progress_bar, tell
+from das.command_line.printing import paragraph, print_table, steps_bar, tell
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
@@ -130,7 +130,7 @@ def exact_front(
         raise DasError(f"--buffers {beyond[0]:g}: expected at most --max-buffer, {max_buffer_percent:g} %")
     began = time.perf_counter()
     forecast = Forecast(passes=len(passes(bucket_ms)), clock=time.perf_counter)
-    with progress_bar(STATES) as show:
+    with steps_bar(STATES) as show:
 
         def layer_done(what: str, done: int, layers: int) -> None:
             if what == STATES:

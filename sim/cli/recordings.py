@@ -16,13 +16,12 @@ import typer
 
 from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
-from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed
+from das.command_line.printing import busy, loading_solver, paragraph, print_table, progress_bar, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen, removed_if_unused
 from sim.options import NodeSaid, OfTrainOption, WhatIfKind
-from sim.progress import progress_bar
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from das.command_line.options import (
     SeedOption,
     TrainOption,
 )
-from das.command_line.printing import busy, loading_solver, one_line, print_table, say, tell, typed
+from das.command_line.printing import busy, loading_solver, one_line, print_table, progress_bar, say, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
@@ -49,7 +49,6 @@ from sim.drivers.kinds import (
     named_driver,
 )
 from sim.options import ParticipantOption, PopulationOption, SpeedOption, speed_factor, typed_command
-from sim.progress import progress_bar
 
 if TYPE_CHECKING:
     from sim.world.external import ExternalDriver

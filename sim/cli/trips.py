@@ -29,14 +29,13 @@ from das.command_line.options import (
     TrainOption,
     VehicleOption,
 )
-from das.command_line.printing import busy, loading_solver, tell
+from das.command_line.printing import busy, loading_solver, progress_bar, tell
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
 from sim.cli.options import TripArgument, new_recording, removed_if_unused, tell_written
 from sim.options import ReplayOptions, TripOptions, typed_command
-from sim.progress import progress_bar
 
 if TYPE_CHECKING:
     from sim.bundled.hurried import HurriedState

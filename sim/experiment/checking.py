@@ -14,7 +14,7 @@ from typing import Any, Final
 from rich import box
 from rich.table import Table
 
-from das.command_line.printing import paragraph, print_table, tell, typed
+from das.command_line.printing import paragraph, print_table, progress_bar, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
 from das.domain.files.writing import write_whole
@@ -23,7 +23,6 @@ from sim.experiment.driving import StudyTrial, drive, lever_trace_sha256, servic
 from sim.experiment.factors import FactorLevel, Setting
 from sim.experiment.plan import CHECK_RESULT, LEAST_PARTICIPANTS, TRIALS_TABLE, as_json
 from sim.experiment.trials import StudyRun, imbalances, trials_of
-from sim.progress import progress_bar
 from sim.world.loop import AFTER_S, BEFORE_S
 
 MINUTE_S: Final = 60.0

@@ -23,13 +23,13 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from das.cab.warm_up import warm_up
+from das.command_line.printing import progress_bar
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.levels import Level
 from precompute.pool import Made
 from precompute.workers import Workers
-from sim.progress import progress_bar
 from sim.world.loop import Run
 from sim.world.over_bus import DayRun
 from sim.world.scenario import Scenario
