@@ -10,7 +10,16 @@ import numpy as np
 
 from das.advice import wording
 from das.advice.advice import Advice, Coaching, Instruction, Source, Withdrawal
-from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
+from das.advice.goal import (
+    DEVIATION_NAMED_S,
+    OVERSPEED_MPS,
+    SPEED_STEP_MPS,
+    Goal,
+    PassingTarget,
+    TrainState,
+    nearest_step,
+    step_below,
+)
 from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan, four_mode
 from das.advice.planner import Planner
@@ -349,11 +358,9 @@ class Display:
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The speed to display (m/s): the advised one in whole steps, steady within a band, never above the allowed."""
-        step, band = self._settings.display.speed_step_mps, self._settings.display.speed_band_ratio
         away = abs(advised_mps - self._shown_mps)
-        if not away <= band * step or self._shown_mps > allowed_mps:
-            steps = min(round(advised_mps / step), math.floor(allowed_mps / step + 1e-9))
-            self._shown_mps = steps * step
+        if not away <= self._settings.display.speed_band_ratio * SPEED_STEP_MPS or self._shown_mps > allowed_mps:
+            self._shown_mps = min(nearest_step(advised_mps), step_below(allowed_mps))
         return self._shown_mps
 
     def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> str:

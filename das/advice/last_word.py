@@ -20,11 +20,12 @@ from das.advice import last_word_kernels as kernels
 from das.advice import wording
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Source, Withdrawal
 from das.advice.braking_model import LONGEST_S, STOPPED_MPS, BrakingBasis, BrakingModel, Consequences, Doing, Excess
+from das.advice.goal import SPEED_STEP_MPS
 from das.advice.regimes import BRAKES, Regime
-from das.domain.units import KMH, NS
+from das.domain.units import NS
 from das.estimate.estimate import Estimate
 
-SHOWN_MPS = 0.5 * KMH
+SHOWN_MPS = 0.5 * SPEED_STEP_MPS
 """A speed shown may exceed the allowed one by half the last digit of a display in whole km/h."""
 MAY_BE_UNKNOWN = (
     "reduced_max_speed_mps",
@@ -385,4 +386,4 @@ def _finite(*values: float) -> bool:
 
 def _whole(speed_mps: float) -> float:
     """A speed in whole km/h, rounded down."""
-    return math.floor(speed_mps / KMH + 1e-9) * KMH
+    return math.floor(speed_mps / SPEED_STEP_MPS + 1e-9) * SPEED_STEP_MPS

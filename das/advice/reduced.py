@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import kernels
+from das.advice.goal import SPEED_STEP_MPS, nearest_step, step_below
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.domain.units import NS
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
@@ -50,7 +51,7 @@ class Staircase:
         """The speed to show (m/s) to a train in a state; `judged_mps` is its reduced maximum speed."""
         i = int(kernels.interval(self._section.node_m, s_m))
         limit_mps = float(self._section.limit_mps[i])
-        free_mps = min(self._held(judged_mps), self._whole(limit_mps))
+        free_mps = min(self._held(judged_mps), step_below(limit_mps))
         curve_mps = self.curve_mps(s_m)
         # The speed shown to a train that is slowing down does not rise while the train is still above the new speed.
         slows = self._falls[i] and v_mps > free_mps > self._shown_mps
@@ -60,7 +61,7 @@ class Staircase:
             foot_mps = min(self._foot(i, s_m), free_mps)
             if not foot_mps < self._shown_mps <= min(curve_mps, free_mps):
                 reached_mps = self._worth_reaching(i, v_mps, curve_mps)
-                self._shown_mps = max(foot_mps, min(self._whole(reached_mps), free_mps))
+                self._shown_mps = max(foot_mps, min(step_below(reached_mps), free_mps))
         return min(self._shown_mps, limit_mps)
 
     def curve_mps(self, s_m: float) -> float:
@@ -73,26 +74,21 @@ class Staircase:
     def _held(self, judged_mps: float) -> float:
         """The reduced maximum speed in whole steps, which changes only when `judged_mps` has clearly changed."""
         display = self._settings.display
-        if not abs(judged_mps - self._judged_mps) <= display.speed_band_ratio * display.speed_step_mps:
-            self._judged_mps = round(judged_mps / display.speed_step_mps) * display.speed_step_mps
+        if not abs(judged_mps - self._judged_mps) <= display.speed_band_ratio * SPEED_STEP_MPS:
+            self._judged_mps = nearest_step(judged_mps)
         return self._judged_mps
-
-    def _whole(self, speed_mps: float) -> float:
-        """The highest whole step that is not above a speed."""
-        step = self._settings.display.speed_step_mps
-        return math.floor(speed_mps / step + 1e-9) * step
 
     def _foot(self, i: int, s_m: float) -> float:
         """The speed to show on a falling curve: the limit at the foot of the curve, or before a stop a slow speed."""
         foot_mps = float(self._foot_mps[i])
-        return self._whole(foot_mps) if foot_mps > 0 else self._slow_mps(s_m)
+        return step_below(foot_mps) if foot_mps > 0 else self._slow_mps(s_m)
 
     def _slow_mps(self, s_m: float) -> float:
         """The slowest speed of the settings, halved until full braking from it stops the train at the mark."""
         full_mps = math.sqrt(kernels.linear(self._section.node_m, self._full_w, s_m))
         speed_mps = self._settings.reduced.slowest_mps
         while speed_mps > full_mps and speed_mps > 0:
-            speed_mps = self._whole(0.5 * speed_mps)
+            speed_mps = step_below(0.5 * speed_mps)
         return speed_mps
 
     def _worth_reaching(self, i: int, v_mps: float, curve_mps: float) -> float:

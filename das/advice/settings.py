@@ -85,8 +85,6 @@ class DisplaySettings:
     missed_named_s: float = 1.0
     """The reason says that a point is passed too late if it is passed at least this long after its window."""
     four: FourModeSettings = field(default_factory=FourModeSettings)
-    speed_step_mps: float = 1.0 * KMH
-    """The displayed speed is a whole number of these steps."""
     speed_band_ratio: float = 0.75
     """The displayed speed changes when the advised speed differs from it by more than this share of a step."""
     least_for_buffer_s: float = 10.0

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
+from das.advice.goal import nearest_step
 from das.advice.regimes import Regime
 from das.domain.restriction import Restriction
-from das.domain.units import KMH
 from sim.drivers.kinds import Presentation
 from sim.plant import kernels
 from sim.plant.kernels import Command, TrainNumbers
@@ -90,7 +90,7 @@ class AdviceView:
             self,
             mode=self.next_mode,
             speed_mps=self.next_speed_mps,
-            display_speed_mps=whole_kmh_mps(self.next_speed_mps) if known else math.nan,
+            display_speed_mps=nearest_step(self.next_speed_mps) if known else math.nan,
             lever_ratio=self.next_effort_ratio,
             force_n=math.nan,
             horizon_speed_mps=(),
@@ -157,11 +157,6 @@ class Driver(Protocol):
 def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
     """The controller's setting (−1 … 1) that gives a wheel force (N) at a speed."""
     return Efforts.at(speed_mps, train).lever_ratio(force_n)
-
-
-def whole_kmh_mps(speed_mps: float) -> float:
-    """The speed (m/s) that a display writes: the nearest whole km/h."""
-    return round(speed_mps / KMH) * KMH
 
 
 KINDS: Final = (

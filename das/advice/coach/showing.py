@@ -15,9 +15,9 @@ from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed, brake_of
-from das.advice.goal import OVERSPEED_MPS, TrainState
+from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, TrainState
 from das.advice.regimes import BRAKES, EFFORT_ORDER, TRACTION, Regime
-from das.domain.units import KMH, NS
+from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
@@ -26,7 +26,7 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 FOLLOWING = 3
 """The begin of this many phases after the present one is computed; one of them may be no new instruction."""
-ROUNDED_MPS = 0.5 * KMH
+ROUNDED_MPS = 0.5 * SPEED_STEP_MPS
 """A speed above the allowed one by less than this looks the same on a display in whole km/h."""
 LONG_S = 3600.0
 """A creeping train has no forecast: this long time (s) is used instead."""

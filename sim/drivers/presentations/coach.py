@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Any, Final
 
 from das.advice.advice import Instruction
+from das.advice.goal import nearest_step
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio, whole_kmh_mps
+from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
 from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
@@ -37,7 +38,7 @@ class CoachPresenter(Presenter):
             blank,
             mode=mode,
             speed_mps=coach.now.speed_mps,
-            display_speed_mps=whole_kmh_mps(coach.now.speed_mps),
+            display_speed_mps=nearest_step(coach.now.speed_mps),
             lever_ratio=math.nan if holds else _lever_ratio(coach, advice.speed_mps, train),
             force_n=coach.reference_force_n,
             next_mode=int(following.mode) if following is not None else Regime.NONE,

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from das.advice.goal import SPEED_STEP_MPS
 from das.advice.reduced import ReducedSpeed, Staircase
 from das.advice.settings import DEFAULT
 from das.domain.units import KMH
@@ -82,7 +83,7 @@ def test_it_is_never_above_limit_or_curve_whatever_the_train_does() -> None:
             shown = staircase.at(s_m, v, judged)
             assert shown <= float(section.limit_mps[np.searchsorted(section.node_m, s_m, side="right") - 1])
             assert shown <= (curve_mps(s_m, feet) + 0.02 if s_m < last_m else full_curve_mps(section, s_m) + 0.02)
-            assert shown <= judged + DEFAULT.display.speed_step_mps
+            assert shown <= judged + SPEED_STEP_MPS
             assert shown / KMH == pytest.approx(round(shown / KMH), abs=1e-6)
             s_m += max(v, 3.0)
 
