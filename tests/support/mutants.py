@@ -128,7 +128,7 @@ MUTANTS = [
         "das/advice/display.py",
         f"{BRAKES} tests/property/test_advice_property.py",
         ("the advised speed is the plan's", "advised = min(place.speed_mps, allowed)", "advised = place.speed_mps"),
-        ("the display rounds up", "math.floor(allowed_mps / step + 1e-9)", "math.ceil(allowed_mps / step + 1e-9)"),
+        ("the display rounds up", "min(nearest_step(advised_mps), step_below(allowed_mps))", "nearest_step(advised_mps)"),
         ("brakes wait for the hold", "urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)", "urgent = EFFORT_ORDER.index(wanted) < EFFORT_ORDER.index(self._mode)"),
     ),
     *_of(
