@@ -132,6 +132,12 @@ MUTANTS = [
         ("brakes wait for the hold", "urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)", "urgent = EFFORT_ORDER.index(wanted) < EFFORT_ORDER.index(self._mode)"),
     ),
     *_of(
+        "das/advice/display.py",
+        "tests/property/test_coach_property.py",
+        ("coach and message differ in force", "scene.state, coach.now.mode, coach.reference_force_n", "scene.state, coach.now.mode, float(plan.shown_force_n[place.interval])"),
+        ("coach and message differ in what is due", "coach.now.mode is Regime.DEPART or coach.now.in_s > 0.0", "coach.now.mode is Regime.DEPART or coach.now.in_s >= 0.0"),
+    ),
+    *_of(
         "das/advice/planner.py",
         f"{BRAKES} {CAB}",
         ("allowed is at the train alone", "return self.lowest_allowed_mps(state.s_m, feared_m)", "return self.allowed_mps(state.s_m)"),
