@@ -98,6 +98,6 @@ def test_what_is_allowed_at_the_line_goes_by_the_window_exactly(flat: Callable[[
     service = service_of(flat(restricted("valid_from_s = 100\nvalid_until_s = 200")))
     news = DayNews(make_day(service, 1))
     (said,) = news.update(PlantState(**(dict.fromkeys(PlantState._fields, 0.0) | {"s_m": 1000.0, "time_s": 50.0})))
-    assert said == "restriction to 40 km/h, km 2.0 to 4.5 from 08:05:40 until 08:07:20 UTC"
+    assert said == "restriction to 40 km/h, km 2.00 to 4.50 from 08:05:40 until 08:07:20 UTC"
     assert news.shown == news.told  # it begins soon
     assert [len(news.holding(now_s)) for now_s in (99.99, 100.0, 199.99, 200.0)] == [0, 1, 1, 0]
