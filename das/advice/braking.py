@@ -79,7 +79,7 @@ class BrakingAhead:
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will be above a braking curve within a time (s).
 
-        A train that is only above the limit where it is has nothing ahead to brake for: for it see `back_under`.
+        If the train exceeds only the limit at its own position, there is nothing ahead to brake for; see `back_under`.
         """
         nodes = self.section.node_m
         least_w = kernels.lowest_w(s_m, s_m + v_mps * within_s, nodes, self._planned_w)
@@ -106,7 +106,7 @@ class BrakingAhead:
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
         """Where (m) a train with these speeds at the nodes ahead meets a braking curve; else the end of the section.
 
-        A train above the limit where it is is assumed to slow down to that limit first.
+        A train above the limit at its own position is assumed to slow down to that limit first.
         """
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = math.sqrt(kernels.lowest_w(s_m, s_m, nodes, self._planned_w))

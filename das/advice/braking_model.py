@@ -216,7 +216,7 @@ def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
 SDS_AHEAD = 2.0
 """The train is assumed to be ahead of its estimated position by this many standard deviations."""
 BY_EYE_M = 10.0
-"""This near to the stop the driver sees the mark: the train counts as nearer only if its estimated position is."""
+"""From this far (m) the driver sees the mark; the train is assumed nearer to the stop only if its estimate is."""
 HELD_ABOVE_MPS = 1.0
 """A driver above the allowed speed by at most this may be told to hold a lower speed; a faster one must brake."""
 BACK_IN_S = 5.0
@@ -226,7 +226,7 @@ FULL_RATIO = 0.97
 FORCE_RATIO = 1.02
 """A force up to this multiple of the largest one at the speed counts as available: the difference is rounding."""
 LONGEST_S = 30.0
-"""Braking announced for later than this is not judged yet: it is announced, and judged, again before then."""
+"""Braking announced for later than this (s) is not judged yet: it will be announced again, and judged, before then."""
 STOPPED_MPS = 0.1
 """A train slower than this counts as standing."""
 
@@ -234,9 +234,9 @@ STOPPED_MPS = 0.1
 class Doing(NamedTuple):
     """What the driver does until a time (s): he applies a wheel force (N) to reach a speed (m/s).
 
-    `holds`: he then holds the speed, with whatever force that takes. `of_n`: the braking force is a share of the
-    electric brake, which grows as the train slows down; it is the electric brake (N) at the start. 0: the force is
-    constant.
+    `holds`: he then holds the speed, with whatever force that takes. `of_n` > 0: the braking force is a share of
+    the electric brake, and grows with it as the train slows down; `of_n` is the force of the electric brake (N) at the
+    start. `of_n` = 0: the braking force is constant.
     """
 
     until_s: float
@@ -254,7 +254,7 @@ class Excess(NamedTuple):
 
 
 class Consequences:
-    """Follows a train from now on, under whatever its driver does until an advice expires.
+    """Predicts how a train moves until an advice expires, for whatever its driver does.
 
     The train starts from `ahead_m`: it may be ahead of its estimated position by `SDS_AHEAD` standard deviations.
     """
@@ -278,7 +278,7 @@ class Consequences:
     def braking(self) -> tuple[float, Needed]:
         """The braking force (N, <= 0) needed from here, and the speed and place that need it.
 
-        If the constant force that should suffice does not, it is that of all brakes.
+        If the constant force computed from the needed deceleration does not suffice, the force is that of all brakes.
         """
         model, v_mps = self.model, self.v_mps
         needed = model.needed(self.ahead_m, v_mps, self.valid_s)
@@ -320,5 +320,5 @@ class Consequences:
         return {"horizon_speed_mps": tuple(speeds), "horizon_force_n": tuple(forces)}
 
     def brake_n(self, effort_ratio: float) -> float:
-        """The braking force (N) of an effort: a share of the motors' braking now, or of all brakes without motors."""
+        """The braking force (N) of an effort: a share of the motors' brake now, or of all brakes if there is none."""
         return effort_ratio * (self.model.electric_n(self.v_mps) or self.model.most_brake_n(self.v_mps))

@@ -161,7 +161,7 @@ class Display:
         allowed, top_mps = planner.allowed_mps(state.s_m), _top_speed_mps(scene)
         seconds = np.arange(1, self._settings.display.horizon_s + 1)
         speeds = np.maximum(v_mps - most_n / train.inertial_mass_kg * seconds, 0.0)
-        # The lowest speed allowed on the way to where the train is by then: it is never told to speed up again.
+        # The lowest speed allowed on the way to each point: the horizon never tells the driver to speed up again.
         way_m = np.cumsum(0.5 * (np.append(v_mps, speeds[:-1]) + speeds))
         there = np.minimum.accumulate([planner.lowest_allowed_mps(state.s_m, state.s_m + one) for one in way_m])
         return Advice(
@@ -283,8 +283,8 @@ class Display:
     ) -> tuple[Regime, _Change]:
         """The mode and the next change of the coach's instruction, with the force that keeps to its reference.
 
-        The effort of a brake grows with that of the motors as the train slows down. A force that is held until the
-        advice expires does not, so that more of it may be needed.
+        A braking effort is a share of the motors' brake, whose force grows as the train slows down. The advised force
+        stays constant until the advice expires, so that a larger one may be needed.
         """
         state, mode, self._force_n = scene.state, coach.now.mode, coach.reference_force_n
         if mode in BRAKES:
@@ -383,7 +383,7 @@ class Display:
         return wording.on_time(goal.operator_delay_s)
 
     def _window_said(self, scene: Scene, plan: Plan) -> str:
-        """Words on a point ahead: how long it may not be passed yet, or that it is passed too late; else empty."""
+        """Words on the point ahead: for how long it may not be passed yet, or that it will be passed late; or empty."""
         state, _, planner, goal, _ = scene
         point = goal.passing
         if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:

@@ -14,7 +14,7 @@ SPEED_STEP_MPS: Final = 1.0 * KMH
 OVERSPEED_MPS: Final = 0.5
 """A train faster than allowed by more than this counts as too fast, and its driver is told so."""
 COASTS_IN_S: Final = 5.0
-"""A driver above a limit is told to coast if coasting reaches the limit in this time, else to hold it or to brake."""
+"""Above a limit, the driver is told to coast if that reaches it in this time (s), else to hold the limit or brake."""
 UNHURRIED_S: Final = 0.5
 """A plan arrives this much later than asked. The build-up of effort costs this time, and making up for it would cost
 0.4 % of the energy on 6 km."""

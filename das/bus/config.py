@@ -55,7 +55,7 @@ ENCRYPTED, OF_THIS_MACHINE = ("tls", "quic"), ("unixsock-stream", "unixpipe")
 SOURCE_PLACE = re.compile(r" at /\S+:\d+\.")
 """The place in Zenoh's source where an error arose; it is cut from messages."""
 SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+) .*= (expected .*)")
-"""A syntax error, which Zenoh draws over several lines."""
+"""The pattern of a syntax error, which Zenoh reports as a drawing over several lines."""
 LONGEST_ERROR = 200
 """Errors of Zenoh are cut to this many letters."""
 DEEPEST = 64
@@ -74,7 +74,7 @@ class BusFile:
         return ["--bus", str(self.path), *(["--insecure-bus"] if self.insecure else [])]
 
     def config(self, train: str) -> zenoh.Config:
-        """The configuration, ready to open; raises DasError where it cannot be used, or opens the bus without leave."""
+        """The configuration, ready to open; raises DasError if it is unusable, or opens the bus without permission."""
         try:
             config = zenoh.Config.from_json5(self._text())
         except OSError as error:
@@ -102,7 +102,7 @@ class BusFile:
         return text
 
     def _check_train(self, config: zenoh.Config, train: str) -> None:
-        """Check the train of a file that `tls-init` made: Zenoh would refuse that of another train in silence."""
+        """Check that a file made by `tls-init` is for this train: with another's, Zenoh would fail silently."""
         metadata = _read(config, "metadata")
         ours = metadata.get("das") if isinstance(metadata, dict) else None
         its = ours.get("train") if isinstance(ours, dict) else None
@@ -217,7 +217,7 @@ def _depth(text: str) -> int:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """All texts in nested lists and objects: endpoints may depend on Zenoh's mode, or have a strategy."""
+    """All strings in nested lists and objects; Zenoh lets endpoints be nested, by mode or with a strategy."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, list | dict):

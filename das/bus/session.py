@@ -5,7 +5,7 @@ configuration instead, also from a site's own file. Messages arrive through one 
 sender keep their order. Only latched topics (journey, restrictions, targets, status) have subscribers of their own,
 which also fetch the last message that was sent before.
 
-Messages wait in order in a bounded inbox. A flood costs the oldest positions, never the newest journey.
+Messages wait in order in a bounded inbox. If it is full, the oldest positions are dropped, never the newest journey.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from das.domain.errors import DasError
 CAPACITY = 1_000
 """At most this many messages wait: at 50 µs each, the newest is answered within 50 ms."""
 BYTES_EACH = 8_000
-"""The mean size of a message for which the inbox has room; a few large ones fit as well."""
+"""The inbox has room for messages of this mean size (bytes); a few large ones fit as well."""
 CONTROL_FACTOR = 10
 """Messages that must not be dropped may fill the inbox up to this many times its capacity."""
 MOST_SENDERS = 100
 """The newest state of at most this many senders is remembered."""
 HEARTBEAT_S = 1.0
-"""A latched topic announces its last message this often (s), so that one lost with a closing link is fetched again."""
+"""A latched topic announces its last message this often (s), so that one lost when a link closed is fetched again."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
 TOKENS = "/@adv/pub/"
 """A liveliness token has the key `<topic key>/@adv/pub/<session>/<publisher>/…`, with the session's name as in its time
@@ -46,11 +46,12 @@ stamps (`Received.source`). Zenoh withdraws the tokens of a session that is clos
 
 
 class Inbox:
-    """The messages that wait between the threads of Zenoh and the one that answers; `dropped` counts lost messages.
+    """The messages that Zenoh's threads received and nobody has taken out yet; `dropped` counts lost messages.
 
     When it is full, the oldest message of a topic that is neither latched nor Control is dropped (position, delay, the
-    messages of a node); then those of each latched topic (journey, restrictions) but the newest. Control messages are
-    kept up to `CONTROL_FACTOR` times the capacity; a simulation waits for its answers and never sends as many.
+    messages of a node). If there is none, a new message of a latched topic (journey, restrictions) replaces the one
+    before it. Control messages are kept up to `CONTROL_FACTOR` times the capacity; a simulation, which waits for each
+    answer, never sends that many.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -91,8 +92,8 @@ class Inbox:
     def get(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
         """The oldest message; None after `timeout_s` without one.
 
-        `skip_outdated` leaves out a journey, restrictions or targets if a later message of the same sender replaces
-        them and is not older. To act on each of a flood of them would take longer than the flood lasts.
+        `skip_outdated` leaves out a journey, restrictions or targets if the same sender has replaced them by a message
+        that arrived later and has the same or a later time. To act on each message of a flood would take too long.
         """
         deadline = time.monotonic() + timeout_s
         with self._news:
@@ -110,7 +111,7 @@ class Inbox:
                     return received
 
     def _is_outdated(self, received: Received) -> bool:
-        """Whether a later message of the same topic and sender waits, which is not older."""
+        """Whether a message of the same topic and sender waits that arrived later and has the same or a later time."""
         if not received.topic.latched or received.message is None:
             return False
         later = self._waiting.get(self._newest.get((received.topic.name, received.source), 0))
@@ -162,7 +163,7 @@ def check_endpoint(text: str) -> str:
 
 @dataclass(frozen=True)
 class Presence:
-    """A session has begun to publish a topic (`there` is True), or no longer can."""
+    """A session has begun to publish a topic (`there` is True), or has ceased to."""
 
     topic: Topic
     source: str
@@ -204,11 +205,11 @@ class Presences:
 
 
 class Bus:
-    """A session for one train; use it with `with`, because a session left open hangs at exit.
+    """A session for one train; use it with `with`, because a session left open makes the program hang at exit.
 
-    `listen` is the endpoint of this process, `connect` are those of the others, tried again until they are there; or a
-    site's `file` states both. `hear` names the topics to receive (none: receive nothing). `waiting` is the capacity of
-    the `Inbox`.
+    `listen` is the endpoint of this process, `connect` are those of the others; the bus tries again until they answer.
+    Or a site's `file` states both. `hear` names the topics to receive (none: receive nothing). `waiting` is the
+    capacity of the `Inbox`.
     """
 
     def __init__(
@@ -323,9 +324,9 @@ class Bus:
             self._on_sample(sample)
 
     def _source(self, sample: zenoh.Sample) -> str:
-        """The session that sent a message; `UNSTAMPED` where its stamp is missing, or over 0.5 s ahead of our clock.
+        """The session that sent a message; `UNSTAMPED` if its time stamp was missing, or over 0.5 s ahead of our clock.
 
-        Zenoh puts our own stamp on such a message. Messages of this session itself do not come here.
+        Zenoh replaces such a stamp by our own. So our own stamp means unstamped: we do not receive our own messages.
         """
         stamp = sample.timestamp
         source = str(stamp.get_id()) if stamp is not None else UNSTAMPED

@@ -1,7 +1,7 @@
 """Options that several commands have; each is declared once, here, with its type, spelling and help.
 
-Nothing heavy is imported: a command's options are read before its work is. Where "default: …" is written in a help
-text, the option itself defaults to None.
+Nothing heavy is imported: options are read before the modules that do a command's work. Where "default: …" is written
+in a help text, the option itself defaults to None.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ TablesOption = Annotated[
 
 
 def listen_option(default: str) -> Any:
-    """The option for the endpoint at which a process listens; `default` stands in its help."""
+    """The option for the endpoint at which a process listens; `default` is named in its help text."""
     return typer.Option(
         "--listen", metavar="ENDPOINT", help=f"Own endpoint on this machine [default: {default}].", show_default=False
     )

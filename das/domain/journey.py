@@ -18,7 +18,7 @@ LEAST_SPACING_M = 1.0
 
 
 class Held(StrEnum):
-    """The bound of its window that a time is at."""
+    """At which bound of its window a time lies."""
 
     FREE = "free"
     EARLIEST = "earliest"
@@ -35,7 +35,7 @@ class Window:
     latest_s: float = math.inf
 
     def held_at(self, time_s: float, tolerance_s: float) -> Held:
-        """The bound that a time is at."""
+        """At which bound of the window a time lies, within a tolerance."""
         early, late = (abs(bound_s - time_s) <= tolerance_s for bound_s in (self.earliest_s, self.latest_s))
         if early and late:
             return Held.FIXED
@@ -47,7 +47,7 @@ ANY_TIME = Window()
 
 @dataclass(frozen=True, kw_only=True)
 class Call:
-    """A stop of the train: arrival, departure (never before its earliest) and a least dwell between them."""
+    """A stop of the train: the windows of its arrival and departure, and the least dwell between them."""
 
     name: str
     position_m: float
@@ -134,7 +134,7 @@ class Journey:
             raise InputError(self.source, f"arrival at {last.name}", MISSING, "a latest time: the journey ends by then")
 
     def _check_order(self) -> None:
-        """Raise InputError where a time must be over before an earlier event of the journey can take place."""
+        """Raise InputError for a latest time that cannot be kept because of the earliest times and dwells before it."""
         reached_s, since = -math.inf, ""
         for key, window, dwell_s in self._windows():
             reached_s += dwell_s

@@ -1,7 +1,8 @@
 """Online calibration: mass and running resistance of the train from how it moves under the forces that it measures.
 
 It has no clock and no randomness: the same positions and efforts give the same estimates. Each window of samples is one
-row of a least-squares problem for two ratios of the planned train's mass and resistance, solved recursively
+row of a least-squares problem, solved recursively. Its two unknowns are the ratios of mass and resistance to those of
+the planned train
 (docs/explanation/calibration.md).
 """
 
@@ -63,7 +64,7 @@ class Calibrator:
         self._take_samples()
 
     def set_position(self, time_ns: int, s_m: float, speed_mps: float, *, usable: bool = True) -> None:
-        """Take over a position of the head (m) and a speed (m/s); an unusable position breaks the window off."""
+        """Take over a position of the head (m) and a speed (m/s); an unusable position discards the open window."""
         self._pairing.add_position(time_ns, s_m, speed_mps, usable=usable)
         self._take_samples()
 
@@ -129,8 +130,8 @@ class Recalibration:
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
         """Return other conditions to plan with from now on; None while those of the plan are near enough.
 
-        The conditions change at most once in `every_s` of the settings, except that doubted forces bring back those of
-        the start at once.
+        The conditions change at most once in `every_s` of the settings. But as soon as the measured forces are doubted,
+        the conditions of the start are used again.
         """
         if estimates.doubt is not None and self.conditions != self._planned:
             self.conditions = self._planned

@@ -140,9 +140,9 @@ def is_other_code(differing: Sequence[str]) -> bool:
 def refinement_code_sha256() -> str:
     """SHA-256 of the code that refines the trajectories of a table; raises as `solver_code_sha256` does.
 
-    Only the stored trajectories depend on it. The policies, all that a node uses, do not.
+    Only the stored trajectories depend on it. The policies, which are all that a node uses, do not.
     """
-    # By name, so that a node that only compares hashes does not load the compiled code of the refinement.
+    # Not imported but named, so that a node that only compares hashes does not load compiled code.
     sources = {name: text for name, text in sources_of([_REFINING]).items() if name not in _WITHOUT_PART}
     return _known_code_sha256(text_sha256({**sources, **sources_of([code_sha256.__module__])}), sources)
 
@@ -232,7 +232,7 @@ def _tokens(thing: Any) -> Iterator[bytes]:
 
 
 def _rounded(values: NDArray[Any]) -> Floats:
-    """Float64 (little-endian) with the mantissa rounded to `_KEPT_BITS` bits; one NaN, one zero."""
+    """Float64 (little-endian) with the mantissa rounded to `_KEPT_BITS` bits; all NaN are alike, −0 becomes 0."""
     values = np.asarray(values, dtype="<f8")
     mantissa, exponent = np.frexp(np.where(np.isfinite(values), values, 0.0))
     rounded = np.ldexp(np.round(np.ldexp(mantissa, _KEPT_BITS)), exponent - _KEPT_BITS) + 0.0

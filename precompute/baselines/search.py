@@ -31,19 +31,19 @@ SCANNED_SPEEDS = 8
 """Cruising speeds tried before the best one is narrowed down."""
 GOLDEN_STEPS = 9
 TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
-"""Largest number of cruising speeds whose arcs are brought to the time; fewer once a run is this near to the dual
-value."""
+"""Largest number of cruising speeds for which runs on time are sought. The search ends earlier once the energy of a run
+is within this ratio of the dual value."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
-"""Highest price of time tried for coasting, as a multiple of the traction power: nothing that costs time pays."""
+"""Highest price of time tried for coasting, as a multiple of the traction power: at it, no loss of time pays."""
 SPARE_RATIO, SPARE_S = 1.2, 5.0
-"""An arc may lose this multiple of the time to spare, and this much more, before it is given up."""
+"""An arc is given up if it loses more than this multiple of the time to spare plus this time (s)."""
 NEAR_S = 0.7
-"""Sets of arcs this near to the time wanted are brought to it by the cruising speed."""
+"""A set of arcs this near (s) to the wanted time is brought to it by changing the cruising speed."""
 EXCHANGES = 5
 """Largest number of arcs that are exchanged to come near the time wanted."""
 TUNED_RATIO = 0.05
-"""Largest relative change of the cruising speed that hits the time with given arcs."""
+"""Largest relative change of the cruising speed to bring a run with given arcs to the wanted time."""
 MAX_TUNED, ENOUGH_TUNED = 20, 3
 """Largest number of sets of arcs that are tried, and the number of runs on time that suffices."""
 
@@ -71,7 +71,7 @@ class Driving:
         self.top_mps = float(self.fastest.speeds_mps.max())
 
     def cruise(self, cruise_mps: float) -> BaselineRun:
-        """The base run of a cruising speed."""
+        """The base run of a cruising speed: the run without coasting arcs."""
         speeds = self._start()
         time_s = kernels.cruise_run(cruise_mps, self.line, self.bounds, self.section.train, speeds)
         return _run(speeds, time_s, cruise_mps, np.zeros(len(speeds) - 1, np.bool_))
@@ -105,7 +105,7 @@ def _run(speeds: Floats, time_s: float, cruise_mps: float, coasting: NDArray[np.
 
 
 def driven_with_motors(section: Section) -> Driving | None:
-    """Driving that brakes with the motors only; None where it is impossible, or does not differ."""
+    """Driving that brakes with the motors only; None if it is impossible, or the same as with all brakes."""
     train = section.train
     if section.brakes is not BrakePolicy.BLENDED or train.friction_force_n == 0 or train.electric_force_n == 0:
         return None
@@ -116,7 +116,7 @@ def driven_with_motors(section: Section) -> Driving | None:
 
 
 def hit(drive: Callable[[float], BaselineRun], slow_mps: float, quick_mps: float, time_s: float) -> BaselineRun:
-    """Bisection of the cruising speed for a trip time; the nearer end where the time is not between the ends."""
+    """The run that takes `time_s`, by bisection of the cruising speed; if none does, the run at the nearer end."""
     slow, quick = drive(slow_mps), drive(quick_mps)
     if not quick.time_s <= time_s <= slow.time_s:
         return quick if time_s < quick.time_s else slow
@@ -184,10 +184,11 @@ class _Arcs:
         return _Path(tuple(arcs), float(time_s[0]), float(cost[0] - price_w * time_s[0]))
 
     def around(self) -> tuple[_Path, _Path, float]:
-        """The best arcs just too slow and just in time for the time to spare, and the price between them (W).
+        """The best arcs just above and just within the time to spare, and the price of time (W) that both are best at.
 
         The dual function max over prices of least (energy + price·(time − wanted)) is piecewise linear: each new price
-        is where the lines of the two neighbours meet. Both are the same, at price 0, where time does not matter.
+        is where the lines of the two neighbours meet. If the best arcs at price 0 are within the time to spare, they
+        are returned as both.
         """
         slow = self.at(0.0)
         if slow.extra_s <= self.spare_s:
@@ -212,7 +213,8 @@ class _Arcs:
     def near_time(self) -> list[_Path]:
         """Sets of arcs near the time to spare, the best at the price of time first.
 
-        Where the best time jumps with the price, single arcs of the neighbours are exchanged for others.
+        The time of the best arcs jumps with the price. To come nearer, single arcs of both sides of the jump are added,
+        left out or exchanged.
         """
         slow, quick, price_w = self.around()
         if slow is quick:
@@ -229,7 +231,7 @@ class _Arcs:
             near = {path for path in paths if self._miss_s(path) <= NEAR_S} | {nearest}
             return sorted(near, key=lambda path: (path.extra_j + price_w * path.extra_s, path.arcs))
 
-        # A late one may be beyond what another cruising speed can change (coasting from the run-up): some of each.
+        # No cruising speed brings a late set to the time if it coasts from the run-up: take early and late in turn.
         pairs = zip_longest(best(early, quick), best(late, slow))
         mixed = [path for pair in pairs for path in pair if path is not None]
         return mixed[:MAX_TUNED]
@@ -274,7 +276,7 @@ class FourModeSearch:
         self.driving, self.time_s = driving, time_s
 
     def run(self) -> list[BaselineRun]:
-        """Good runs of that time; a quicker one only where more time would cost energy."""
+        """Good runs that take the wanted time; a single quicker run if using all of the time would cost energy."""
         rms = self.driving.cruise_in(self.time_s)
         speeds = self._best_speeds(rms.cruise_mps)
         arcs = self.arcs(speeds[0])
@@ -285,7 +287,7 @@ class FourModeSearch:
         runs = [rms]
         for speed_mps in speeds[:TRIED_SPEEDS]:
             runs += self._runs_on_time(speed_mps)
-            # Moving v to hit the time may end an arc early, where it grazes the base run: then another speed is better.
+            # An arc that grazes the base run may end early once the speed is changed to hit the time: try the next.
             least_j = min(self.driving.energy_j(run) for run in runs)
             if least_j <= bound_j + ENOUGH_RATIO * max(abs(bound_j), abs(arcs.base_j)):
                 break
@@ -311,7 +313,7 @@ class FourModeSearch:
         return _Arcs(self.driving, base, max(self.time_s - base.time_s, 0.0))
 
     def _on_time(self, cruise_mps: float, ends: Ints) -> BaselineRun:
-        """The run with these arcs whose cruising speed, near the given one, makes it take the time wanted."""
+        """The run with these arcs that takes the wanted time, by a small change of the cruising speed."""
 
         def drive(speed_mps: float) -> BaselineRun:
             return self.driving.coast(speed_mps, ends)
@@ -323,7 +325,7 @@ class FourModeSearch:
         return hit(drive, max(reached_mps * (1 - TUNED_RATIO), LOWEST_CRUISE_MPS), reached_mps, self.time_s)
 
     def _best_speeds(self, low_mps: float) -> list[float]:
-        """Scan, then golden section around the best: the cruising speeds tried, that of least dual value first."""
+        """The cruising speeds tried (a scan, then golden section around the best), that of least dual value first."""
 
         def bound_j(speed_mps: float) -> float:
             return self.arcs(speed_mps).bound_j()

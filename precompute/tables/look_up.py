@@ -27,7 +27,7 @@ from das.solver.state import check_state
 from das.solver.tolerances import INFEASIBLE, MIN_STEP_M, TIME_TOLERANCE_S
 
 ON_TIME, LATE, EARLY, STUCK = 0, 1, 2, 3
-"""How the answer relates to the time left; STUCK: the policies know no way on."""
+"""How the answer relates to the time left; STUCK: the policies know no feasible continuation."""
 _MOST_NARROWINGS = 6
 
 
@@ -65,7 +65,7 @@ def first_step(s, node, decision, line, bounds, p):
 
 @kernel
 def _slope(policies, policy, k, j):
-    """Time-to-go (s) on a grid line: the derivative in λ of the cubic through both values and both slopes."""
+    """Time-to-go (s) on a grid line: the λ-derivative of the cubic through values and slopes at both neighbouring λ."""
     value, time_to_go = policies.value_j, policies.time_to_go_s
     a, gap = policy.ladder_index, policy.gap_w
     ta = time_at(time_to_go, k, j, a)
@@ -95,13 +95,13 @@ def _follow(x, policy):
 
 @kernel
 def _follow_step(x, a):
-    """As `_follow`, under multiplier a of the ladder itself."""
+    """Best landing of the first step at multiplier a of the ladder, least total cost (J) and time (s)."""
     return _follow(x, Policy(x.policies.lambda_w[a], a, 0.0, 0.0))
 
 
 @kernel
 def _guess(x, time_left):
-    """Ladder index whose time is about `time_left`: all multipliers land as the middle one does."""
+    """Ladder index whose time is about `time_left`: assumes that all multipliers land like the middle one."""
     step = x.step
     low, high = 0, x.policies.lambda_w.size - 1
     v1, _, _ = _follow_step(x, high // 2)
@@ -180,7 +180,7 @@ def look_up(s, v0, time_left, node, decision, step_m, g, q, u, floor, envelope, 
     Returns (fit, λ, decision node ahead, landing speed there, mean wheel force up to it (N), energy-to-go (J),
     time-to-go (s)). On time, the energy is that of the supported front: max over λ of (least total cost − λ·time).
 
-    The arrays come one by one: Python hands over tuples of arrays more slowly, by a tenth of the whole look-up.
+    Each array is an argument of its own: handing over tuples of arrays would make the look-up a tenth slower.
     """
     line, bounds = LineArrays(step_m, g, q, u), SpeedBounds(floor, envelope)
     policies = Policies(lam, value, time_to_go)
@@ -237,7 +237,7 @@ class LookUp:
         """The continuation from position `s_m` (m) and speed `v_mps` with `time_left_s` to the end of the section.
 
         Raises DasError for a state outside the section or a time that is not a number, InfeasibleError where the
-        policies know no way on.
+        policies know no feasible continuation.
         """
         section = self._section
         check_state(section, s_m, v_mps)

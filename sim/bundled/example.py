@@ -26,7 +26,7 @@ from sim.plant.plant import Plant
 LOOK_S: Final = 0.2
 """A driver looks and acts at this interval (s)."""
 LOOKS_A_STATE: Final = 5
-"""One state is kept of this many looks, which is one a second."""
+"""One state in this many looks is kept, which is one a second."""
 LONGEST_S: Final = 7200.0
 """No trip of the example takes longer than this (s)."""
 
@@ -76,7 +76,7 @@ DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
 
 @dataclass(frozen=True, kw_only=True)
 class Receiver:
-    """A GPS receiver and how a trip is recorded with it; assumptions of the size of a good receiver."""
+    """A GPS receiver and how a trip is recorded with it; the errors are assumed, as of a good receiver."""
 
     position_sd_m: float = 3.0
     """Standard deviation (m) of the position, each to the north and to the east."""
@@ -87,7 +87,7 @@ class Receiver:
     standing_s: int = 20
     """Seconds of standing that are recorded before the departure and after the arrival."""
     earth_radius_m: float = 6_371_008.8
-    """Mean radius of the Earth (m, IUGG), for errors in degrees."""
+    """Mean radius of the Earth (m, IUGG), to convert errors from metres to degrees."""
 
 
 def example_files(seed: int) -> dict[str, bytes]:
@@ -105,7 +105,7 @@ def _kept(name: str) -> bytes:
 
 
 def _driven(route: Route, vehicle: Vehicle, seed: int) -> list[PlantState]:
-    """A human driver's trip without advice, with a timetable a tenth longer than a driver who hurries takes."""
+    """A human driver's trip without advice; the timetable allows a tenth more time than a hurrying driver takes."""
     line, plant = LineKnowledge(route=route, vehicle=vehicle), Plant(route, vehicle)
     fastest_s = drive(plant, make_driver(DriverKind.FAST, line), line, 0.0)[-1].time_s
     return drive(plant, make_driver(DriverKind.HUMAN, line, seed=seed), line, 1.1 * fastest_s)

@@ -1,4 +1,4 @@
-"""What a driver sees (the cab, and the advice on its display), what drives, and the diary of a driver's events."""
+"""What a driver sees (the cab, and the advice on its display), the interface of all drivers, and a driver's diary."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class AdviceView:
     `display_speed_mps` is the same speed in whole km/h, as it is written on the display. `lever_ratio` is the advised
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
-    change. In COACH, `due_s` is the time until the instruction is due, and `target_way_m` the way to where its speed is
-    reached. In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable
+    change. In COACH, `due_s` is the time until the instruction is due, and `target_way_m` the distance to where its
+    speed is reached. In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable
     (early < 0).
 
     Mode DEPART tells a standing train to wait until it is cleared; efforts and horizons are those of a standing train.
@@ -79,9 +79,9 @@ class AdviceView:
 
     @property
     def departure(self) -> AdviceView:
-        """How to depart, as a driver reads it off advice to depart once the train is cleared; other advice unchanged.
+        """How to depart, as a driver reads it on the display once the train is cleared.
 
-        A display that does not say how to drive does not say how to depart either: its advice is unchanged, too.
+        Advice other than DEPART is returned unchanged, and so is that of a display which does not say how to drive.
         """
         if self.mode != Regime.DEPART or self.next_mode == Regime.NONE:
             return self

@@ -75,9 +75,9 @@ def lanes(drive: Drive) -> tuple[Lane, ...]:
 def _changes(
     trip: DrivenCourse, entries: Iterable[Any], state_of: Callable[[Any], str], silent: Iterable[Span]
 ) -> tuple[Change, ...]:
-    """The changes of state during the trip, with an empty state from when the node is no longer heard.
+    """The changes of state during the trip, with an empty state from the moment when the node falls silent.
 
-    Messages from before and after the trip are left out, because in a replay they carry another clock.
+    Messages from before and after the trip are left out, because in a replay their times are of another clock.
     """
     said = [Change(entry.message.time_ns, state_of(entry.message)) for entry in entries]
     unheard = [Change(span.start_ns, "") for span in silent if span.text == NOT_HEARD and said]

@@ -37,7 +37,7 @@ CLOSING_S: Final = 5.0
 
 
 def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -> None:
-    """Write a recording as a rerun file with our layout in it, and with where the energy went.
+    """Write a recording as a rerun file, with our layout and the energy attribution in it.
 
     Raises DasError for a recording without positions, a place that cannot be written to, or where rerun is not
     installed.
@@ -51,7 +51,7 @@ def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -
 
 
 def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> None:
-    """Write a rerun file with our layout over any file that is there; it stays half written if this fails."""
+    """Write a rerun file with our layout, replacing an existing file; if this fails, a half-written file is left."""
     from sim.review.rerun_drawing import send, send_attribution
 
     scene = _scene_of(recording)
@@ -79,10 +79,10 @@ def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT)
 
 
 def open_view(recording: Recording, *, with_map: bool = False) -> None:
-    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and a request to end close it.
+    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
     The viewer opens with what was recorded; the energy attribution follows as soon as it is found. It listens on
-    127.0.0.1 only and sends no usage data. Raises DasError as `save_view`, and without a display.
+    127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is no display.
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()

@@ -41,7 +41,7 @@ STOP_TIMEOUT_S = 30.0
 
 
 class Process:
-    """A child process that runs one of our modules; use with `with`. What it prints goes to a file and into errors."""
+    """A child process that runs one of our modules; use with `with`. Its output goes to a file; errors quote it."""
 
     def __init__(self, name: str, module: str, arguments: Sequence[str]) -> None:
         self.name = name
@@ -101,7 +101,7 @@ class Processes:
     """How node and recorder of a run are started.
 
     `driver_at` is the endpoint at which an external driver finds the simulator; None where there is no such driver.
-    With a bus folder the endpoint is in the bus file, and `driver_at` may be any text.
+    With a bus folder the endpoint is in the bus file, and any text in `driver_at` says that there is such a driver.
     """
 
     train: str
@@ -192,9 +192,9 @@ class Answers:
         self.controls: Any | None = None
         """The external driver's latest answer (the bus's message); None before the first."""
         self.driver = ""
-        """Session of the external driver in control: the first one heard; while empty, the next one takes control."""
+        """Session of the external driver in control: the first that answered; while empty, the next takes control."""
         self.other_drivers = 0
-        """How many messages of other sessions that tried to drive as well were ignored."""
+        """Number of messages from other sessions that tried to drive as well; they were ignored."""
 
     def take(self, topic: Topic, message: Any | None, source: str = "") -> None:
         """Keep a message of a session (`source`); None, for a message that could not be decoded, is ignored."""
@@ -237,7 +237,7 @@ RECORDER_WINDOW = 50
 
 @dataclass(kw_only=True)
 class Traffic:
-    """Counts of a run: messages sent and recorded by topic; advices given, withdrawn, and above the limit."""
+    """Counts of a run: messages sent and recorded by topic; ticks with advice, without, and with it above the limit."""
 
     ticks: int = 0
     start_s: float = 0.0
@@ -289,7 +289,7 @@ class Lockstep:
         self.traffic.start_s = time.perf_counter() - began
 
     def restart_node(self) -> None:
-        """Kill the node, start it anew, and wait until it has accepted the journey again, which the bus keeps."""
+        """Kill the node, start it anew, and wait until it has accepted the journey, which the bus keeps, again."""
         # No message may be lost by the kill, because how many are lost would depend on the machine.
         self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
@@ -335,7 +335,7 @@ class Lockstep:
         self.traffic.recorded = recorded_counts(self.processes.out)
 
     def _ask(self, now_ns: int, tick: int, *, finish: bool = False) -> None:
-        """Send a Control message, which names the restrictions and targets that the node must have heard to answer."""
+        """Send a Control message, which names the restrictions and targets that must arrive before the answer."""
         told = {"restrictions_ns": self._told_ns[RESTRICTION.name], "targets_ns": self._told_ns[TARGET.name]}
         self.send(*codec.control(now_ns, tick, **told, finish=finish))
 

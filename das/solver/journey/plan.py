@@ -52,7 +52,7 @@ class SectionPlan:
     """The plan of a section.
 
     `lambda_w` holds the price of time (W) of each stretch between tight passings (inf: the fastest run). `feasible`
-    says that the runs are within limits and forces, and on time.
+    is True if the runs keep the limits, the forces that the train has, and the times.
     """
 
     start: Call
@@ -76,9 +76,9 @@ class SectionPlan:
 class JourneyPlan:
     """A planned journey, one part for each section.
 
-    `table_bound_j` bounds from below the energy of every run of the solver's decision grid that keeps the windows (see
-    `das.solver.journey.certificate`), but not that of finer runs such as those of the plan. It is −inf for a split that
-    is not the optimum, and where a span can only just be run in its time.
+    `table_bound_j` is a lower bound (J) of the energy of every run on the solver's decision grid that keeps the windows
+    (see `das.solver.journey.certificate`). Finer runs, such as those of the plan, may need less. It is −inf for a split
+    that is not the optimum, and if a span must be driven as fast as possible to keep its times.
     """
 
     journey: Journey
@@ -109,7 +109,7 @@ class JourneyPlan:
 
     @property
     def bound_j(self) -> float:
-        """Energy (J) that no run which keeps the windows goes below; NaN where none is proven."""
+        """Proven lower bound (J) of the energy of every run that keeps the windows; NaN where none is proven."""
         return self.certificate.bound_j
 
     @property
@@ -124,7 +124,7 @@ class JourneyPlan:
 
     @property
     def table_gap_ratio(self) -> float:
-        """(input − bound)/|input|; slightly negative where the runs are finer than the table behind the bound."""
+        """(input − `table_bound_j`)/|input|; below 0 if the runs are finer than the bound's grid."""
         return (self.input_j - self.table_bound_j) / max(abs(self.input_j), 1.0)
 
     @property
@@ -151,8 +151,9 @@ def plan_journey(
     `level` is the level of losses (default: the vehicle's). `point_mass` takes the train's length as 0. `split` says
     how the time between two tight times is shared; only the default is the optimum.
 
-    Raises as `build_section` does, and InfeasibleError, naming the window and by how many seconds it is missed, where
-    the windows or the speeds of the passings cannot be kept. `JourneyPlanner` plans the same journey several times.
+    Raises what `build_section` raises, and InfeasibleError where the windows or the speeds of the passings cannot be
+    kept. The error names the window and by how many seconds it is missed. To plan the same journey several times, use
+    `JourneyPlanner`.
     """
     return JourneyPlanner(journey, route, vehicle, level=level, point_mass=point_mass).plan(split)
 
@@ -160,7 +161,7 @@ def plan_journey(
 class JourneyPlanner:
     """Plans a journey of a train on a route, with one split of the time or with several.
 
-    Raises as `build_section` does, and InfeasibleError where no run can keep the speeds of a passing or a time.
+    Raises what `build_section` raises, and InfeasibleError where no run can keep a time or the speeds of a passing.
     """
 
     def __init__(
@@ -178,10 +179,11 @@ class JourneyPlanner:
         self._check_reachable()
 
     def plan(self, split: Split = Split.EQUAL_MARGINAL) -> JourneyPlan:
-        """The plan: every time is in its window, and the time between tight ones is shared by `split`.
+        """Plan the journey: every time lies in its window, and `split` shares the time between two tight times.
 
-        Runs hit their times to `JOURNEY_TIME_TOLERANCE_S`, windows hold to `TIME_TOLERANCE_S`. Raises InfeasibleError,
-        naming the window and by how many seconds, where the windows cannot be kept.
+        Runs take their times to within `JOURNEY_TIME_TOLERANCE_S`; windows are kept to within `TIME_TOLERANCE_S`.
+        Raises InfeasibleError where the windows cannot be kept; it names the window and by how many seconds it is
+        missed.
         """
         solved = self._solve(split)
         priced = split is Split.EQUAL_MARGINAL and all(math.isfinite(span.lambda_w) for span in solved)
@@ -194,7 +196,7 @@ class JourneyPlanner:
         )
 
     def _priced(self, solved: Sequence[Solved]) -> PricedTimeline:
-        """The timeline with the price of its span for every link."""
+        """The timeline with the price of time (W) of every link: that of the span in which the link lies."""
         timeline = self.chains.timeline
         price_w = np.full(len(timeline.links), math.nan)
         for part in solved:
@@ -207,8 +209,10 @@ class JourneyPlanner:
         return sum(_driven(section, section.fastest_mps)[1].input for section in self.sections)
 
     def _check_reachable(self) -> None:
-        """Every event can be reached by its latest time, each section as fast as possible (necessary, not
-        sufficient)."""
+        """Raise InfeasibleError if the train is late at an event although it drives every section as fast as possible.
+
+        A journey that passes this check may still be infeasible.
+        """
         timeline = self.chains.timeline
         reached_s, since = -math.inf, (0, -math.inf)
         for i, event in enumerate(timeline.events):
@@ -227,10 +231,9 @@ class JourneyPlanner:
         return float(least_s[way.place + 1] - least_s[way.place])
 
     def _solve(self, split: Split) -> tuple[Solved, ...]:
-        """Hold the time with the largest violation in every span at its bound, until none is violated.
+        """Solve all spans; in each, hold the time that violates its window most at that bound; repeat until none does.
 
-        The largest violation of a span with one λ is of a bound that is tight at the optimum
-        (docs/explanation/journeys.md).
+        In a span with one λ, the bound that is violated most is tight at the optimum (docs/explanation/journeys.md).
         """
         events = self.chains.timeline.events
         earliest_s = np.array([event.window.earliest_s for event in events])
@@ -251,7 +254,7 @@ class JourneyPlanner:
                 return solved
 
     def _solve_chains(self, tight: dict[int, float], split: Split) -> tuple[Solved, ...]:
-        """All spans, in order; spans that meet at a passing are solved together."""
+        """Solve all spans and return them in order; spans that meet at a passing are solved together."""
         solved: list[Solved] = []
         chain: list[Tight] = []
         for event in sorted(tight.items()):
@@ -276,7 +279,7 @@ class JourneyPlanner:
 def _section_plan(
     section: JourneySection, windows: Sequence[Window], departure_s: float, runs: Sequence[tuple[DrivenStretch, float]]
 ) -> SectionPlan:
-    """A section from its runs, each with the price of time of its span (NaN: its own)."""
+    """The plan of a section from its runs, each with the price of time of its span (NaN: the run's own)."""
     speeds = np.concatenate([runs[0][0].speeds_mps[:1], *(run.speeds_mps[1:] for run, _ in runs)])
     trajectory, balance = _driven(section, speeds)
     times_s = [departure_s + float(trajectory.t_s[node]) for node in section.places]

@@ -20,7 +20,7 @@ from das.solver.kernels.forces import (
 from das.solver.kernels.landings import landing_under
 
 SLOW_MPS = 5.0
-"""Below this speed (m/s) a delay needs no further reserve: the driver sees the mark, and the brakes already act."""
+"""Below this speed (m/s) the brakes' delay needs no further reserve: the driver sees the mark, and they act already."""
 FULL_BRAKES = (1e9, 0.0)
 """A `service` of full brakes: no deceleration limit (m/s²) below the train's own, and no delay (s)."""
 _ROUNDING_W = 1e-9
@@ -65,7 +65,7 @@ def full_traction_speed(v0, h, g, q, p):
 
 @kernel
 def _full_traction_step(v0, v1, h, g, q, p):
-    """Speed after a step at the full traction of a landing at v1 (0: it stops)."""
+    """Speed after a step at the full traction that is available if the step ends at v1; 0 if the train stops."""
     w1 = v0 * v0 + 2.0 * h * largest_gain(max(v0, v1), mean_resistance(v0, v1, q, p) + g, p)
     return math.sqrt(w1) if w1 > 0.0 else 0.0
 
@@ -100,8 +100,8 @@ def _attainable(a, b, h, g, q, p, friction_n):
 def drive(first, last, landing, friction_n, line, envelope, p, v):
     """From v[first] towards the speed `landing` at integration node `last`, at constant acceleration.
 
-    Every step is cut to what the train allows, with at most `friction_n` of friction brake, and to the envelope (with
-    all brakes): at full traction the landing may be lower, at full electric brake or from above the envelope higher.
+    Every step keeps to what the train can do with at most `friction_n` of friction brake, and to the envelope (with all
+    brakes). So the train may end slower than `landing` (weak traction, low envelope) or faster (weak brakes).
     Fills v[first + 1 … last]; returns False after a stall.
     """
     step, g, q, u = line
@@ -186,7 +186,7 @@ def run_energy(line, p, c, v):
 def braking_envelope(line, limit, end_speed, p, service):
     """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
 
-    `service` are the largest deceleration (m/s²) and the delay of the brakes (s), or `FULL_BRAKES`.
+    `service` is the pair of largest deceleration (m/s²) and delay of the brakes (s), or `FULL_BRAKES`.
     Returns the speeds with the index of the first interval (from the end) where braking is impossible, or -1.
     The brake power limit is taken at the faster end of each step, so it holds over the whole step.
     """
@@ -214,7 +214,7 @@ def braking_envelope(line, limit, end_speed, p, service):
 
 @kernel
 def _brake_start(v0, v1, h, g, q, p, service):
-    """Speed from which the hardest service brake lands at v1, with the forces of a start at v0; 0: it runs away."""
+    """Speed from which the hardest service brake ends at v1, with the forces at v0; 0 if the train runs away."""
     faster = max(v0, v1)
     loss = largest_loss(faster, mean_resistance(v0, v1, q, p) + g, p, p.friction_force_n)
     w0 = v1 * v1 + 2.0 * h * _in_service(loss, faster, service)

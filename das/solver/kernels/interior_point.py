@@ -1,7 +1,7 @@
 """An interior point method for the convex relaxation of a section (Mehrotra's predictor and corrector).
 
 The program's matrix couples only neighbouring nodes. So the variables of the intervals are eliminated, a tridiagonal
-matrix of the nodes stays, and a Newton step costs as much as a few sweeps over the line.
+matrix of the nodes remains, and a Newton step costs as much as a few sweeps over the line.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ _TO_BOUNDARY = 0.99
 _LEAST_SLACK = 0.01
 """Least slack of a constraint at the first point, whether the point keeps the constraint or not."""
 _CENTRE = 0.1
-"""First product of slack and multiplier of a constraint, per metre."""
+"""Product of slack and multiplier of a constraint at the first point, per metre of the interval."""
 _PATIENCE = 5
 """The search ends after this number of steps in a row without a higher bound, once it has a useful one."""
 _USEFUL = 2e-4
 """A bound is useful where it is below the energy of the point by at most this ratio."""
 _FEASIBLE = 1e-5
-"""A point keeps its constraints where none is missed by more than this."""
+"""A point counts as feasible if it violates no constraint by more than this."""
 
 
 class Iterate(NamedTuple):
-    """A point with the slacks and multipliers of its constraints (n, rows), and those of the time (1,)."""
+    """A point with the slacks and multipliers of its constraints (n, rows), and those of the trip time (1,)."""
 
     run: RelaxedRun
     multipliers: Multipliers
@@ -62,7 +62,7 @@ class Direction(NamedTuple):
 
 
 class TimeColumn(NamedTuple):
-    """The Newton matrix solved for the row of the time: with it, the one dense row costs next to nothing."""
+    """The Newton system solved with the row of the trip time as right-hand side, which makes that dense row cheap."""
 
     w: Floats
     local: Floats
@@ -73,7 +73,7 @@ def best_bound(run: RelaxedRun, multipliers: Multipliers, program: Program, most
     """Improve a point and its multipliers by Newton steps; returns the best bound, its price of time, and the steps.
 
     The first point need not keep the constraints. The search stops when the bound is within `enough` (a ratio) of the
-    energy of a point that does, where it no longer improves, or after `most_steps`.
+    energy of a point that keeps them, when it no longer improves, or after `most_steps`.
     """
     n, m = multipliers.rows.shape
     newton = empty_newton(n, m)
@@ -101,7 +101,7 @@ def best_bound(run: RelaxedRun, multipliers: Multipliers, program: Program, most
 
 @kernel
 def _set_slacks(now, program, newton):
-    """First slacks: those of the point where it keeps a constraint; multipliers of the limits that fit them."""
+    """Set the first slacks (the point's, at least `_LEAST_SLACK`) and, by `_CENTRE`, the limits' multipliers."""
     n, m = now.slack.shape
     for k in range(n):
         for i in range(m):
@@ -114,7 +114,7 @@ def _set_slacks(now, program, newton):
 
 @kernel
 def _time(program, local):
-    """Time (s) of the slownesses in `local`, or change of time for a change of them."""
+    """Time (s) of the slownesses (s/m) in `local`; if `local` holds changes of them, the change of time."""
     total = 0.0
     for k in range(local.shape[0]):
         total += program.motion.step_m[k] * local[k, 0]
@@ -133,7 +133,7 @@ def _complementarity(now):
 
 @kernel
 def _find_direction(now, program, newton, column, change):
-    """The predictor aims at products of 0; how far it can go sets the target of the corrector."""
+    """Find the step: the predictor aims at slack · multiplier = 0; how far it can go sets the corrector's target."""
     n, m = now.slack.shape
     factor(now.multipliers.rows / now.slack, newton, program.box.free)
     in_w, in_local = np.zeros(n + 1), np.zeros((n, 3))
@@ -157,7 +157,10 @@ def _find_direction(now, program, newton, column, change):
 
 @kernel
 def _newton_step(now, program, newton, column, centre, change):
-    """The Newton step towards products of `centre`; `change` holds the predictor's, whose products are corrected."""
+    """The Newton step towards slack · multiplier = `centre`, corrected by the products of the step in `change`.
+
+    `change` holds the predictor's step, or zeros; the new step replaces it.
+    """
     n, m = now.slack.shape
     y, slack, price, spare_s = now.multipliers.rows, now.slack, now.multipliers.time[0], now.spare_s[0]
     weights = np.empty((n, m))
@@ -240,7 +243,7 @@ def _advance(now, program, change):
 
 @kernel
 def _quality(now, program, newton):
-    """Energy of the point, the sum of its amounts, and by how much the worst constraint is missed."""
+    """Energy of the point, the sum of its magnitudes over the intervals, and the largest violation of a constraint."""
     energy, size, worst = 0.0, 0.0, 0.0
     for k in range(now.slack.shape[0]):
         energy += program.motion.step_m[k] * now.run.local[k, 2]
@@ -361,7 +364,7 @@ def _eliminate(matrix, low, cross):
 
 @kernel
 def solve(newton, free, in_w, in_local, out_w, out_local):
-    """Solve the factored system for one right-hand side, its part of the nodes and that of the intervals."""
+    """Solve the factored system for one right-hand side: `in_w` is its part for the nodes, `in_local` for intervals."""
     n = in_local.shape[0]
     out_w[:] = in_w
     for k in range(n):

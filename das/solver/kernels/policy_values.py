@@ -1,8 +1,8 @@
 """Values of a policy: the speed grid that they are kept on, interpolation between its lines, and packing.
 
-Values are interpolated in λ by the cubic through both values and both slopes (dV/dλ is the time-to-go) and in speed by
-a cubic, so that decisions are smooth where the optimum is. Packed, they take half the space: values in single
-precision, times-to-go as steps of 16 bits.
+Values are interpolated in λ by the cubic through the values and slopes at both neighbouring λ (the slope dV/dλ is the
+time-to-go) and in speed by a cubic, so that decisions are smooth where the optimum is. Packed, they take half the
+space: values in single precision, times-to-go as steps of 16 bits.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ def grid_speed(floor, top, j, steps):
 
 @kernel
 def locate(v, floor, top, steps):
-    """Grid line below speed v and the share of the line above it, linear in v²; (-1, 0.0) outside the table.
+    """Grid line below speed v and the weight of the line above it, linear in v²; (-1, 0.0) outside the table.
 
-    A standing train (line 0 of a floor of 0) is not in the table. A speed less than half a line below a floor
-    is taken as on it: that is the rounding of the integration.
+    A standing train (line 0 of a floor of 0) is not in the table. A speed below the floor
+    by less than half a grid step counts as the floor: the difference is rounding of the integration.
     """
     span = top - floor
     if span <= 0.0:
@@ -126,7 +126,7 @@ def needed_lines(low, high, floor, top, steps):
 
 
 UNKNOWN_STEP = 65535
-"""The packed time-to-go of a state from which the section cannot be finished; the longest known one is a step less."""
+"""Packed time-to-go of a state from which the section cannot be finished; the longest other one is packed as 65534."""
 
 _LEAST_STEP_S = np.finfo(np.float32).tiny
 
@@ -135,7 +135,7 @@ _LEAST_STEP_S = np.finfo(np.float32).tiny
 def pack(first, last, value, time_to_go, packed_value, packed_times):
     """Pack the rows first … last − 1 of values (J) and times-to-go (s): (nodes, speeds, L) into arrays of that shape.
 
-    Of each node and multiplier the times lie between the shortest one and 65534 equal steps above it.
+    The times of each node and multiplier become whole numbers of equal steps, 0 (shortest time) to 65534 (longest).
     """
     steps, low_s, step_s = packed_times
     _, states, size = value.shape

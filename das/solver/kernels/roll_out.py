@@ -31,11 +31,11 @@ def _total_cost(v0, v1, step, price, c, row):
 
 @kernel
 def best_landing(v0, step, policy, policies, c, out, row):
-    """The landing speed from v0 with the least cost of the step plus value at the landing, and that total (J).
+    """The landing speed from v0 for which the step's cost plus the landing's value is least, and that sum (J).
 
     Tries all landings of the step, then narrows between the best one's neighbours by golden section.
-    Returns (-1, INFEASIBLE) where no landing is feasible. `out` and `row` (LANDINGS and one per grid line) are
-    working space.
+    Returns (-1, INFEASIBLE) where no landing is feasible. `out` (length LANDINGS) and `row` (one value per
+    grid line) are working space.
     """
     price = policy.price_w
     h, g, q, p = step.length_m, step.constant_n, step.tunnel_n_per_mps2, step.train
@@ -114,7 +114,7 @@ def one_step_totals(v0, step, policies, c, total, time_s):
 def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
     """Follow a policy from v[0] to the end; fills v, returns the trip time (s), or -1 after a stall.
 
-    `decision[m]` are the integration nodes of decision nodes k0 + m; decision[0] = 0.
+    `decision[m]` is the integration node at decision node k0 + m; decision[0] = 0.
     """
     out = np.empty(LANDINGS)
     row = np.empty(policies.value_j.shape[1])
@@ -144,7 +144,7 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
             # The decision step's full traction is a little rough: integrate it finely.
             moving = hurry(i0, i1, line, envelope, p, v)
         elif landing == landing_under(0.0, v[i0], h, gh / h, qh / h, ahead.train):
-            # At one acceleration the train would draw and feed back energy where the slope changes within the step.
+            # At constant acceleration the train would draw and feed back energy where the slope changes in the step.
             moving = coast(i0, i1, line, envelope, p, v)
             if not moving or v[i1] < floor[i1]:
                 moving = hurry(i0, i1, line, envelope, p, v)
@@ -163,7 +163,7 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
 
 @kernel
 def blend_runs(share, quick, slow, line, envelope, p, v):
-    """Drive between two runs from the same state: v² is `share` of the quick one's and the rest of the slow one's.
+    """Drive between two runs from the same state: v² = share · (v² of the quick run) + (1 − share) · (v² of the slow).
 
     Every step is cut to what the train can do. Fills v, returns the trip time (s), or -1 after a stall.
     """

@@ -1,4 +1,4 @@
-"""Only how early or late the train is, and nothing about how to drive."""
+"""The presentation that shows how early or late the train is, and nothing about how to drive."""
 
 from __future__ import annotations
 

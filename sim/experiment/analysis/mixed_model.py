@@ -4,8 +4,8 @@ Where each driver drives one condition only, drivers have a level of their own a
 
 `value = level + effect · condition + cell + position + level of the driver + effect of the driver · condition + noise`,
 with the last three random. The noise of the noisier condition has a part of its own, because one condition may scatter
-several times as much as another. The model is fitted by restricted maximum likelihood (statsmodels, MixedLM). It is the
-second witness; the interval of resampled participants is the first.
+several times as much as another. The model is fitted by restricted maximum likelihood (statsmodels, MixedLM). It is an
+independent check of the interval from resampled participants.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from sim.experiment.analysis.reading import Floats, RunStudy, Texts
 from sim.experiment.plan import PlannedComparison
 
 BOUNDARY: Final = 0.01
-"""A variance below this share of the residual variance counts as 0, and the fit as singular: searches end near 0, not
-at 0. statsmodels warns of the boundary at the same share."""
+"""A variance below this share of the residual variance counts as 0, and the fit as singular: the optimizer ends near
+0, not at 0. statsmodels warns of the boundary at the same share."""
 CERTAIN: Final = 0.999
-"""A correlation beyond this is a singular fit as well."""
+"""A fit in which the drivers' level and effect correlate more than this (±) counts as singular as well."""
 LEAST_DRIVERS: Final = 5
 """Fewest drivers for which a model is fitted."""
 METHODS: Final = ("bfgs", "lbfgs", "powell")
@@ -35,7 +35,7 @@ METHODS: Final = ("bfgs", "lbfgs", "powell")
 class MixedFit:
     """A fitted mixed model, in the unit of the measure; standard deviations that cannot be told apart are NaN.
 
-    `effect` is the difference a less b with its 95 % interval. `noise` has the residual standard deviations at a and b.
+    `effect` is the difference a − b with its 95 % interval. `noise` has the residual standard deviations at a and b.
     `remarks` says in sentences what is wrong with the fit: singular, not converged, or simplified.
     """
 
@@ -51,7 +51,7 @@ class MixedFit:
 
 @dataclass(frozen=True, kw_only=True)
 class _Data:
-    """The rows of a comparison: values in standard deviations of all, condition +½ for a and −½ for b."""
+    """The rows of a comparison: values standardised over all rows (`scale`), condition +½ for a and −½ for b."""
 
     values: Floats
     scale: float
@@ -109,7 +109,7 @@ def _independent(columns: Floats) -> Floats:
 
 
 def _told_apart(data: _Data) -> bool:
-    """Whether drivers have several trials in a condition, so that effects of their own are not mere noise."""
+    """Whether drivers have several trials in a condition, so that a driver's own effect can be told from noise."""
     counts = [
         min(np.sum(data.condition[data.driver == one] == level) for level in (-0.5, 0.5)) for one in set(data.driver)
     ]
@@ -137,7 +137,7 @@ def _fitted(data: _Data, slopes: bool, noisier: float) -> Any:
     rows = [np.flatnonzero(data.driver == one) for one in groups]
     noises = slopes or not data.within
     parts = {"noise": [np.eye(len(one))[:, data.condition[one] == noisier] for one in rows]} if noises else {}
-    if data.days is not None and slopes:  # a day that a driver drove alone, and once, is told from nothing
+    if data.days is not None and slopes:  # a day driven once, by one driver, cannot be told from noise
         parts["day"] = [
             np.column_stack([data.days[one] == day for day in np.unique(data.days[one])]) * 1.0 for one in rows
         ]
@@ -173,8 +173,8 @@ def _as_fit(data: _Data, result: Any, slopes: bool, noisier: float) -> MixedFit:
     quieter = math.sqrt(residual) * scale
     error = float(np.asarray(result.bse_fe)[1]) * scale
     effect = float(np.asarray(result.fe_params)[1]) * scale
-    # Drivers are the independent witnesses, not trials: the t distribution with one degree less than there are drivers,
-    # and with another one less where they are in two groups.
+    # Drivers are independent of each other, trials are not. So the t distribution has one degree of freedom less than
+    # there are drivers, and two less if the drivers are in two groups.
     reach = float(stats.t.ppf(0.975, len(set(data.driver.tolist())) - (1 if data.within else 2))) * error
     deviations = [math.sqrt(max(float(one), 0.0)) * scale for one in variances]
     return MixedFit(

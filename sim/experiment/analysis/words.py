@@ -117,7 +117,7 @@ def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:
 
 
 def needed_rows(one: FoundDifference) -> list[dict[str, str]]:
-    """How many participants would find a difference."""
+    """How many participants a study would need to find a difference, one row for each size of the difference."""
 
     def many(count: int | None) -> str:
         return f"over {MOST_COUNTED}" if count is None or count > MOST_COUNTED else str(count)

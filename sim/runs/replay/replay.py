@@ -1,6 +1,6 @@
 """Replay of a trip against a live node: positions and delay out, advice back, everything recorded.
 
-The loop is open: the train drives as it was driven, whatever is advised. Time moves in ticks of 1 s; at every tick the
+The loop is open: the train moves as recorded, whatever is advised. Time moves in ticks of 1 s; at every tick the
 node is asked (Control) and its answer awaited, so nothing is lost at any speed of replay.
 """
 
@@ -61,10 +61,11 @@ class ReplayTiming:
 class ReplayJob:
     """Everything that a replay needs, checked beforehand.
 
-    `processes` says how node and recorder are started. `legs` are the trip from stand to stand. `front` and
-    `reference` are all runs of the section and the one for the timetable; `driven` is the energy of the trip as
-    driven. `speed` is in times real time, None for as fast as it goes. `delay_given`: the user said how late the
-    trip departed. `files_kept` holds the folder of files that came out of a recording for as long as the job lives.
+    `processes` says how node and recorder are started. `legs` are the parts of the trip from one stop to the next.
+    `front` has the optimal runs of the section for all times, `reference` is the one for the timetable; `driven` is the
+    energy of the trip as driven. `speed` is a multiple of real time; None: as fast as possible. `delay_given`: the user
+    said how late the trip departed. `files_kept` keeps the folder of files extracted from a recording until the job
+    ends.
     """
 
     processes: Processes
@@ -100,7 +101,7 @@ class ReplayOutcome:
 def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], arrival_s: float | None, delay_s: float | None) -> ReplayTiming:
     """The timetable of a trip that departed `delay_s` late and was to arrive `arrival_s` after its due departure.
 
-    What is not given comes from the recording's journey; without one there is no delay, and the arrival is the trip's.
+    What is not given comes from the recording's journey. Without one, the trip itself is the timetable: it is on time.
     """
     departed_ns, arrived_ns = int(legs[0].motion.time_ns[0]), int(legs[-1].motion.time_ns[-1])
     departure_ns, arrival_ns = departed_ns, arrived_ns
@@ -244,7 +245,7 @@ def replay(
 ) -> ReplayOutcome:
     """Run the replay; `progress(tick, ticks)` is called as it goes. Raises DasError where a process fails.
 
-    `closing` gives what is recorded at the end about the energy above the optimum, for the last tick's time (ns).
+    `closing` makes the last message of the recording, on the energy above the optimum, with the last tick's time (ns).
     """
     with Lockstep(job.processes) as lockstep:
         lockstep.begin(_journey(job))
@@ -309,7 +310,7 @@ class _Feed:
         timing = self.job.timing
         late_s = (self.job.departed_ns - timing.departure_ns) * NS
         text = f"replay of {self.job.trip.path.name}, departed {late_s:.0f} s late"
-        # A trip tells of no temporary restrictions; the node must know that there are none.
+        # A recorded trip contains no temporary restrictions; the node must be told that there are none.
         at_ns = timing.first_tick_ns
         yield at_ns, codec.encode_input(RestrictionsHeard(time_ns=at_ns, restrictions=()))
         yield at_ns, Outgoing(LOG, happened(at_ns, text))
