@@ -28,9 +28,9 @@ from sim.world.service import make_day, prepare_service
 class SimulatedDay:
     """A day that was driven.
 
-    `states` holds the true train once a second (see `columns`), `outcome` the figures that `das-sim run --json` prints:
-    punctuality, energies (kWh), where they went, and how the advice fared. `balance` is where the energy went from the
-    first departure to the last arrival (J).
+    `states` holds the true state of the train once a second (see `columns`), `outcome` the figures that
+    `das-sim run --json` prints: punctuality, energies (kWh), where they went, and how the advice fared.
+    `balance` is where the energy went from the first departure to the last arrival (J).
     """
 
     states: Mapping[str, NDArray[np.float64]]
@@ -38,7 +38,7 @@ class SimulatedDay:
     balance: EnergyBalance
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
-        """The true train once a second, as arrays of shape (seconds + 1,) by names with units.
+        """The true state of the train once a second, as arrays of shape (seconds + 1,) by names with units.
 
         `time_s` is 0 at the timetable's departure; `s_m` and `speed_mps` are the train's, `force_el_n` and
         `force_friction_n` its wheel forces. Energies ending in `_j` count from the start of the run.

@@ -1,7 +1,7 @@
 """Options of das-sim that packages below `sim.cli` use as data; `sim.cli.options` has the others.
 
-The options about a recorded trip and about its replay are groups. This module imports nothing heavy, because every help
-needs it.
+The options of a recorded trip and of its replay are grouped in dataclasses. This module imports nothing heavy, because
+it is imported whenever das-sim prints a help text.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ PopulationOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class NodeSaid:
-    """What the user says about the node of a recording: how it was started, and where its tables are."""
+    """Options about the node of a recording: the options with which it was started, and the folder of its tables."""
 
     node: Annotated[
         str | None,
@@ -104,11 +104,11 @@ def speed_factor(text: str) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class TripOptions:
-    """What the user says about a trip besides its file; None means: as the recording says, or the default.
+    """The options of a trip besides its file; None means the value in the recording, or else the default.
 
     Without `reverse`, the direction of the trip is not given. Without stops, the trip runs from the route's first stop
-    to its last. `line` is a file of kilometre posts. `strict` refuses a trip of which points would be dropped, or that
-    runs the other way.
+    to its last. `line` is a file of kilometre posts. `strict` refuses a trip if points would have to be dropped, or if
+    it would have to be turned round.
     """
 
     route: RecordedRouteOption = None
@@ -125,7 +125,7 @@ class TripOptions:
 
     @property
     def direction_said(self) -> bool:
-        """Whether the user said the direction."""
+        """Whether the user gave the direction of travel, by `reverse` or by both stops."""
         return self.reverse is not None or None not in (self.from_stop, self.to_stop)
 
 

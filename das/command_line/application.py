@@ -1,8 +1,8 @@
-"""Programs whose command lines are alike and start fast: a command's module is imported when the command is called.
+"""Programs with uniform command lines and a fast start: a command's module is imported when the command is called.
 
-A command takes frozen dataclasses, and their fields are its options. Such a group is declared once, with the type,
-spelling and help of each option as the `Annotated` type of its field. Any command that takes the dataclass as a
-parameter has all of its options. Groups may hold groups.
+A command takes frozen dataclasses, called groups; the fields of a group are options of the command. A group is declared
+once: the `Annotated` type of each field holds the type, spelling and help of the option. Any command that takes the
+group as a parameter has all of its options. Groups may hold groups.
 
 `application` makes a program of several commands, `single_command` a program that is one command. Both have `-h` and
 `--help`, `--version`, `--install-completion` and `--show-completion`, and print text without markup. `run_app` and
@@ -212,7 +212,7 @@ def _only_version(
 def with_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function with a parameter for each field of its groups, as typer reads them.
 
-    Two options of one name are a mistake of the programmer and raise TypeError.
+    Two options with the same name are a programming error and raise TypeError.
     """
     hints = get_type_hints(function, include_extras=True)
     parameters: list[Parameter] = []
@@ -305,7 +305,7 @@ def run_command(main: Callable[[], object]) -> None:
 
 
 def _replace_unprintable_letters() -> None:
-    """Print a question mark for a letter (–, λ, ü) that the terminal's encoding lacks, rather than fail."""
+    """Print a question mark for each character (–, λ, ü) that the terminal's encoding lacks, rather than fail."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -144,15 +144,15 @@ Progressed = Callable[[float, float], None]
 Show = Callable[[str, float, float | None], None]
 """Updates a bar: what is being done, how much is done, and the total (None while unknown)."""
 SAID_EVERY_S = 2.0
-"""Interval (s) of the lines of progress without a terminal."""
+"""Interval (s) between lines of progress where there is no terminal."""
 
 
 @contextlib.contextmanager
 def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
-    """Show the progress as a bar on a terminal, as a line every few seconds elsewhere; `first` is shown at first.
+    """Show the progress as a bar on a terminal, as a line every few seconds elsewhere.
 
-    Yields the function to call with the amount done and the whole amount. The bar estimates the remaining time from
-    what has been done so far.
+    `first` is the text until there is progress. Yields the function to call with the amount done and the whole amount.
+    The bar estimates the remaining time from what has been done so far.
     """
     if not sys.stderr.isatty():
         yield _lines(title, first, unit)

@@ -215,7 +215,7 @@ class Route:
         )
 
     def with_restrictions(self, restrictions: Sequence[Restriction]) -> Route:
-        """The same line with temporary limits, whatever their windows; the lowest limit at a position holds there."""
+        """The same line with temporary limits, whenever they are valid; the lowest limit at a position holds there."""
         limits = self.limits_mps
         edges = np.array([edge for one in restrictions for edge in (one.start_m, one.end_m)])
         inside = edges[(edges > 0) & (edges < self.length_m)]
@@ -235,7 +235,7 @@ class Route:
         return Stretches(start_m=start_m, value=lowest)
 
     def curve_resistance_mps2(self) -> Stretches:
-        """The resistance of the curves by the train's mass (m/s²), along the line."""
+        """The curve resistance per unit of the train's mass (m/s²), along the line."""
         curves = self.curvature_per_m
         return Stretches(start_m=curves.start_m.copy(), value=curve_resistance_mps2(curves.value))
 

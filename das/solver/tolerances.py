@@ -17,8 +17,8 @@ class StepSettings:
     step_s: float = 3.2
     """The fastest run takes at most this time (s) for a decision step where the line changes every `usual_apart_m`."""
     usual_apart_m: float = 1000.0
-    """Changes of limit or gradient this far apart (m) are usual. With a distance d between changes, steps are longer or
-    shorter by the cube root of d over this, because changes that lie near each other ask for more switches."""
+    """Changes of limit or gradient this far apart (m) are usual. With a distance d between changes, the steps
+    are multiplied by the cube root of (d / this distance), because changes near each other ask for more switches."""
     dense_factor: float = 0.3
     """Where changes are dense, the steps are shortened to this ratio at most."""
     sparse_factor: float = 1.5
@@ -30,13 +30,13 @@ class StepSettings:
     shortest_max_step_m: float = 5.0
     """On a short section, or for a slow train, the longest step may shrink to this (m), but not further."""
     steps_of_a_section: int = 80
-    """The longest step is the section's length over this number, within the two bounds above. On a section of 200 m,
-    steps of 25 m cost 0.6 % of its energy."""
+    """The longest step is the section's length over this number, but at least `shortest_max_step_m` and at most
+    `max_step_m`. On a section of 200 m, steps of 25 m cost 0.6 % of its energy."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GridSettings:
-    """The decision grid of a section: nodes by the stops, speeds, and the landings that are tried from each of them."""
+    """The decision grid of a section: nodes near stops, speeds, and the landings (speeds at the next node) tried."""
 
     stop_offsets_m: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 40.0, 70.0, 110.0, 160.0, 220.0, 300.0)
     """A section has decision nodes at these distances (m) from both of its ends, where the speed changes fastest."""
@@ -54,8 +54,8 @@ class GridSettings:
     substep_speed_ratio: float = 0.005
     """Within a step of integration the speed of the fastest run changes by at most about this ratio."""
     substep_drift_mps: float = 0.01
-    """Held at a constant force on the slope that changes under the train, the speed drifts by at most this (m/s) within
-    a step of integration."""
+    """At a constant force, a slope that changes under the train makes the speed drift by at most this (m/s) within a
+    step of integration."""
     max_substeps: int = 80
     """One step of the decision grid has at most this number of steps of integration."""
 
@@ -69,15 +69,17 @@ class LadderSettings:
     lowest_ratios: tuple[float, ...] = (0.0, 0.0005, 0.002)
     """The first multipliers, as multiples of the traction power that can be used on the section: very slow runs."""
     low_ratio: float = 0.005
-    """The geometric part of the ladder begins at this multiple of that power."""
+    """The geometric part of the ladder begins at this multiple of the traction power usable on the section."""
     high_ratio: float = 10.0
-    """The geometric part of the ladder ends at this multiple of that power, where runs are almost the fastest."""
+    """The geometric part of the ladder ends at this multiple of the traction power usable on the section; there
+    runs are almost the fastest."""
     highest_ratios: tuple[float, ...] = (20.0, 45.0, 100.0)
-    """The last multipliers. With a buffer of 0.1 % the price of time is ten times the power and more: a ladder without
-    these leaves up to 1 % of the energy of such a run."""
+    """The last multipliers, as multiples of the traction power usable on the section. With a buffer of 0.1 % the price
+    of time is ten times that power and more: without these multipliers, such a run needs up to 1 % more energy."""
     idle_ratios: tuple[float, ...] = (0.99, 0.95, 0.8, 0.5, 0.2)
-    """Below 0 the ladder of a journey has these multiples of the train's idle loss, for a window that asks for a run
-    slower than that of least energy. At -1 a standing train would cost nothing, so the first is the slowest run."""
+    """The ladder of a journey also has negative multipliers: minus these multiples of the train's idle loss. They serve
+    a time window that asks for a run slower than that of least energy. At minus the whole idle loss a standing train
+    would cost nothing, so the first of them gives the slowest run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,9 +91,9 @@ class JourneySettings:
     time_tolerance_s: float = 0.002
     """The run of a section hits its time to within this (s), because the errors of the sections add up."""
     passing_speed_step_mps: float = 1e-6
-    """The slowest speed at which a passing is not too late for what follows is known to within this (m/s)."""
+    """The lowest passing speed that is not too late for the points after it is found to within this (m/s)."""
     passing_band_ratio: float = 1e-3
-    """A passing at one given speed may be slower by at most this ratio, so that the speed grid there has a width."""
+    """A passing at one given speed may be slower by at most this ratio, so that the grid there has several speeds."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from sim.plant.plant import COAST, lever
 
 
 class Chance:
-    """The random numbers of a driver: one stream for each kind of chance, so that a parameter changes no other's."""
+    """A driver's random numbers: one stream for each kind of chance, so that a parameter changes no other draws."""
 
     def __init__(self, seed: int, stream: int) -> None:
         streams = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(7)
@@ -35,7 +35,7 @@ class ReactionTimes:
         self._human, self._random, self._diary = human, chance.reactions, diary
 
     def draw(self, now_s: float, *, of_itself: float = 1.0) -> float:
-        """How long (s) the next reaction takes; a reaction to an announced change takes only the share `of_itself`."""
+        """How long (s) the next reaction takes; `of_itself` is the share of it that is left for an announced change."""
         human = self._human
         normal = float(self._random.standard_normal())
         reaction_s = human.reaction_median_s * math.exp(human.reaction_log_sd * normal)
@@ -55,11 +55,11 @@ _KINDS: dict[int, str] = {
     Regime.FULL_BRAKE: "brake",
     Regime.FRICTION_BRAKE: "brake",
 }
-"""The kind of advice, to which a compliance parameter belongs, by the driving regime that it asks for."""
+"""The kind of advice for each driving regime; every kind has a compliance parameter of its own."""
 
 
 def says_mode(view: AdviceView) -> bool:
-    """Whether the advice says how to drive; advice that does not shows a highest speed at most."""
+    """Whether the advice says how to drive; other advice shows at most a highest speed."""
     return presenter_of(view.presentation).says_mode
 
 
@@ -69,7 +69,7 @@ def advice_kind(view: AdviceView) -> str | None:
 
 
 def _shown_mode(view: AdviceView) -> int:
-    """The driving regime that an advice asks for; a display that shows none asks to hold another speed."""
+    """The driving regime that an advice asks for; advice without a regime counts as advice to hold a speed."""
     return view.mode if says_mode(view) else int(Regime.CRUISE)
 
 
@@ -140,14 +140,14 @@ class DisplayReading:
         self._noticed = 0
         self._announced = Announced()
         self.heeded = Heeded()
-        """The advice as he heeds it now."""
+        """The advice that he saw last, and whether he follows it."""
 
     def reach(self) -> None:
         """Note that the advised acceleration has reached its speed; he holds that speed until the advice changes."""
         self.heeded = self.heeded._replace(reached=True)
 
     def depart(self, cab: CabView) -> None:
-        """Look at the display anew as the train departs; he has had his reaction time, so that he acts at once."""
+        """Look at the display anew as the train departs; his reaction time is already over, so he acts at once."""
         self.heeded, self._judged, self._pending = Heeded(), None, None
         self._glance(cab)
         if self._pending is not None:
@@ -189,7 +189,7 @@ class DisplayReading:
             self._glance_s = min(self._glance_s, self._announced.due_s)
 
     def _reaction_s(self, mode: int, now_s: float) -> float:
-        """How long the reaction takes: shorter to a change that was announced."""
+        """How long the reaction takes (s); it is shorter if the change was announced."""
         expected = mode == self._announced.mode and abs(now_s - self._announced.due_s) <= HEEDING.expected_within_s
         return self._times.draw(now_s, of_itself=self._human.expected_ratio if expected else 1.0)
 
@@ -247,7 +247,7 @@ class Departure:
         self._stood = False
 
     def begins(self, cab: CabView) -> bool:
-        """Whether this is the first look since the train stood (asked once a look); a moving train has departed."""
+        """Whether this is the first look after the train stood. Call it once at each look."""
         if cab.speed_mps > 0:
             self._depart_s = math.inf
         stood, self._stood = self._stood, False
@@ -372,7 +372,7 @@ class HumanDriver:
         return 0.0 if self._soon_over(cab, outlook, effort, target) else self.set_effort(effort)
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
-        """Whether he has not begun to accelerate or brake to a speed and does not, because it would be over so soon."""
+        """Whether he does not even begin an acceleration or brake to a speed, because it would be over too soon."""
         if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):
             return False
         efforts = self.handling.efforts
@@ -381,7 +381,7 @@ class HumanDriver:
         return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """The highest speed at which he drives: the display's top speed, or his own between just in time and fast."""
+        """The highest speed at which he drives: the display's top speed, or his own, from just in time to fast."""
         heeded = self._display.heeded
         if heeded.view is not None and self._by_top_speed:
             return heeded.view.shown_speed_mps

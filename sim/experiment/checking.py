@@ -28,16 +28,17 @@ from sim.world.loop import AFTER_S, BEFORE_S
 MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0
 DAYS_TRIED: Final = 5
-"""A factor is admitted if it changes what the driver does on at least one of so many days."""
+"""A factor is admitted if it changes what the driver does on at least one of this many days."""
 FAILED_SHOWN: Final = 5
-"""Failed trials that are printed; the table of failed trials has all."""
+"""At most this number of failed trials is printed; the table of failed trials has all."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensed:
-    """Whether the driver senses a factor: `alike` are the pairs of levels that made no difference on `days` days.
+    """Whether the driver senses a factor, which means that he drives differently at each of its levels.
 
-    `failed` says why a drive did not arrive; None where all did.
+    `alike` are the pairs of levels that made no difference on `days` days. `failed` says why a drive failed; None if
+    none failed.
     """
 
     factor: str

@@ -1,4 +1,4 @@
-"""The names of the files of a study, and the plan of its analysis as its frozen design holds it.
+"""The names of the files of a study, and the plan of its analysis, which is part of its frozen design.
 
 The plan has the factors, the measures, and the planned comparisons with their correction.
 """
@@ -20,7 +20,7 @@ DESIGN_TEXT: Final = "design.toml"
 DESIGN_JSON: Final = "design.json"
 """The resolved design: every default written out, and the hash that freezes it."""
 TRIALS_TABLE: Final = "trials.csv"
-"""The tidy table: one row for each finished trial, by participant and then by position (UTF-8, comma, decimal point).
+"""The tidy table (UTF-8, comma, decimal point): one row for each finished trial, sorted by participant and trial order.
 
 A value that is missing is empty. No column depends on the wall clock: the same design gives the same bytes.
 """
@@ -28,14 +28,14 @@ TRIALS_SIDECAR: Final = "trials.json"
 """What every column of the table means: column → {LongName, Description, Units}, as in BIDS."""
 
 FAILED_TABLE: Final = "failed.csv"
-"""The trials that failed, each with the reason; it is there only where some did."""
+"""The table of the trials that failed, each with the reason; written only if there are any."""
 
 PEOPLE_TABLE: Final = "participants.tsv"
 """The participants: number in the population, group, and the parameters that were drawn."""
 PERSON_ID: Final = "participant_id"
-"""Column of the participants: the name that the table of trials has for them."""
+"""Column of the participants' table: the name of the participant in the table of trials."""
 PERSON_NUMBER: Final = "person"
-"""Column of the participants: number in the population."""
+"""Column of the participants' table: the number of the participant in the population."""
 
 CHECKSUMS: Final = "checksums.json"
 """The SHA-256 of each table that is analysed: name of the file → hash."""
@@ -91,9 +91,9 @@ class VariedFactor:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedComparison:
-    """A comparison that was planned before the run: `measure` at level `a` of `factor`, less that at level `b`.
+    """A comparison that was planned before the run: `measure` at level `a` of `factor` minus `measure` at level `b`.
 
-    `where` fixes levels of other factors; the comparison is over all levels of those that it does not name.
+    `where` fixes the levels of other factors. A factor that it does not name enters with all its levels.
     """
 
     name: str
@@ -134,11 +134,11 @@ class StudyPlan:
     setting: tuple[tuple[str, str], ...] = ()
 
     def factor(self, name: str) -> VariedFactor:
-        """The factor of a name; KeyError where there is none."""
+        """The factor with this name; KeyError if there is none."""
         return {one.name: one for one in self.factors}[name]
 
     def chosen(self, name: str | None) -> PlannedComparison:
-        """The planned comparison of a name, or the first one; DasError where there is none."""
+        """The planned comparison with this name (None: the first one); DasError if there is none."""
         for one in self.comparisons:
             if name in (None, one.name):
                 return one
@@ -147,7 +147,7 @@ class StudyPlan:
 
 
 def as_text(level: object) -> str:
-    """A level as the table of trials writes it; numbers that are equal have one text."""
+    """A level as the table of trials writes it; equal numbers give the same text."""
     if isinstance(level, bool):
         return str(level).lower()
     try:
@@ -162,7 +162,7 @@ def read_plan(path: Path) -> StudyPlan:
 
 
 def plan_of(fields: Fields) -> StudyPlan:
-    """The plan of a design that was frozen (the content of its `design.json`); InputError for what is wrong in it."""
+    """The plan in a frozen design (the content of its `design.json`); InputError if the content is wrong."""
     factors = _factors(fields.table("factors"))
     measures = tuple(_texts(fields, "measures"))
     return StudyPlan(
@@ -194,7 +194,7 @@ def _seed(fields: Fields) -> int:
 
 
 def _setting(fields: Fields) -> Iterator[tuple[str, str]]:
-    """The population of the participants, and what was not varied, as far as the design says it."""
+    """Pairs for `StudyPlan.setting`: population, practice, procedure and what was not varied, if the design says it."""
     people = fields.data.get("participants")
     if isinstance(people, Mapping) and people.get("population"):
         yield "drivers drawn from the population", str(people["population"])
@@ -244,7 +244,7 @@ def _level(levels: tuple[str, ...], fields: Fields, key: str) -> str:
 def read_comparisons(
     fields: Fields, levels: Mapping[str, Callable[[Fields, str], str]], measures: Sequence[str]
 ) -> tuple[PlannedComparison, ...]:
-    """The planned comparisons of a design, which may have none: a study may only describe its conditions.
+    """The planned comparisons of a design; there are none if the study merely describes its conditions.
 
     `levels` has, for each factor, the function that reads a level from a table and a key. Raises InputError.
     """

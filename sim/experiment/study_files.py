@@ -142,7 +142,7 @@ def trial_file(trial: StudyTrial, what: str) -> str:
 
 
 def table_text(columns: Iterable[str], rows: Iterable[Iterable[Any]], between: str = ",", missing: str = "") -> bytes:
-    """A table as text: one head line, then a line for each row; None and NaN are written as missing."""
+    """A table as text: one header line, then a line for each row; None and NaN are written as missing."""
 
     def cell(value: Any) -> Any:
         if value is None or (isinstance(value, float) and math.isnan(value)):

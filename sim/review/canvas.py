@@ -246,17 +246,22 @@ def _times(*time_ns: int) -> Times:
 
 
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
-"""Styles of lines that are beside each other, in their order."""
+"""Line styles of the drives that are compared, in the order of the drives."""
 INK: Final = LIGHT.ink
 PAGE_WIDTH_IN: Final = 9.0
 TEXT_POINTS: Final = 8.5
 EDGE_M: Final = 50.0
-"""A stop this near (m) to the ends of what is drawn belongs to it."""
+"""A stop beyond the ends of the drawn part of the line by no more than this (m) is drawn as well."""
 
 
 def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
+<<<<<<<
     """A figure with axes of these heights (in) under each other, which share their horizontal axis."""
     figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor=LIGHT.background)
+=======
+    """A figure with axes of these heights (inches), one below the other; they share the horizontal axis."""
+    figure = Figure(figsize=(WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor=LIGHT.background)
+>>>>>>>
     FigureCanvasAgg(figure)
     ratios = list(heights_in)
     axes = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0].tolist()
@@ -282,8 +287,13 @@ def named(axis: Any, *, x: str = "", y: str = "") -> None:
         axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
 
 
+<<<<<<<
 def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
     """Draw the legend above the axis, where no curve lies under it: of its curves, or of patches by their colours."""
+=======
+def legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
+    """Draw the legend above the axes, where it covers no curve: of the curves, or of `patches` (name → colour)."""
+>>>>>>>
     looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
     if patches is not None:
         handles = [Patch(color=color, label=name) for name, color in patches.items()]
@@ -295,7 +305,7 @@ def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns:
 
 
 def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = True) -> None:
-    """Mark stops (name, position in m), with their names above the axis, over its legend, if they are to be written."""
+    """Mark stops (name, position in m); if `written`, with their names above the axes and the legend."""
     for _, s_m in places:
         axis.axvline(s_m / KM, color=INK, linewidth=0.6, alpha=0.4)
     if written:
@@ -303,15 +313,15 @@ def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = Tru
 
 
 def as_image(figure: Figure) -> str:
-    """A figure as the address of an image that a page holds itself (SVG); the same figure gives the same address."""
+    """A figure as a data URL (SVG), which embeds it in a page; the same figure gives the same URL."""
     content = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "das"}):  # names inside the picture, else drawn at random
+    with matplotlib.rc_context({"svg.hashsalt": "das"}):  # fixes the ids inside the SVG, which are random otherwise
         figure.savefig(content, format="svg", metadata={"Date": None})
     return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:
-    """Drives beside each other over the track: speeds, and time and energy more than the first drive."""
+    """Compared drives over the position: speeds, and the time and the energy lost minus those of the first drive."""
     figure, (speed, time, energy) = light_figure((2.6, 1.5, 1.5))
     at_km = aligned.s_m / KM
     curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)

@@ -1,8 +1,8 @@
 """The colours of all pictures, pages and views: one meaning each, for dark and white backgrounds, and for the viewer.
 
-No other module of the review, the report and the comparison has colours of its own; a display that shows no mode
-brings the colour of its lane along (`sim/drivers/presentations`). tests/sim/review/test_colors.py
-holds that people can tell them apart, also with the common kinds of colour blindness where lines share an axis.
+No other module of the review, the report and the comparison has colours of its own. A display that shows no mode is an
+exception: its module in `sim/drivers/presentations` has its colour. tests/sim/review/test_colors.py checks that people
+can tell the colours apart; lines on one axis must also be told apart with the common kinds of colour blindness.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ class Meaning(StrEnum):
     DRIVEN = "driven"
     """What the train did, and what the driver set."""
     ADVISED = "advised"
-    """What the node says: advice, prediction, estimate."""
+    """What the node computes: advice, prediction, estimate."""
     SHOWN = "shown"
     """What the display in the cab showed."""
     LIMIT = "limit"
     OPTIMUM = "optimum"
     OPERATOR = "operator"
-    """What the operator or traffic management says: delays, targets."""
+    """What the operator or traffic management sends: delays, targets."""
     GRADIENT = "gradient"
     LOST = "lost"
     """Energy above the optimum."""
     AGAINST = "other than advised"
-    """Driving by another effort than advised."""
+    """Driving with an effort other than the advised one."""
     ERROR = "error"
     MASS = "mass"
     RESISTANCE = "resistance"
@@ -42,7 +42,7 @@ class Meaning(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Theme:
-    """The colours of a picture, each as "#rrggbb": background, ink, grid, and one by meaning."""
+    """The colours of a picture, each as "#rrggbb": background, ink, grid, and one for each meaning."""
 
     name: str
     background: str
@@ -80,8 +80,8 @@ DARK, LIGHT, VIEWER = (
         )
     )
 )
-"""The colours by what is behind them. The ground of the viewer is dark or light as the desktop is: its colours are
-middle tones that are readable on either."""
+"""The themes for a dark background, for white, and for the viewer. The viewer's background is dark or light, as the
+desktop's is, so its colours are middle tones that are readable on either."""
 THEMES: Final = {theme.name: theme for theme in (DARK, LIGHT)}
 
 MODES: Final = {
@@ -99,11 +99,11 @@ MODES: Final = {
 
 SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 """Colours of drives that are compared, or of groups, in their order: those of Okabe and Ito, which people with any
-colour vision tell apart. They say nothing but which is which; lines differ in style as well."""
+colour vision tell apart. They have no meaning of their own; lines differ in style as well."""
 EFFICIENCY_GREYS: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
 """Greys of an efficiency map, from bad to good: light, so that points stand out."""
 STANDING_GREY: Final = "#707880"
-"""Grey of a train that stands, where the colour of a way tells the speed."""
+"""Grey of a standing train on a map on which the colour of the train's path shows the speed."""
 
 
 def rgba(color: str) -> int:

@@ -17,7 +17,7 @@ class PositionSettings:
     """Which positions of a train are impossible."""
 
     jump_m: float = 50.0
-    """A position further (m) than this from where its neighbours lead is a jump unless the speed had time to change."""
+    """A position further (m) than this from where its neighbours put it is a jump if no change of speed explains it."""
     max_backward_m: float = 30.0
     """Steps back up to this (m) are noise; longer ones mean that the train turned, or are jumps if it drives on."""
     change_mps2: float = 1.0
@@ -25,18 +25,20 @@ class PositionSettings:
     steps_around: int = 5
     """The speed of the positions around a point is the median of this many steps on either side."""
     frozen_ratio: float = 0.5
-    """A frozen position was wrong if the next one is this share of the way further on that reported speeds give."""
+    """A repeated position was wrong if the next position is further on by at least this share of the distance that the
+    reported speeds give."""
     late_s: float = 5.0
     """Reported speeds may be this late (s), which makes their integral uncertain."""
     scale_ratio: float = 0.02
     """The integral of reported speeds may be wrong by this share of itself."""
     points_back: int = 120
-    """At most this many points in a row may be wrong, so that the right ones before and after are still compared."""
+    """Wrong positions are found if fewer than this many follow in a row: points further apart are not compared."""
     longest_jump_s: float = 120.0
-    """Positions may be wrong in a row for at most this long (s), so that the right ones are still compared."""
+    """Wrong positions are found if they last at most this long (s): points further apart are not compared."""
     stray_weight: float = 3.0
-    """Extra cost of a point that is left out under a step that only just fits. Without it, the chain would lead onto a
-    part that is wrong as a whole and off it again, as if the train braked and accelerated as hard as it can."""
+    """Cost of each point left out between two points that only just fit each other. Without this cost, the chain of
+    positions could change to a wrong part of the record and back, as if the train braked and accelerated as hard as it
+    can."""
     top_speed_percentile: float = 99.0
     """The top speed of a trip is this percentile of the speeds around its points, because a few may be wrong."""
     least_kept_ratio: float = 0.5
@@ -56,7 +58,7 @@ class SpeedSettings:
     """A reported speed is wrong if it differs from that of the positions by more than this (m/s) and by more than
     `wrong_speed_ratio`; a delay of 3 s at 1 m/s² explains less."""
     wrong_speed_ratio: float = 0.2
-    """A wrong speed also differs by more than this share of the speed from positions."""
+    """A reported speed is wrong only if it also differs by more than this share of the speed that positions give."""
     edge_mps: float = 1.0
     """Beside a wrong speed, one that still differs by this (m/s) is wrong as well if it jumps (`edge_mps2`) or repeats
     (`same_mps`)."""
@@ -73,11 +75,11 @@ class GapSettings:
     gap_s: float = 5.0
     """A time without points is a gap if it is longer than this (s) and than `gap_steps` usual steps."""
     gap_steps: float = 3.0
-    """A gap is longer than this many usual steps."""
+    """A time without points is a gap only if it is longer than this many usual steps between points."""
     sparse_s: float = 30.0
-    """A time longer than this (s) is a gap in any record, however sparse."""
+    """A time without points that is longer than this (s) is a gap in any record, however sparse."""
     longest_gap_s: float = 300.0
-    """A record ends at a longer gap (s) if the train moved in it or beside it."""
+    """A gap longer than this (s) splits the record if the train moved in it or beside it; the largest part is kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,15 +92,15 @@ class StandSettings:
     """Where no speed is reported, a train stands if its positions are slower than this (m/s): they wander by some
     metres in 10 s."""
     wander_m: float = 30.0
-    """Positions of a standing train wander by no more than this (m), and come back: as far as steps back in noise."""
+    """Positions of a standing train wander by no more than this (m) and come back; `max_backward_m` is as large."""
     led_window_s: float = 12.0
     """Positions at an end of a record show a stand if they slow down to it over this time (s)."""
     led_points: int = 4
-    """They show a stand only if there are at least this many points in that time."""
+    """Positions at an end of a record show a stand only if there are at least this many within `led_window_s`."""
     led_speed_mps: float = 2.0
-    """They show a stand only if their speed at the end is no more than this (m/s)."""
+    """Positions at an end of a record show a stand only if their speed there is no more than this (m/s)."""
     led_change_mps2: float = 0.1
-    """They show a stand only if their speed changes by at least this (m/s²): noise changes it by less."""
+    """Positions at an end of a record show a stand only if they slow down by at least this (m/s²): noise gives less."""
     gentle_mps2: float = 0.3
     """No train stops or starts more gently than this (m/s²), so v²/2a and v/a bound what may be left of its motion."""
     at_stop_m: float = 300.0
@@ -106,7 +108,7 @@ class StandSettings:
     stand_kept_s: float = 30.0
     """This much (s) of a stand at the start or the end is kept."""
     shortest_stand_s: float = 5.0
-    """A stand on the way that is shorter (s) is not reported: at 1 Hz it may be a single slow point."""
+    """A stand on the way that is shorter than this (s) is not reported: at 1 Hz it may be a single slow point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +119,7 @@ class PlacingSettings:
     """A point further (m) from the line than this is not on it. Lines through kilometre posts cut curves: 62 m at a
     radius of 2 km."""
     least_moved_m: float = 30.0
-    """A trip leads further than this (m): noise alone may spread positions as far."""
+    """A record whose positions lead no further than this (m) is no trip: noise alone may spread them as far."""
     one_way_ratio: float = 0.5
     """The ends of a trip in one direction are at least this share of its whole extent apart."""
     scale_tolerance_ratio: float = 0.01
@@ -135,9 +137,9 @@ class SmoothingSettings:
     """How a smooth run is laid through positions and speeds."""
 
     position_sigma_m: float = 25.0
-    """Weight of one position a second, as a standard deviation (m): errors of some 6 m last about 15 s, hence 6·√15."""
+    """Weight of a position per second, as a standard deviation (m): errors of some 6 m last about 15 s, hence 6·√15."""
     speed_sigma_mps: float = 0.5
-    """Weight of a reported speed a second, as a standard deviation (m/s)."""
+    """Weight of a reported speed per second, as a standard deviation (m/s)."""
     jerk_psd_m2ps5: float = 0.03
     """Density of the white jerk (m²/s⁵). With the speed's weight the smoothing acts like a local fit over
     (σ²/psd)^¼ ≈ 1.7 s on either side, about 8 s in all."""
@@ -174,7 +176,7 @@ class EstimateSettings:
     smoothing_ratio: float = 10.0
     """The density of jerk may be this many times higher or lower: the window shrinks and grows by 1.8."""
     foreign_ratio: float = 0.005
-    """If a trip needs more than the vehicle has in more than this share of the time, another vehicle drove it."""
+    """If a trip needs more force than the vehicle has in more than this share of the time, another vehicle drove it."""
 
 
 POSITIONS: Final = PositionSettings()

@@ -58,9 +58,9 @@ class ShownBrakes:
         return replace(now, effort_ratio=-self._exact_effort) if exact else now
 
     def force_n(self, now: Instruction, state: TrainState) -> float:
-        """The wheel force (N) that follows an instruction, within what the train can give.
+        """The wheel force (N) with which a driver follows an instruction, within what the train can give.
 
-        Near the speed to reach or to hold it is the force that leads to that speed without overshooting it.
+        Near the speed to reach or to hold, it is the force that leads to that speed without overshooting it.
         """
         ahead, s_m, v = self.ahead, state.s_m, max(state.v_mps, 0.1)
         if now.mode in BRAKES:
@@ -107,7 +107,7 @@ class ShownBrakes:
         return -settings.beyond_mark_m <= left_m - self.lasts(now, state)[1] <= settings.before_mark_m
 
     def ends_m(self, now: Instruction, state: TrainState, phase: Phase) -> float:
-        """Where a brake ends (m) that the limits need but the phase does not; infinity for any other instruction."""
+        """Where a brake ends (m), if the limits need it and the phase does not; infinity for any other instruction."""
         if now.mode not in BRAKES or (phase.kind is NotchRegime.BRAKE and now.speed_mps <= phase.target_mps + SAME_MPS):
             return math.inf
         needed = self.ahead.needed(state.braked_m, state.v_mps)
@@ -226,7 +226,7 @@ class ShownBrakes:
         return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
 
     def _nearly_enough(self, kept: float, needed: NeededBrake, state: TrainState) -> bool:
-        """Whether the effort `kept` is slightly too small, but ends too little above the speed for a driver to notice.
+        """Whether the effort `kept` is too small, but ends too little above the target speed to be noticed.
 
         Never true for a train above the curve of full braking.
         """

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from das.domain.trajectory import Trajectory
 
 MOST_OF_A_NAME = 1000
-"""Most files whose names differ only in their number."""
+"""Largest number of files whose names differ only in their number."""
 UNFINISHED = ".unfinished-"
 """Beginning of the names of folders that are being written; such a folder remains if its writer is killed."""
 
@@ -121,7 +121,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     refuse_link(path)
     try:
         if path.exists() and not path.is_file():
-            content = io.BytesIO()  # a pipe cannot tell its writer how far it is
+            content = io.BytesIO()  # a pipe has no file position, which some writers ask for
             yield content
             path.write_bytes(content.getvalue())
             return

@@ -1,4 +1,4 @@
-"""From a few-switch trajectory to the schedule that is driven: its phases are shortened, topped and polished."""
+"""Makes a schedule from a few-switch trajectory: leaves out short phases, meets the time, and polishes the phases."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ SHORTER = (1.0, 0.4, 0.0)
 def scheduled(
     front: FewSwitchFront, time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings = DEFAULT
 ) -> Scheduled:
-    """The schedule from a state that takes `time_s`, or as little as a few-switch trajectory can.
+    """The schedule that takes `time_s` from a state, or the least time of a few-switch trajectory if that is longer.
 
-    Short phases that are left out make a run later: then one that takes less time is made into the schedule.
+    A trajectory without its short phases takes longer. If it is late, a quicker trajectory is made into the schedule.
     Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
     """
     asked_s, best = time_s, None
@@ -43,7 +43,7 @@ def scheduled(
 
 
 def schedule_in_time(run: FewSwitchTrajectory, time_s: float, settings: ScheduleSettings) -> Scheduled:
-    """The schedule of a run; coasting begins earlier, so that the train does not arrive early."""
+    """The schedule of a trajectory. If early, coasting begins earlier; if still early, its top speed is lowered."""
     s_m, v_mps = float(run.state.node_m[0]), run.state.speed_mps
     best = _unhurried(_settled(run, settings), time_s, s_m, v_mps, settings)
     if best[1].time_s < time_s - settings.early_s:
@@ -76,7 +76,7 @@ def _settled(run: FewSwitchTrajectory, settings: ScheduleSettings) -> tuple[Sche
 def _unhurried(
     found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
 ) -> tuple[Schedule, Prospect]:
-    """A schedule and its forecast from a state; coasting begins earlier, so that the train does not arrive early."""
+    """A schedule and its forecast from a state; if it is early, coasting begins earlier."""
     raw, best = found[0], found
     low, high = 0.0, 1.0
     for _ in range(settings.tries):
@@ -85,7 +85,7 @@ def _unhurried(
         share = 0.5 * (low + high)
         try:
             tried = _coasting_earlier(raw, share * settings.reach_m, settings.least_s).settled(s_m, v_mps)
-        except InfeasibleError:  # Coasting so early, the train would stand.
+        except InfeasibleError:  # The train would stop if it coasted so early.
             high = share
             continue
         if tried[1].time_s > time_s + settings.near_s:
@@ -98,7 +98,7 @@ def _unhurried(
 def _slower(
     found: tuple[Schedule, Prospect], time_s: float, s_m: float, v_mps: float, settings: ScheduleSettings
 ) -> tuple[Schedule, Prospect]:
-    """The schedule with a highest speed that is low enough for the time."""
+    """The schedule with its highest speed lowered as far as the time allows."""
     schedule = found[0]
     highest = max(one.target_mps for one in schedule.phases)
     low, high, best = settings.lowest_top_ratio * highest, highest, found
@@ -117,9 +117,9 @@ def _slower(
 
 
 def _coasting_earlier(schedule: Schedule, by_m: float, least_s: float) -> Schedule:
-    """The schedule with every stretch of coasting that follows another phase begun earlier by a distance (m).
+    """The schedule in which every phase to coast, except a first phase, begins earlier by a distance (m).
 
-    The phase before still lasts `least_s` on the schedule's run, unless it is a brake.
+    The phase before it still lasts `least_s` on the schedule's run, unless that phase is a brake.
     """
     node_m, moved = schedule.section.node_m, list(schedule.phases)
     since_s = schedule.known.time_to_go_s[0] - schedule.known.time_to_go_s
@@ -139,10 +139,10 @@ DEFAULT_POLISH = PolishSettings()
 def polished(
     found: Scheduled, time_s: float, s_m: float, v_mps: float, settings: PolishSettings = DEFAULT_POLISH
 ) -> Scheduled:
-    """A schedule with the same phases, each changed to where it costs least; it is to take `time_s` from a state.
+    """A schedule for `time_s` from a state: the same phases, with the places, speeds and efforts that cost least.
 
-    Its phases say what its run does: where limits ahead brake the run, there is a brake. Where that makes it late, it
-    is polished once more for less time.
+    Its phases contain everything that its run does: where a limit ahead makes the run brake, there is a phase to brake.
+    If such phases make the schedule late, it is polished once more for less time.
     """
     prices, best = PricesOfTime.to_be_on_time(found.lambda_w), found.as_run(s_m, v_mps)
     asked_s = time_s
@@ -160,11 +160,11 @@ def polished(
 def polished_thoroughly(
     found: Scheduled, time_s: float, s_m: float, v_mps: float, settings: PolishSettings = DEFAULT_POLISH
 ) -> Scheduled:
-    """As `polished`, at less cost, for several times the work.
+    """As `polished`, with a schedule that costs less but takes several times as long to compute.
 
     A schedule that is to be on time can hardly change phase by phase, because every change alone makes it late or
-    early. So it is first polished with every second at the same price, and the price is narrowed down to one at which
-    it is nearly on time.
+    early. So it is first polished at one price for every second, late or early. That price is narrowed down until the
+    schedule is nearly on time.
     """
     settings = replace(settings, steps_share=settings.thorough_steps_share)
     best = polished(found, time_s, s_m, v_mps, settings)

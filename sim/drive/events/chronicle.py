@@ -41,9 +41,9 @@ from sim.drivers.presentations.presenter import Presenter, ShownRegime, presente
 from sim.recording.course import DriveClock, DrivenCourse, Floats
 
 NEWS_NS: Final = 3_000_000_000
-"""A plan made within this time (ns) after news counts as made because of them: the node solves anew first."""
+"""A plan made within this time (ns) after, say, a new restriction counts as caused by it: solving takes time."""
 OFF_PLAN_MPS: Final = 0.3
-"""A train this far (m/s) from the plan's speed has left the plan; below, the plan was refreshed."""
+"""A train whose speed differs by at least this (m/s) from the plan has left the plan."""
 OFF_PLAN_S: Final = 1.0
 """A train whose time at a place differs by this much (s) from the plan has left the plan."""
 
@@ -69,8 +69,8 @@ class NewPlan(NamedTuple):
 def new_plans(recording: Recording, trip: DrivenCourse) -> tuple[NewPlan, ...]:
     """The plans after the first of each leg, with their causes.
 
-    The node records no cause with a plan. It is inferred from what the node heard just before, else from how far the
-    train was from the plan before.
+    The node records no cause with a plan. The cause is inferred from the messages that the node received shortly
+    before, or else from how far the train was from the previous plan.
     """
     news = _news(recording)
     moments = [at for at, _ in news]
@@ -97,7 +97,7 @@ def _news(recording: Recording) -> list[tuple[int, str]]:
 
 
 def _off_plan(before: Any, plan: Any, trip: DrivenCourse) -> str:
-    """How far the train was from the plan before when the new one was made, in words."""
+    """How far the train was from the previous plan when the new plan was made, in words."""
     s_m = float(plan.s_m[0])
     planned_mps = float(np.interp(s_m, before.s_m, before.speed_mps))
     planned_s = float(np.interp(s_m, before.s_m, before.t_s))
@@ -112,8 +112,8 @@ def _off_plan(before: Any, plan: Any, trip: DrivenCourse) -> str:
 
 
 def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """Every change of the advised mode, as the display showed it, with its cause: the plan goes on, a new plan, or
-    advice given again. If the display showed no mode, the changes are those of the speed profile.
+    """Every change of the advised driving regime, as the display showed it, with its cause: the next step of the plan,
+    a new plan, or advice given again after a pause. If the display showed no regime, that of the speed profile counts.
     """
     plans = new_plans(recording, trip)
     made = [one.time_ns for one in plans]
@@ -138,7 +138,7 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
 
 
 def _display(recording: Recording) -> Presenter:
-    """The first presentation that the cab showed; that of no advice if nothing was shown or recorded."""
+    """The presenter of the first presentation that the cab showed; the one without advice if none was recorded."""
     numbers = (entry.message.presentation for entry in recording.of(topics.CAB))
     first = next((int(one) for one in numbers if one), 0)
     return presenter_of(shown_presentation(first) or Presentation.NONE)
@@ -202,7 +202,7 @@ def place_text(s_m: float) -> str:
 
 
 DELAY_STEP_S: Final = 15.0
-"""A delay that differs by this much (s) from the last one reported is an event; smaller changes are frequent."""
+"""A delay that differs by at least this (s) from that of the last such event is an event; smaller changes are many."""
 
 
 def events_of(
@@ -215,8 +215,8 @@ def events_of(
 ) -> tuple[DriveEvent, ...]:
     """Everything that happened on a recorded drive, in order of time.
 
-    `made` are its stops as kept, `silent` the times without advice, `limit_mps` the limit at every position of its
-    course, and `top_mps` the top speed of its train (infinite: not known).
+    `made` says how the drive kept each stop, `silent` are the times without advice, `limit_mps` is the limit at every
+    position of its course, and `top_mps` the top speed of its train (infinite: not known).
     """
     found = (
         *call_events(trip, made),
@@ -259,7 +259,7 @@ def _is_nan(value: object) -> bool:
 
 
 def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
-    """The notes of people, as events; only those within the drive, which may be a part of a recording."""
+    """The notes that people made on the recording, as events; notes outside the time of the drive are left out."""
     for number, note in enumerate(read_notes(recording.path), start=1):
         if not trip.time_ns[0] <= note.time_ns <= trip.time_ns[-1]:
             continue
@@ -276,7 +276,7 @@ def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
 
 
 def _told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """Everything that node or driver received, and what node and simulator logged; in no order."""
+    """Events for everything that node or driver received or that node or simulator logged, in no particular order."""
     yield from _restrictions(recording, trip)
     for point in points(recording, trip):
         text = f"traffic management: {point.text} at km {point.s_m / KM:.1f}"
@@ -316,7 +316,7 @@ def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
 
 
 def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """The delays that differ enough from the last one reported."""
+    """An event for each delay that differs by at least `DELAY_STEP_S` from that of the last such event."""
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")
     before_s = 0.0
     for time_ns, delay_s in zip(delay["time_ns"].tolist(), delay["delay_s"].tolist(), strict=True):

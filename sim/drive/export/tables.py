@@ -62,7 +62,7 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DataTable:
-    """A table: its name, and columns of one length."""
+    """A table: its name, and columns of equal length."""
 
     name: str
     columns: list[Column] = field(default_factory=list)
@@ -142,7 +142,7 @@ def _column(description: Any, messages: Sequence[Any | None], name: str, meaning
 
 
 def _named(values: list[Any], enumeration: Any) -> list[str | None]:
-    """The names of an enumeration's values, without what all of them begin with, in small letters."""
+    """The names of an enumeration's values in lower case, without their common beginning."""
     names = {number: one.name for number, one in enumeration.values_by_number.items()}
     common = _common_word(list(names.values()))
     return [None if x is None else names.get(x, str(x))[len(common) :].lower() for x in values]
@@ -157,7 +157,7 @@ def _common_word(names: list[str]) -> str:
 
 
 def _inner_tables(name: str, entries: Sequence[Stamped], times: list[int], zero_ns: int) -> Iterator[DataTable]:
-    """A table for each list of messages: a row for each of them, with the time of the message that it is in."""
+    """A table for each list of inner messages: a row for each inner message, with the time of its outer message."""
     if not entries:
         return
     for path, get in _lists(entries[0].message.DESCRIPTOR, "", lambda one: one):
@@ -199,7 +199,7 @@ def require_parquet() -> None:
 
 
 def as_csv(table: DataTable) -> bytes:
-    """A table as CSV (UTF-8): one head line, an empty cell where nothing is known, lists as JSON."""
+    """A table as CSV (UTF-8): one header line, an empty cell where nothing is known, lists as JSON."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([one.name for one in table.columns])

@@ -1,7 +1,7 @@
 """The difference of a comparison: its pairs or its two groups of participants, and the estimate that they give.
 
-A pair is two trials of one participant on one day under two conditions; its difference is one value less the other.
-An estimate has the mean, its interval, its probability under chance, and its size in standard deviations.
+A pair is two trials of one participant on one day under two conditions; its difference is one value minus the other.
+An estimate has the mean, its interval, its p value (the probability under chance), and its size in standard deviations.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from sim.experiment.plan import LEAST_PARTICIPANTS, PlannedComparison
 
 CONFIDENCE: Final = 0.95
 MOST_WITHOUT_SPREAD: Final = 0.005
-"""Largest share of resamples without spread with which resampling is used; an interval of 95 % leaves out 2.5 % at
-either end."""
+"""Resampling is used only if less than this share of the resamples has no spread: an interval of 95 % leaves out 2.5 %
+at either end."""
 
 
 class _Cell(NamedTuple):
@@ -55,7 +55,7 @@ class PairedTrials:
 
     @property
     def differences(self) -> Floats:
-        """Value at a less value at b of each pair, (pairs,)."""
+        """Value at level a minus value at level b of each pair, (pairs,)."""
         return self.a - self.b
 
     @property
@@ -84,7 +84,7 @@ class TwoGroups:
 
     @property
     def spread(self) -> Floats:
-        """The values whose standard deviation says how far participants differ: means less that of their group."""
+        """The values whose standard deviation says how far participants differ: each mean minus that of its group."""
         return np.concatenate([self.a - self.a.mean(), self.b - self.b.mean()])
 
 
@@ -203,7 +203,7 @@ def paired_estimate(differences: Floats, resamples: int, rng: np.random.Generato
 
 
 def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
-    """The difference of the means of two groups of participants (a less b), each group resampled by itself."""
+    """The difference of the means of two groups of participants (a minus b), each group resampled by itself."""
     from scipy import stats
 
     if min(len(a), len(b)) < 2 or (_without_spread(a) and _without_spread(b)):
@@ -229,7 +229,7 @@ def _estimate(
     interval, probability, enough = t_interval, t_probability, False
     if drawn:
         again = resampled([one[None, :] for one in groups], drawn)
-        # Where hardly any driver differs, many resamples draw equal ones only.
+        # If only a few drivers differ from the others, many resamples contain equal values only.
         enough = float(np.mean(np.isinf(again.distances))) < MOST_WITHOUT_SPREAD
     if enough:
         low, high = np.quantile(again.distances[0], (0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2))
@@ -298,8 +298,8 @@ def _unknown(mean: float, sd: float, count: int) -> DifferenceEstimate:
 def corrected(probabilities: Floats, correction: str) -> Floats:
     """Probabilities corrected for the number of planned comparisons; NaN stays NaN, but counts as a comparison.
 
-    `holm`: Holm, Scandinavian Journal of Statistics 6 (1979) 65–70. `bonferroni`: each times their number. `none`: as
-    they are.
+    `holm`: Holm, Scandinavian Journal of Statistics 6 (1979) 65–70. `bonferroni`: each times the number of
+    comparisons. `none`: as they are.
     """
     from statsmodels.stats.multitest import multipletests
 

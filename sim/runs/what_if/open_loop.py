@@ -1,4 +1,4 @@
-"""Open loop: the recorded drive as it was heard goes through a cab made otherwise, which advises otherwise on it."""
+"""Open-loop what-if: a cab with changed settings receives the recorded messages and gives new advice on them."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 
 OWN_FILES = ("vehicle", "loss_map")
-"""The attached files that another vehicle takes the place of."""
+"""The kinds of attached files that are replaced when the what-if has another vehicle."""
 
 
 def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, progress: HeardAgain) -> list[str]:
-    """Write the recorded drive with the advice of a cab made otherwise; returns what should be known about it.
+    """Write the recorded drive with the advice of a cab whose settings are changed; returns notes for the user.
 
-    Every message that the cab did not say is as recorded, but for the restrictions and the train of the journey where
-    these are otherwise. Raises DasError where the recording holds no advice or the cab cannot be made.
+    All messages that do not come from the cab are written as recorded, except the restrictions and the train of the
+    journey if the what-if changes them. Raises DasError if the recording holds no advice or the cab cannot be made.
     """
     if not origin.has_advice:
         raise DasError(f"{origin.path}: no node advised in this recording: drive it anew (--driven-anew)")
@@ -55,7 +55,7 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
             if one.topic not in COMPARED or (one.topic is STATUS and of_the_process(one.message)):
                 file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
             for word in words:
-                # The recorder leaves out what a node says before a simulation has told it the time.
+                # The recorder leaves out messages that a node sends before a simulation has set its clock.
                 if not by_bus or message_time_ns(word.message):
                     file.add(word.topic, word.topic.key(one.train), word.message, one.log_time_ns)
             progress(number, len(messages))
@@ -63,7 +63,7 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
 
 
 def _words(words: Sequence[str], new: Otherwise) -> list[str]:
-    """The words of a node's command line with what is otherwise."""
+    """The arguments of a node's command line, with the changes of the what-if."""
     cab, found = new.cab, list(words)
     if cab.vehicle is not None:
         for option in ("--load", "--loss-map"):
@@ -85,7 +85,7 @@ def _words(words: Sequence[str], new: Otherwise) -> list[str]:
 
 
 def _without(words: Sequence[str], option: str) -> list[str]:
-    """Words without an option and its value."""
+    """The arguments of a command line without one option and its value."""
     kept, words = [], list(words)
     while words:
         word = words.pop(0)
@@ -97,7 +97,7 @@ def _without(words: Sequence[str], option: str) -> list[str]:
 
 
 def _heard_otherwise(messages: Sequence[RecordedMessage], new: Otherwise, plan: CabPlan) -> Iterator[RecordedMessage]:
-    """What the cab hears: restrictions are added to every list, and the journey is that of the train it rides in."""
+    """The recorded messages, with the restrictions and the journey's train as the what-if changes them."""
     changes = bool(new.restrictions) or new.without_restrictions
     listed = any(one.topic is RESTRICTION for one in messages)
     for one in messages:
@@ -142,7 +142,7 @@ def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
 
 
 def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dict[str, str]:
-    """The metadata of the run, with what is otherwise and what the node would have been started with."""
+    """The metadata of the run, with the changes of the what-if and the arguments of a node that has these changes."""
     whole = new.over(Otherwise.of(origin.run))
     run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new, whole)}
     run |= {"version": __version__, NODE_ARGUMENTS: json.dumps(given.typed)}
