@@ -255,13 +255,8 @@ EDGE_M: Final = 50.0
 
 
 def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
-<<<<<<<
-    """A figure with axes of these heights (in) under each other, which share their horizontal axis."""
-    figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor=LIGHT.background)
-=======
     """A figure with axes of these heights (inches), one below the other; they share the horizontal axis."""
-    figure = Figure(figsize=(WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor=LIGHT.background)
->>>>>>>
+    figure = Figure(figsize=(PAGE_WIDTH_IN, sum(heights_in) + 0.7), layout="constrained", facecolor=LIGHT.background)
     FigureCanvasAgg(figure)
     ratios = list(heights_in)
     axes = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0].tolist()
@@ -287,13 +282,8 @@ def named(axis: Any, *, x: str = "", y: str = "") -> None:
         axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
 
 
-<<<<<<<
 def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
-    """Draw the legend above the axis, where no curve lies under it: of its curves, or of patches by their colours."""
-=======
-def legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
     """Draw the legend above the axes, where it covers no curve: of the curves, or of `patches` (name → colour)."""
->>>>>>>
     looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
     if patches is not None:
         handles = [Patch(color=color, label=name) for name, color in patches.items()]
