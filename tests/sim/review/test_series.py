@@ -14,8 +14,10 @@ from das.domain.units import KM, KMH, KN, PERMILLE, kwh
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse, part_of
 from sim.recording.inputs import inputs_of
-from sim.review.scene import ReviewScene
-from sim.review.series import series
+from sim.review.layout import TABS
+from sim.review.picture import OVER_TIME
+from sim.review.scene import OVER_DISTANCE, ReviewScene
+from sim.review.series import QUANTITIES, series
 from tests.support.hand_recorded import advice, cab, recorded
 from tests.support.recordings import at_ns
 
@@ -104,3 +106,10 @@ def test_values_of_the_view(whole: Path) -> None:
     assert data["force/driven"][1][0] == pytest.approx(100.0)
     assert data["gradient/permille"][1][0] == pytest.approx(5.0)
     assert data["buffer/percent"][1][0] == pytest.approx(7.0)
+
+
+def test_no_quantity_is_left_out_of_viewer_or_picture_unseen() -> None:
+    of_reports = {"apart", "place", "sum", "cause", "motors"}
+    in_viewer = {row.origin for rows in TABS.values() for row in rows}
+    assert QUANTITIES.keys() - in_viewer == of_reports
+    assert QUANTITIES.keys() - {*OVER_TIME, *OVER_DISTANCE} == of_reports
