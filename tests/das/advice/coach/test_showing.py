@@ -177,7 +177,8 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
 def test_what_follows_a_brake_that_no_limit_asks_for_waits_for_its_speed_as_well() -> None:
     """A train far too fast is not told to coast where the schedule does, but once it has braked to its speed."""
     here, state = section(), TrainState(0, 3200.0, 30.0)
-    brakes, now = ShownBrakes(here, SETTINGS), brake_of(1.0, 20.0)
+    brakes = ShownBrakes(here, SETTINGS)
+    now = brakes.back_to(20.0, 1.0)
     announced = (Instruction(mode=Regime.COAST, speed_mps=20.0, effort_ratio=0.0, way_m=2.0, in_s=0.1),)
     foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), as_shown=True)
     lasts_s, lasts_m = brakes.lasts(now, state)
