@@ -131,7 +131,9 @@ def _after_brake(
         sooner_s = state.ahead_m / max(state.v_mps, 1.0)
         way_m, in_s = max(first.way_m - state.ahead_m, 0.0), max(first.in_s - sooner_s, 0.0)
         return (replace(first, way_m=way_m, in_s=in_s), *following[1:])
-    lasts_s, lasts_m = brakes.lasts(brakes.unrounded(now), state)  # Who keeps to the reference brakes less.
+    # All brakes are shown in large steps: a driver who keeps to the reference brakes clearly less.
+    exact = brakes.unrounded(now) if now.mode is Regime.FRICTION_BRAKE else now
+    lasts_s, lasts_m = brakes.lasts(exact, state)
     late = any(one.way_m <= lasts_m or one.in_s <= lasts_s for one in following[1:])
     if first.in_s >= lasts_s or late:
         return following
