@@ -94,7 +94,7 @@ class BrakingModel:
 
     @property
     def mass_kg(self) -> float:
-        """The inertial mass (kg): that of the train with its rotating parts."""
+        """The inertial mass (kg) of the train, with its rotating parts."""
         return self.train[3]
 
     def limit_mps(self, s_m: float) -> float:
@@ -216,7 +216,7 @@ def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
 SDS_AHEAD = 2.0
 """The train is assumed to be ahead of its estimated position by this many standard deviations."""
 BY_EYE_M = 10.0
-"""From this far (m) the driver sees the mark; the train is assumed nearer to the stop only if its estimate is."""
+"""From this far (m) the driver sees the mark; the train is assumed nearer to it only if its estimated position is."""
 HELD_ABOVE_MPS = 1.0
 """A driver above the allowed speed by at most this may be told to hold a lower speed; a faster one must brake."""
 BACK_IN_S = 5.0
@@ -269,7 +269,7 @@ class Consequences:
         """The furthest position (m) at which the train may be."""
 
     def excess(self, doings: Sequence[Doing], lasts_s: float, since_s: float = 0.0) -> Excess | None:
-        """The first speed between `since_s` and `lasts_s` that is too high if the driver does this; None if none is."""
+        """The first speed between `since_s` and `lasts_s` that is too high if the driver does `doings`, or None."""
         done = np.array(doings, dtype=float)
         tuned = FULL_RATIO, HELD_ABOVE_MPS, STOPPED_MPS, BACK_IN_S
         found = kernels.first_excess(*self.model.train, done, self.ahead_m, self.v_mps, since_s, lasts_s, tuned)

@@ -152,7 +152,7 @@ def _braked_w(effort, w0, h, g, q, p, here):
 
 @kernel
 def left_over_w(effort, s, v, first, last, to_m, nodes, line, p):
-    """v² (m²/s²) that is left at `to_m` if a train at s with speed v brakes with an effort from there on.
+    """v² (m²/s²) that is left at `to_m` if a train at s with speed v brakes with an effort from s on.
 
     `first` and `last` are the intervals of s and of `to_m`. A result below 0 means that the train stops before `to_m`;
     the further before, the lower it is.
