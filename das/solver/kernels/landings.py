@@ -21,7 +21,7 @@ LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 """Most landings of a step."""
 
 LANDING_STEPS = 4
-"""Iterations that find a landing, whose mean speed the forces depend on."""
+"""Iterations to find a landing: the forces depend on its mean speed."""
 
 
 @kernel
@@ -92,7 +92,7 @@ def landings(v0, h, g, q, top, last, p, out):
         electric = landing_speed(v0, h, -1.0, g, q, p)
     low = electric
     if p.friction_force_n > 0.0 or p.brakes_dissipate:
-        # Both brakes together; the electric part is taken at its limit at v0, exact where that is a force limit.
+        # Both brakes together; the electric part is taken at its limit at v0, which is exact if that is a force limit.
         low = min(landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p), electric)
     low, electric, coast = min(low, high), min(electric, high), min(coast, high)
     n = 0
