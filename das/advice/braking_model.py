@@ -254,7 +254,7 @@ class Excess(NamedTuple):
 
 
 class Consequences:
-    """Predicts how a train moves until an advice expires, for whatever its driver does.
+    """Predicts how a train moves until its advice expires, for whatever its driver does.
 
     The train starts from `ahead_m`: it may be ahead of its estimated position by `SDS_AHEAD` standard deviations.
     """
@@ -278,7 +278,7 @@ class Consequences:
     def braking(self) -> tuple[float, Needed]:
         """The braking force (N, <= 0) needed from here, and the speed and place that need it.
 
-        If the constant force computed from the needed deceleration does not suffice, the force is that of all brakes.
+        If the constant force computed from the needed deceleration does not suffice, all brakes are applied fully.
         """
         model, v_mps = self.model, self.v_mps
         needed = model.needed(self.ahead_m, v_mps, self.valid_s)
@@ -303,7 +303,7 @@ class Consequences:
         return Excess(self.v_mps, math.nan) if abs(force_n) > FORCE_RATIO * most_n + 1.0 else None
 
     def braked_horizon(self, force_n: float, to_mps: float, seconds: int) -> dict[str, tuple[float, ...]]:
-        """The horizon fields of an advice, by name, for braking with a force (N) to a speed (m/s).
+        """The horizon fields of advice, by name, for braking with a force (N) to a speed (m/s).
 
         No speed is above what is allowed.
         """

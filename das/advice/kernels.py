@@ -94,7 +94,7 @@ def without_ripples(modes, v, cruise, rolling, band):
 
 @kernel
 def without_short(modes, t_s, brakes, least_s):
-    """Modes per interval, where each mode that lasts less than `least_s` is replaced by the one before it.
+    """Modes per interval; each mode that lasts less than `least_s` is replaced by the one before it.
 
     Modes replaced in a row last less than `least_s` together. Modes numbered `brakes` or higher are never replaced.
     """
@@ -121,7 +121,7 @@ TRIES, NEAR_W = 14, 0.02
 
 @kernel
 def full_effort(v, p):
-    """The force (N) of effort 1 at a speed: that of the motors, or of all brakes if the motors do not brake."""
+    """The braking force (N) of effort 1 at a speed: of the motors, or of all brakes if the motors do not brake."""
     electric = electric_limit(v, p)
     if electric > 0.0 and not p.brakes_dissipate:
         return electric

@@ -36,13 +36,13 @@ MAY_BE_UNKNOWN = (
     "buffer_ratio",
     "energy_to_go_j",
 )
-"""Figures of an advice that may be unknown (NaN), but never infinite."""
+"""Figures of advice that may be unknown (NaN), but never infinite."""
 
 _STANDS = (Regime.STOP, Regime.DEPART)
 
 
 class Part(StrEnum):
-    """The parts of an advice that the last word judges; the values are their names in events."""
+    """The parts of advice that the last word judges; the values are their names in events."""
 
     STATE = "position and speed"
     EFFORT = "advised effort"

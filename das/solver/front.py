@@ -52,7 +52,7 @@ class Front:
     sweep: Sweep | None = None
 
     def cover(self, s_m: float) -> None:
-        """Solve the policies for a train at a position (m) and ahead of it, where they are missing."""
+        """Solve the missing policies for a train at a position (m) and for all places ahead of it."""
         self._cover(State.at(self.section, s_m, 0.0))
 
     @property
@@ -78,8 +78,8 @@ class Front:
     ) -> Solution:
         """The trajectory of least energy that takes `time_s` from a state (by default from the start of the section).
 
-        A time below the least possible gives the fastest trajectory (`Fit.LATE`). A time longer than that of the
-        trajectory of least energy at any time gives that trajectory (`Fit.EARLY`). Otherwise the time is met to within
+        A time below the least possible gives the fastest trajectory (`Fit.LATE`). A time so long that no more energy
+        can be saved gives the trajectory of least energy (`Fit.EARLY`). Otherwise the time is met to within
         `tolerance_s`.
 
         Raises DasError for a state outside the section or a time that is not positive, InfeasibleError if the train

@@ -339,7 +339,7 @@ def refined_runs(
 
 
 def _in_order(count: int) -> list[tuple[int, int, int]]:
-    """Places in the order in which they are refined, each with the finished places before and behind it.
+    """Places in the order in which they are refined, each with the finished places before and after it.
 
     The first and the last start from their own trajectory because no neighbour is finished: they are their own
     neighbours.

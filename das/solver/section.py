@@ -31,7 +31,7 @@ from das.solver.line_profile import LineProfile, decision_nodes, even_nodes, fix
 
 Floats = NDArray[np.float64]
 AT_STOP_M = 1.0
-"""A stop this near to the end of a section is the one where it ends."""
+"""A section ends at a stop that is at most this far (m) from its end."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -332,7 +332,7 @@ def read_front(folder: Path, section: Section) -> Front:
 
 
 def why_not(section: Section, differing: Sequence[str]) -> str:
-    """Why a table is not that of a section (`differing`: see das.table.hashes.differing_parts)."""
+    """Why a table does not belong to a section (`differing`: see `das.table.hashes.differing_parts`)."""
     if is_other_code(differing):
         return "made by other solver code"
     return f"not the table of {section.name}: other {', '.join(differing)}"

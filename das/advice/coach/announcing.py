@@ -25,7 +25,7 @@ ROLLS_SOONER = 0.97
 
 
 class Announcing:
-    """Makes the announced instructions of a schedule: those not due yet. It remembers those of the last schedule."""
+    """Makes the instructions of a schedule that are announced before they are due; remembers the last schedule's."""
 
     def __init__(self, ahead: int) -> None:
         self._ahead = ahead

@@ -235,7 +235,7 @@ class Keeper:
         return ReplanCause.NONE, forecast
 
     def _doubt(self, kept: Kept, state: TrainState, goal: Goal) -> ReplanCause:
-        """Why a new reference might be better than the present one (NONE: no reason, or not the time to try)."""
+        """Why a new reference might be better than the present one (NONE: no reason, or not yet time to try)."""
         keeping, now_ns = self._settings.keeping, state.now_ns
         young = (now_ns - kept.reference.replan.time_ns) * NS < keeping.least_age_s
         asked = (now_ns - self._doubted_ns) * NS < keeping.asked_every_s

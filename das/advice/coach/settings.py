@@ -119,7 +119,7 @@ class LimitShowingSettings:
     """A driver above the limit by more than this is told to brake; by less, to coast or to hold the limit."""
     closes_in_s: float = 4.0
     """Near the speed of an instruction, its force is the one that reaches the speed in this time. The time is longer
-    than an advice is valid, so that a driver who sets exactly this force does not overshoot the speed."""
+    than advice is valid, so that a driver who sets exactly this force does not overshoot the speed."""
     rolls_back_in_s: float = 60.0
     """A driver above the speed to hold is told to coast back to it if that takes at most this long."""
     brakes_back_in_s: float = 10.0

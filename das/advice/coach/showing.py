@@ -159,7 +159,7 @@ class Showing:
         return now, following, self._brakes.force_n(now, state)
 
     def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
-        """The number of the phase to show: that of the train's position, or the next one if it is due soon.
+        """The number of the phase to show: the phase at the train's position, or the next one if it is due soon.
 
         The number never goes back. A brake is shown up to its end, unless another brake follows it. An acceleration is
         shown before it is due only if the limit already allows its speed.

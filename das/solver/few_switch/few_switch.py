@@ -112,7 +112,7 @@ class FewSwitchFront:
     """The sweep that has not reached the beginning of the section yet; None if the whole section is solved."""
 
     def cover(self, s_m: float) -> None:
-        """Solve the policies for a train at a position (m) and ahead of it, where they are missing."""
+        """Solve the missing policies for a train at a position (m) and for all places ahead of it."""
         self._cover(State.at(self.section, s_m, 0.0))
 
     @property

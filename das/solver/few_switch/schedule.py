@@ -56,7 +56,7 @@ LATE_RATIO = 3.0
 EARLY_RATIO = 0.7
 """A second of being early is worth this share of the price of time."""
 EARLY_S = 2.0
-"""Only this many seconds of being early count, because the price, one of the ladder, may be up to half too high."""
+"""Only this many seconds of being early count, because the price from the ladder may be too high by up to half."""
 
 
 class PricesOfTime(NamedTuple):

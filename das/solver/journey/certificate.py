@@ -54,7 +54,7 @@ def _allowed(window: Window, time_s: float, after_j: Floats) -> Floats:
 
 
 def _from_stop(chains: Chains, span: TightSpan, parts: Parts) -> Floats:
-    """The dual of a span that begins at a stop, by λ (−inf where λ is not one of the span's)."""
+    """The dual of a span that begins at a stop, by λ (−inf if the span has no such λ)."""
     first_j = np.zeros(len(chains.fronts.ladder_w))
     if span.stretches:
         first_j = chains.fronts.table(span.stretches[0], parts.get(span.stretches[0]), 0.0).total_j

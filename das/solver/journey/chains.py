@@ -106,7 +106,7 @@ class SectionFronts:
         return solve_front(section, lambda_w=self.ladder_w, end_value_j=value, packed=False)
 
     def table(self, stretch: Stretch, part: Front | None, speed_mps: float) -> MultiplierTable:
-        """The table of a stretch from a speed: by the front `part`, or by that of the whole section if it is None."""
+        """The table of a stretch from a speed: from the front `part`, or from the whole section's if it is None."""
         if part is not None:
             return _table(part, speed_mps)
         if stretch.section not in self._tables:
@@ -114,7 +114,7 @@ class SectionFronts:
         return self._tables[stretch.section]
 
     def drive(self, planned: TimedStretch, part: Front | None = None, speed_mps: float = 0.0) -> DrivenStretch:
-        """The trajectory of a stretch: from the front `part`, or from that of the whole section if it is None."""
+        """The trajectory of a stretch: from the front `part`, or from the whole section's if it is None."""
         if isinstance(planned, DrivenStretch):
             return planned
         if part is not None:
@@ -268,7 +268,7 @@ class Chains:
         return Ahead(speed_mps=start_speeds(first), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
     def dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
-        """Least cost of a span by λ minus λ·its time (J), where its first stretch costs `first_j` (…, L)."""
+        """Least cost of a span by λ minus λ·its time (J), if its first stretch costs `first_j` (…, L)."""
         tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
         fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
         total_j = first_j + sum((table.total_j for table in tables), fixed_j)

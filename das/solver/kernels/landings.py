@@ -28,7 +28,7 @@ LANDING_STEPS = 4
 def landing_speed(v0, h, share, g, q, p):
     """Speed after a decision step with a share of the largest traction, or of the electric brake (share < 0).
 
-    The largest effort is that of the mean speed. Returns 0 if the train stops.
+    The largest effort is taken at the mean speed. Returns 0 if the train stops.
     """
     v1 = v0
     for _ in range(LANDING_STEPS):
@@ -53,7 +53,7 @@ def landing_under(f, v0, h, g, q, p):
 
 @kernel
 def speed_under_force(f, v0, v1, h, g, q, p):
-    """Speed after a step under wheel force f; the resistance is that of a landing at v1. 0 if it stops."""
+    """Speed after a step under wheel force f, with the resistance between v0 and v1; 0 if the train stops."""
     rate = (f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
     rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
     w1 = v0 * v0 + 2.0 * h * rate

@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 
 @compiled(fastmath=True)
 def _speed_after(f, v0, v1, total, step, g, q, p):
-    """Speed after a step under wheel force f; the resistance is that of a landing at v1. 0 if it stops."""
+    """Speed after a step under wheel force f, with the resistance between v0 and v1; 0 if the train stops."""
     squares = v0 * v0 + v1 * v1
     mean_v = (2.0 / 3.0) * (squares + v0 * v1) / total
     resistance = p.c0_n + p.c1_n_per_mps * mean_v + (p.c2_n_per_mps2 + q) * 0.5 * squares

@@ -89,7 +89,7 @@ def to_lines(k, tube, line, p, c, pairs):
 
 @compiled(fastmath=True)
 def _after(start, landing, i, k, tube, out):
-    """The v² of all pairs after interval i between two knots: it shifts linearly against that of the tube's middle."""
+    """The v² of all pairs after interval i between two knots: its shift from the tube's trajectory changes linearly."""
     i0, i1 = tube.knot[k], tube.knot[k + 1]
     run, first, last = tube.squared[i + 1], tube.squared[i0], tube.squared[i1]
     share, low, high = tube.share[i + 1], tube.low[i + 1], tube.high[i + 1]
