@@ -168,8 +168,9 @@ def _announced(schedule: Schedule, number: int) -> Instruction:
 
 
 def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The speed (m/s) that a phase leads to, at most the highest allowed in its rest (or at its end, if it slows).
+    """The speed (m/s) that a phase leads to, at most the highest speed allowed in the rest of the phase.
 
+    For a phase that slows the train, it is at most the speed allowed at the end of the phase.
     The schedule itself may have a higher speed: if a limit was received late, or if a limit slows the train without a
     phase to brake for it.
     """
