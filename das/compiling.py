@@ -64,7 +64,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
 
 class _Place(_NumbaPlace):  # type: ignore[misc]
-    """Tells numba the folder for the compiled code of a function: that of the present version of its module."""
+    """Tells numba the folder for a function's compiled code; each version of a module has its own folder."""
 
     def __init__(self, function: Any, source_path: str) -> None:
         super().__init__(function, source_path)
@@ -91,7 +91,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
     _impl_class = _KeptForm
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled function for the types `sig`; None where it was never compiled."""
+        """The compiled function for the types `sig`; None if it was never compiled."""
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
@@ -160,7 +160,7 @@ def _key(module: str) -> str | None:
         text = text_sha256(sources_of([module], packages=OUR_PACKAGES | {module.partition(".")[0]}))
     except (SourcesMissingError, ImportError, AttributeError, OSError):
         return None
-    # Numba's own key has the processor and the versions of Python and numba, and leaves these out.
+    # Numba's own key has the processor and the versions of Python and numba, but not what follows.
     versions = f"{llvmlite.__version__} {np.__version__}"
     settings = f"{text} {versions} {_numba_settings.BOUNDSCHECK} {_numba_settings.OPT}"
     return hashlib.sha256(settings.encode()).hexdigest()[:HASH_DIGITS]
@@ -250,7 +250,7 @@ def _read(name: str) -> tuple[bytes, tuple[str, ...]]:
 
 
 def _imported(text: bytes, package: str) -> Iterator[str]:
-    """Names of modules that a text imports; `from a import b` may mean the module a.b, where there is one."""
+    """Names of modules that a text imports; `from a import b` may mean the module a.b, if there is one."""
     for match in _FROM.finditer(text):
         base = match[1].decode()
         if base.startswith("."):
@@ -267,7 +267,7 @@ def _imported(text: bytes, package: str) -> Iterator[str]:
 
 @cache
 def _path(name: str) -> Path | None:
-    """The source file of a module; None where there is none. Raises SourcesMissingError for one compiled alone."""
+    """The source file of a module, or None; raises SourcesMissingError if only a compiled file is installed."""
     root, *inner = name.split(".")
     for folder in importlib.import_module(root).__path__:
         place = Path(folder, *inner)

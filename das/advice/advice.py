@@ -77,7 +77,7 @@ OF_PROBLEM = {
     ProblemKind.POSITION_UNCERTAIN: Cause.POSITION_UNCERTAIN,
     ProblemKind.SPEED_UNCERTAIN: Cause.POSITION_UNCERTAIN,
 }
-"""The cause of a withdrawal for each problem of a position."""
+"""For each problem with a position, the cause of the withdrawal."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Withdrawal:
     problem: Problem | None = None
     """What is wrong with the position; None if the position is not the cause."""
     position_m: float = 0.0
-    """Where the train is (m), or how far it has run past its stop (m)."""
+    """The train's position (m); for `PAST_STOP`, how far it has run past its stop (m)."""
     section_m: tuple[float, float] = (0.0, 0.0)
     """The two ends of the section (m)."""
 
@@ -109,13 +109,13 @@ class ReplanCause(IntEnum):
     POINT = 4
     """A point ahead has a new window of time, or would be passed outside its window."""
     LATE = 5
-    """With the reference before, the train would arrive too late."""
+    """With the previous reference, the train would arrive too late."""
     EARLY = 6
-    """With the reference before, the train would arrive too early, and slower driving saves energy."""
+    """With the previous reference, the train would arrive too early, and slower driving saves energy."""
     ENERGY = 7
-    """The reference before would need more energy than a new one."""
+    """The previous reference would need more energy than a new one."""
     LOST = 8
-    """The reference before cannot be kept from where the train is."""
+    """The previous reference cannot be kept from the train's state."""
 
     @property
     def label(self) -> str:
@@ -130,7 +130,7 @@ class Instruction:
     `effort_ratio` > 0 is a share of the largest traction at the present speed. `effort_ratio` < 0 is a share of the
     largest electric brake at the present speed (of all brakes if there is no electric one); below -1 the friction brake
     is used as well. It is NaN for a speed to hold. `way_m` and `in_s` are the distance and time until the instruction
-    begins; 0: it is due.
+    begins; 0 if it is due.
     """
 
     mode: Regime = Regime.NONE
@@ -142,7 +142,7 @@ class Instruction:
 
 @dataclass(frozen=True, kw_only=True)
 class Replan:
-    """Why and when (ns since 1970) the coach made its reference, and what it gains over the one before (J, s)."""
+    """Why and when (ns since 1970) the coach made its reference, and what it gains over the previous one (J, s)."""
 
     cause: ReplanCause = ReplanCause.NONE
     time_ns: int = 0
@@ -157,8 +157,8 @@ class Coaching:
 
     `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
     is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps the reference here;
-    it differs while braking, because the effort shown is rounded up. `worth_j` is what following the instruction saves
-    compared with going on at the present speed first, for the same arrival.
+    while braking, `force_n` differs from it because the effort shown is rounded up. `worth_j` is what following the
+    instruction saves compared with going on at the present speed first, for the same arrival.
     """
 
     now: Instruction

@@ -94,7 +94,7 @@ class BrakingModel:
 
     @property
     def mass_kg(self) -> float:
-        """The inertial mass (kg): that of the train with its rotating parts."""
+        """The inertial mass (kg) of the train, with its rotating parts."""
         return self.train[3]
 
     def limit_mps(self, s_m: float) -> float:
@@ -216,7 +216,7 @@ def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
 SDS_AHEAD = 2.0
 """The train is assumed to be ahead of its estimated position by this many standard deviations."""
 BY_EYE_M = 10.0
-"""From this far (m) the driver sees the mark; the train is assumed nearer to the stop only if its estimate is."""
+"""From this far (m) the driver sees the mark; the train is assumed nearer to it only if its estimated position is."""
 HELD_ABOVE_MPS = 1.0
 """A driver above the allowed speed by at most this may be told to hold a lower speed; a faster one must brake."""
 BACK_IN_S = 5.0
@@ -254,7 +254,7 @@ class Excess(NamedTuple):
 
 
 class Consequences:
-    """Predicts how a train moves until an advice expires, for whatever its driver does.
+    """Predicts how a train moves until its advice expires, for whatever its driver does.
 
     The train starts from `ahead_m`: it may be ahead of its estimated position by `SDS_AHEAD` standard deviations.
     """
@@ -269,7 +269,7 @@ class Consequences:
         """The furthest position (m) at which the train may be."""
 
     def excess(self, doings: Sequence[Doing], lasts_s: float, since_s: float = 0.0) -> Excess | None:
-        """The first speed between `since_s` and `lasts_s` that is too high if the driver does this; None if none is."""
+        """The first speed between `since_s` and `lasts_s` that is too high if the driver does `doings`, or None."""
         done = np.array(doings, dtype=float)
         tuned = FULL_RATIO, HELD_ABOVE_MPS, STOPPED_MPS, BACK_IN_S
         found = kernels.first_excess(*self.model.train, done, self.ahead_m, self.v_mps, since_s, lasts_s, tuned)
@@ -278,7 +278,7 @@ class Consequences:
     def braking(self) -> tuple[float, Needed]:
         """The braking force (N, <= 0) needed from here, and the speed and place that need it.
 
-        If the constant force computed from the needed deceleration does not suffice, the force is that of all brakes.
+        If the constant force computed from the needed deceleration does not suffice, all brakes are applied fully.
         """
         model, v_mps = self.model, self.v_mps
         needed = model.needed(self.ahead_m, v_mps, self.valid_s)
@@ -303,7 +303,7 @@ class Consequences:
         return Excess(self.v_mps, math.nan) if abs(force_n) > FORCE_RATIO * most_n + 1.0 else None
 
     def braked_horizon(self, force_n: float, to_mps: float, seconds: int) -> dict[str, tuple[float, ...]]:
-        """The horizon fields of an advice, by name, for braking with a force (N) to a speed (m/s).
+        """The horizon fields of advice, by name, for braking with a force (N) to a speed (m/s).
 
         No speed is above what is allowed.
         """

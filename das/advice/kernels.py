@@ -94,7 +94,7 @@ def without_ripples(modes, v, cruise, rolling, band):
 
 @kernel
 def without_short(modes, t_s, brakes, least_s):
-    """Modes per interval, where each mode that lasts less than `least_s` is replaced by the one before it.
+    """Modes per interval; each mode that lasts less than `least_s` is replaced by the one before it.
 
     Modes replaced in a row last less than `least_s` together. Modes numbered `brakes` or higher are never replaced.
     """
@@ -121,7 +121,7 @@ TRIES, NEAR_W = 14, 0.02
 
 @kernel
 def full_effort(v, p):
-    """The force (N) of effort 1 at a speed: that of the motors, or of all brakes if the motors do not brake."""
+    """The braking force (N) of effort 1 at a speed: of the motors, or of all brakes if the motors do not brake."""
     electric = electric_limit(v, p)
     if electric > 0.0 and not p.brakes_dissipate:
         return electric
@@ -152,7 +152,7 @@ def _braked_w(effort, w0, h, g, q, p, here):
 
 @kernel
 def left_over_w(effort, s, v, first, last, to_m, nodes, line, p):
-    """v² (m²/s²) that is left at `to_m` if a train at s with speed v brakes with an effort from there on.
+    """v² (m²/s²) that is left at `to_m` if a train at s with speed v brakes with an effort from s on.
 
     `first` and `last` are the intervals of s and of `to_m`. A result below 0 means that the train stops before `to_m`;
     the further before, the lower it is.

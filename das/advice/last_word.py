@@ -36,13 +36,13 @@ MAY_BE_UNKNOWN = (
     "buffer_ratio",
     "energy_to_go_j",
 )
-"""Figures of an advice that may be unknown (NaN), but never infinite."""
+"""Figures of advice that may be unknown (NaN), but never infinite."""
 
 _STANDS = (Regime.STOP, Regime.DEPART)
 
 
 class Part(StrEnum):
-    """The parts of an advice that the last word judges; the values are their names in events."""
+    """The parts of advice that the last word judges; the values are their names in events."""
 
     STATE = "position and speed"
     EFFORT = "advised effort"
@@ -61,7 +61,7 @@ class Part(StrEnum):
 class Act(NamedTuple):
     """One replacement by the last word: which part, the speed it would have led to, and the highest safe speed (m/s).
 
-    The part now shows the speed `instead_mps` or the wheel force `instead_n` (NaN: it is not one of these).
+    The part now shows the speed `instead_mps` or the wheel force `instead_n` (NaN: not applicable).
     """
 
     part: Part
@@ -313,7 +313,7 @@ class _Judgement:
     def _judge_speed_of(self, now: Instruction) -> None:
         """Lower the speed of the present instruction to what is allowed.
 
-        A speed to reach or to hold is judged here and where the instruction is due; one to brake or coast to, where
+        A speed to reach or to hold is judged here and where the instruction is due; a speed to brake or coast to, where
         the braking or coasting ends.
         """
         coach, model = self._advice.coach, self._model
@@ -339,7 +339,7 @@ class _Judgement:
                 first = first or Act(Part.COACH_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
                 break  # The instructions after it no longer apply.
             at_m = self._told_from_m + one.way_m
-            # A speed to reach or to hold applies where it begins, one to coast or brake to where that ends.
+            # A speed to reach or to hold applies where it begins; a speed to coast or brake to, at the end of that.
             ends = k + 1 < len(coach.following) and one.mode in (*BRAKES, Regime.COAST)
             to_m = self._told_from_m + coach.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)

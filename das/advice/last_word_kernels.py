@@ -82,7 +82,7 @@ def planned_brake(nodes, places, forces, mass, most, s, v):
 
 @kernel
 def fill_curve(nodes, places, forces, mass, most, row):
-    """Fill in the curve `ALLOWED` or `BOUND`: the highest speeds from which full braking keeps those of its third row.
+    """Fill in the curve `ALLOWED` or `BOUND`: the highest speeds from which full braking keeps its third row's speeds.
 
     The curve is computed backwards from the last node, where the train stands. Over a step of length h, v² grows by 2·h
     times the mean deceleration of its two ends (Heun).
@@ -144,7 +144,7 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
 
     A train that is too fast already is no excess if the driver is told to do enough about it. Enough is the share
     `full_ratio` of full braking; or to hold a permitted speed, if the train is at most `held_above` (m/s) above what is
-    allowed; or, above a level limit, braking that brings the train back under it in the time `back_in` (s). A train
+    allowed; or, if only the limit here is exceeded, braking back under it in the time `back_in` (s). A train
     slower than `stopped` (m/s) is no excess either. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
     """
     k, (full_ratio, held_above, stopped, back_in) = 0, tuned

@@ -49,6 +49,7 @@ class PassingFronts:
 
     @property
     def at_m(self) -> float:
+        """The position of the point (m)."""
         return self.after.section.start_m
 
     @classmethod
@@ -56,7 +57,7 @@ class PassingFronts:
         """Solve both parts for a trajectory that passes the point `at_m` (m), for each multiplier (W) of a ladder.
 
         The fronts also serve other times and states, but their trajectories then cost a little more than the optimum.
-        Raises DasError for a point that is not on the way, InfeasibleError if one of the parts cannot be driven.
+        Raises DasError for a point that is not inside the section, InfeasibleError if a part cannot be driven.
         """
         first, last = _parts(section, at_m)
         after = solve_front(last, lambda_w=ladder_w)
@@ -156,7 +157,7 @@ def _price_index(after: Front, v_mps: float, time_s: float) -> int:
 
 
 def _value_ahead(first: Section, after: Front, price: int) -> Floats:
-    """What the way from the point on costs (J), for each speed at the end of the first part."""
+    """What the second part costs (J), for each speed at the end of the first part."""
     last = after.section
     known = np.linspace(last.floor_mps[0], last.envelope_mps[0], last.speed_steps + 1)
     speeds = np.linspace(first.floor_mps[-1], first.envelope_mps[-1], first.speed_steps + 1)

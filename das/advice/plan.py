@@ -20,7 +20,7 @@ Modes = NDArray[np.int64]
 
 
 def classify_modes(solution: Solution, section: Section, settings: ModeSettings = DEFAULT.modes) -> Modes:
-    """The mode of each interval of a trajectory, from its acceleration and from its force as a share of the available.
+    """The mode of each interval of a trajectory, from its acceleration and its share of the available force.
 
     A stretch between two stretches of cruising counts as cruising too if the speed hardly changes in it
     (`settings.ripple_mps`). A driver who is told to hold the speed needs no alternating advice to coast and to pull.
@@ -58,7 +58,7 @@ def classify_modes(solution: Solution, section: Section, settings: ModeSettings 
 
 
 def without_short(modes: Modes, t_s: Floats, settings: ModeSettings = DEFAULT.modes) -> Modes:
-    """The modes of the intervals, where each mode too short for a driver to follow is replaced by the one before it.
+    """The modes of the intervals; each mode too short for a driver to follow is replaced by the one before it.
 
     Modes replaced in a row last less than `settings.hold_s` together. Brakes are never replaced.
     """

@@ -100,7 +100,7 @@ class Planner:
         return float(kernels.allowed(section.node_m, self.allowed_w, section.limit_mps, s_m))
 
     def _planned_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) that a plan may have at a position: a reserve below what is allowed."""
+        """The highest speed (m/s) that a plan may have at a position: below the allowed one by a reserve."""
         section = self.section
         return float(kernels.allowed(section.node_m, self._planned_w, section.limit_mps, s_m))
 
@@ -114,7 +114,7 @@ class Planner:
     def brakes_late(self, state: TrainState, v_mps: float, within_s: float) -> bool:
         """Whether full braking comes too late for the limits and the stop ahead if it begins after `within_s` (s).
 
-        Until then the train runs at `v_mps`.
+        Until then the train keeps the speed `v_mps`.
         """
         section, from_m = self.section, state.braked_m
         lowest_w = kernels.lowest_w(from_m, from_m + v_mps * within_s, section.node_m, self.allowed_w)

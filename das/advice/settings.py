@@ -41,16 +41,16 @@ class PlanSettings:
     longest_age_s: float = 60.0
     """A plan older than this is replaced by a new one."""
     tolerance_s: float = 0.2
-    """A plan arrives within this time of the wanted one."""
+    """A plan arrives within this time of the wanted arrival."""
     braking_ahead_mps2: float = 0.25
-    """A limit or stop ahead counts as being braked for if reaching it takes at least this deceleration from here on."""
+    """A limit or stop ahead counts as being braked for if it needs more than this deceleration from here on."""
     slower_than_planned_mps: float = 1.0
     """A driver has braked early for a limit or stop if the train is slower than planned by more than this before it."""
     braked_early_s: float = 5.0
     """A driver who braked early for a limit or stop is told to speed up again, by a plan or by a higher top speed, only
     if that saves at least this much time."""
     overspeed_eased_mps: float = 1.0
-    """For a train above the planned braking curve by at most this, the plan starts on the curve: no hard braking."""
+    """A train above the planned braking curve by at most this gets a plan that starts on it, without hard braking."""
     longest_ratio: float = 2.5
     """No plan takes longer than this multiple of the least time from its state. With more time left, the train arrives
     early and waits at the stop instead of crawling (without idle losses, a crawl would need the least energy)."""
@@ -62,26 +62,26 @@ class PlanSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FourModeSettings:
-    """How long before full braking is needed a display of four modes shows it."""
+    """How long before it is needed a display of four modes shows full braking."""
 
     before_s: float = 4.0
-    """Full braking is shown this long before it is needed: an advice is valid for 3 s, and the brakes build up."""
+    """Full braking is shown this long before it is needed: advice is valid for 3 s, and the brakes need time to act."""
     slow_mps: float = 4.0
     """For a train slower than this, `before_m` and `least_s` count instead of `before_s`."""
     before_m: float = 5.0
-    """To a slow train full braking is shown this far before it is needed, so that it stands at most this far short."""
+    """A slow train is shown full braking this far before it is needed, so that it stops at most this far short."""
     least_s: float = 2.0
-    """To a slow train full braking is shown at least this long before it is needed: a driver takes this long to act."""
+    """A slow train is shown full braking at least this long before it is needed: a driver takes this long to act."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DisplaySettings:
-    """What an advice contains, and how steady it is."""
+    """What advice contains, and how steady it is."""
 
     horizon_s: int = 30
-    """An advice looks this many seconds ahead, in steps of 1 s."""
+    """Advice looks this many seconds ahead, in steps of 1 s."""
     valid_for_s: float = 3.0
-    """An advice is valid for this long."""
+    """Advice is valid for this long."""
     missed_named_s: float = 1.0
     """The reason says that a point is passed too late if it is passed at least this long after its window."""
     four: FourModeSettings = field(default_factory=FourModeSettings)
@@ -136,7 +136,8 @@ class StopSettings:
     deviations: float = 2.0
     """The train is assumed to be ahead of its estimated position by at most this many standard deviations."""
     back_m: float = 200.0
-    """A train that has begun a section returns to the one before only if a position lies further back than this."""
+    """A train that has begun a section counts as back on the previous one only if its position lies further back than
+    this."""
 
 
 @dataclass(frozen=True, kw_only=True)

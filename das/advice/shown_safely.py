@@ -1,4 +1,4 @@
-"""Keeps advice safe: stronger brakes for a train that is too fast or above its plan, and safe choices of four modes."""
+"""Keeps advice safe: stronger braking if the train is too fast or above its plan, and a safe one of the four modes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def braked_enough(
 ) -> tuple[Regime, float]:
     """The mode and force (N) to show: those given, or those of the braking that the limits and the stop need.
 
-    Braking is needed if the train is above its plan or too fast.
+    Braking is needed if it is due soon, or if the train is too fast.
     """
     ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
@@ -86,7 +86,7 @@ class FourModes(NamedTuple):
     excess_mps: float
 
     def safe(self, four: Regime, mode: Regime) -> Regime:
-        """The mode `four` if it is safe, else the one of the four that the limits and the stop ahead need.
+        """The mode `four` if it is safe, else the one of the four modes that the limits and the stop ahead need.
 
         `mode` is what the other displays show. If they show braking to a train that is too fast, this is full braking,
         however weak theirs is.
@@ -115,7 +115,7 @@ class FourModes(NamedTuple):
     def full_brake_due_s(self, four: Regime) -> float:
         """In how many whole seconds full braking must follow the mode `four`.
 
-        Infinity if not while the advice is valid, or if `four` is full braking.
+        Infinity if it need not while the advice is valid, or if `four` is full braking.
         """
         if four is Regime.FULL_BRAKE:
             return math.inf

@@ -42,7 +42,7 @@ class Front:
     solved front holds them as float64 and float32; a large one, and a table on disk, as float32 and packed.
 
     With a `sweep` only the nodes from `sweep.known_from` on are filled: the front of a train that is under way. The
-    methods continue the sweep where a question needs more.
+    methods continue the sweep if they need more.
     """
 
     section: Section
@@ -52,7 +52,7 @@ class Front:
     sweep: Sweep | None = None
 
     def cover(self, s_m: float) -> None:
-        """Solve the policies for a train at a position (m) and ahead of it, where they are missing."""
+        """Solve the missing policies for a train at a position (m) and for all places ahead of it."""
         self._cover(State.at(self.section, s_m, 0.0))
 
     @property
@@ -61,11 +61,11 @@ class Front:
         return Policies(self.lambda_w, self.value_j, self.time_to_go_s)
 
     def fastest(self, s_m: float | None = None, v_mps: float | None = None) -> Solution:
-        """The fastest run from a state (see `das.solver.state.fastest`, which needs no front)."""
+        """The fastest trajectory from a state (see `das.solver.state.fastest`, which needs no front)."""
         return fastest(self.section, s_m, v_mps)
 
     def least_time_s(self, s_m: float, v_mps: float) -> float:
-        """Time of the fastest run from a state (see `das.solver.state.least_time_s`, which needs no front)."""
+        """Time (s) of the fastest trajectory from a state (see `das.solver.state.least_time_s`; it needs no front)."""
         return least_time_s(self.section, s_m, v_mps)
 
     def trajectory(
@@ -76,13 +76,14 @@ class Front:
         *,
         tolerance_s: float = tol.TIME_TOLERANCE_S,
     ) -> Solution:
-        """The least-energy run of duration `time_s` from a state (by default from the start of the section).
+        """The trajectory of least energy that takes `time_s` from a state (by default from the start of the section).
 
-        A time below the least possible gives the fastest run (`Fit.LATE`); one beyond the least-energy run gives
-        that run (`Fit.EARLY`). Otherwise the time is hit to within `tolerance_s`.
+        A time below the least possible gives the fastest trajectory (`Fit.LATE`). A time so long that no more energy
+        can be saved gives the trajectory of least energy (`Fit.EARLY`). Otherwise the time is met to within
+        `tolerance_s`.
 
-        Raises DasError for a state outside the section or a time that is not positive, InfeasibleError where the
-        section cannot be finished from the state.
+        Raises DasError for a state outside the section or a time that is not positive, InfeasibleError if the train
+        cannot reach the end of the section from the state.
         """
         if not time_s > 0 or math.isinf(time_s):
             raise DasError(f"trip time {time_s} s: expected a finite time > 0 s")
@@ -95,13 +96,13 @@ class Front:
         return TimeSearch(self.policies, state, time_s, quickest=quickest, tolerance_s=tolerance_s).run()
 
     def ladder_times_s(self) -> Floats:
-        """Time of the whole section under every multiplier, as the policies know it (s)."""
+        """Time (s) of the whole section under every multiplier, by the policies."""
         state = State.at(self.section)
         self._cover(state)
         return state.totals(self.policies).time_s
 
     def by_multiplier(self, s_m: float, v_mps: float) -> tuple[Floats, Floats]:
-        """Times (s) of the runs from a state under every multiplier of the ladder, and their least costs (J)."""
+        """Times (s) of the trajectories from a state under all multipliers of the ladder, and their least costs (J)."""
         state, policies = State.at(self.section, s_m, v_mps), self.policies
         self._cover(state)
         total_j = state.totals(policies).cost_j
@@ -120,15 +121,15 @@ class SearchSettings:
     max_roll_outs: int = 12
     """At most this number of multipliers is tried."""
     overshoot_s: float = 0.15
-    """The next run is aimed this far (s) beyond the wanted time, so that two runs enclose it."""
+    """The next trial is aimed this far (s) beyond the wanted time, so that two trials enclose it."""
     first_step: float = 0.05
-    """As long as all runs tried are on one side of the time, the next is at least this part of a step of the ladder
-    from the last one, then four times that, and so on."""
+    """While all trials are on one side of the wanted time, the next trial is at least this part of a ladder step away
+    from the last one, then four times as far, and so on."""
     blend_loss_ratio: float = 2e-5
-    """Two runs are blended when no multiplier between theirs could save more than this share of the train's kinetic
-    energy at the highest speed ahead."""
+    """Two trajectories are blended if no multiplier between theirs could save more than this share of the train's
+    kinetic energy at the highest speed ahead."""
     max_blends: int = 40
-    """At most this number of blends of two runs is tried."""
+    """At most this number of blends of two trajectories is tried."""
     least_share: float = 0.02
     """The next trial keeps at least this share of the interval away from both ends, so that the interval shrinks."""
 
@@ -137,10 +138,10 @@ SETTINGS: Final = SearchSettings()
 
 
 class Trial(NamedTuple):
-    """A run that was tried.
+    """A trajectory that was tried.
 
-    `place` is its multiplier as a number on the ladder, between two of its steps where it is no whole number (inf: the
-    fastest run). `miss_s` is how much longer than wanted the run takes.
+    `place` is its multiplier as a number of a step of the ladder, or a fraction between two steps (inf: the fastest
+    trajectory). `miss_s` is how much longer than wanted the trajectory takes.
     """
 
     place: float
@@ -149,10 +150,10 @@ class Trial(NamedTuple):
 
 
 class TimeSearch:
-    """Finds the run from a state that takes a given time: a multiplier, or a blend where the front jumps.
+    """Finds the trajectory from a state that takes a given time: that of a multiplier, or a blend if the front jumps.
 
-    The policies tell where on the ladder to look. Each run tried corrects that, and the next one is aimed a little
-    beyond the wanted time, so that the two enclose it; from there by false position (Illinois).
+    The policies tell where on the ladder to look. Each trial corrects that, and the next one is aimed a little beyond
+    the wanted time, so that the two enclose it. The search then goes on by false position (Illinois).
     """
 
     def __init__(
@@ -170,11 +171,11 @@ class TimeSearch:
         self.last = len(policies.lambda_w) - 1
         self._steps = np.arange(self.last + 1)
         self._totals = state.totals(policies)
-        # Where the front is almost a jump the times of the policies need not fall.
+        # Where the front almost jumps, the times by the policies may rise with the multiplier.
         self._table_s = np.minimum.accumulate(self._totals.time_s)
 
     def run(self) -> Solution:
-        """The run of the wanted time, or the nearest that is efficient (see `Fit`)."""
+        """The trajectory of the wanted time, or the nearest efficient one (see `Fit`)."""
         slow, quick = self._enclose()
         for trial in (slow, quick):
             if trial is not None and abs(trial.miss_s) <= self.tolerance_s:
@@ -213,7 +214,7 @@ class TimeSearch:
         )
 
     def _enclose(self) -> tuple[Trial | None, Trial]:
-        """A slow and a quick run that can be blended; no slow one where even the smallest multiplier is early."""
+        """A slow and a quick trial that can be blended; no slow one if even the smallest multiplier is early."""
         slow, quick = None, Trial(math.inf, self.quickest, self.quickest.time_s - self.time_s)
         above, below, kept = 0.0, 0.0, 0
         place, step = self._place(self.time_s), self.settings.first_step
@@ -233,24 +234,24 @@ class TimeSearch:
         return slow, quick
 
     def _share(self, above: float, below: float) -> float:
-        """Where between two runs the next one should lie, by their misses (false position)."""
+        """Where between two trials the next one should lie, by their misses (false position)."""
         least = self.settings.least_share
         return float(np.clip(above / (above - below), least, 1.0 - least))
 
     def _blendable(self, slow: Trial | None, quick: Trial) -> bool:
-        """Whether next to nothing is to be gained between two runs, or no multiplier lies between them."""
+        """Whether next to nothing can be gained between two trials, or no multiplier lies between them."""
         if slow is None:
             return quick.place <= 0
         if math.isinf(quick.place):
             return slow.place >= self.last
-        # The front lies above its tangents at both runs, whose slopes are −λ.
+        # The front lies above its tangents at both trials, whose slopes are −λ.
         late, early = slow.miss_s, -quick.miss_s
         gain_j = (self.price_w(quick.place) - self.price_w(slow.place)) * late * early / (late + early)
         kinetic_j = 0.5 * self.state.section.train.inertial_mass_kg * float(self.state.envelope_mps.max()) ** 2
         return gain_j <= self.settings.blend_loss_ratio * kinetic_j
 
     def _place(self, time_s: float) -> float:
-        """Where on the ladder the policies put a trip time."""
+        """Where on the ladder a trip time lies by the policies."""
         return float(np.interp(-time_s, -self._table_s, self._steps))
 
     def _beyond(self, trial: Trial, step: float) -> float:
@@ -262,7 +263,7 @@ class TimeSearch:
         return min(max(place, 0.0), float(self.last))
 
     def _blend(self, slow: Trial, quick: Trial) -> RollOut:
-        """The run of the wanted time between two runs; its energy is near the chord between theirs."""
+        """The trajectory of the wanted time between two trials; its energy is near the chord between theirs."""
         low, high, above, below = 0.0, 1.0, slow.miss_s, quick.miss_s
         best, kept = slow.run, 0
         for _ in range(self.settings.max_blends):

@@ -56,7 +56,7 @@ class LineProfile:
         )
 
     def elapsed_s(self, speeds_mps: Floats) -> Floats:
-        """Times (s, from 0) at the nodes of a run with these speeds, at constant acceleration between the nodes."""
+        """Times (s, from 0) at the nodes with these speeds there and constant acceleration between them."""
         return np.concatenate(([0.0], np.cumsum(2.0 * self.step_m / (speeds_mps[:-1] + speeds_mps[1:]))))
 
     @property
@@ -85,11 +85,11 @@ def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
 
 
 _SLOWEST_MPS = 1.0
-"""Where the fastest run is slower than this (near a stop), the steps are those for this speed."""
+"""Where the fastest trajectory is slower than this (near a stop), the steps are those for this speed."""
 
 
 def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, beside_m: float = 0.0) -> Floats:
-    """Positions (m) that must be decision nodes: the line's changes, where the train's tail passes them, near stops.
+    """Positions (m) that must be decision nodes: at and near stops, and where head or tail meets a change of the line.
 
     `length_m` is the length of the train, 0 for a point mass. With `beside_m` there are also nodes at this distance (m)
     before and after each change of the limit, again for the train's head and for its tail.
@@ -107,7 +107,7 @@ def fixed_nodes(route: Route, ends_m: tuple[float, float], length_m: float, besi
 
 
 def even_nodes(fixed_m: Floats) -> Floats:
-    """The fixed nodes with even steps between them; the fastest run on these nodes determines the decision steps."""
+    """The fixed nodes with even steps between them; the fastest trajectory on them determines the decision steps."""
     return subdivide(fixed_m, np.ceil(np.diff(fixed_m) / _longest_m(fixed_m) - 1e-9).astype(np.int64))
 
 
@@ -116,8 +116,8 @@ def decision_nodes(
 ) -> Floats:
     """Positions (m) of the decision nodes: the fixed ones, and others so that no step is longer than its cap.
 
-    `even_m` are the nodes of `even_nodes`, and `fastest_mps` is the speed of the fastest run there. With `asked_m` no
-    step is longer than that.
+    `even_m` are the nodes of `even_nodes`, and `fastest_mps` is the speed of the fastest trajectory there. With
+    `asked_m`, no step is longer than that either.
     """
     cap_m = np.minimum(_caps_m(route, even_m, fastest_mps), np.inf if asked_m is None else asked_m)
     steps = np.concatenate(([0.0], np.cumsum(np.diff(even_m) / cap_m)))

@@ -1,4 +1,4 @@
-"""Where the sweep of a front writes its policies: whole, or packed block by block where they would be large."""
+"""Where the sweep of a front writes its policies: whole, or packed block by block if they would be large."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class KeptMemory:
         return np.empty(size, np.uint8)
 
     def _give_back(self, block: NDArray[np.uint8]) -> None:
-        """Keep a block; the blocks kept longest go where there are too many."""
+        """Keep a block; if too much is kept, the oldest blocks are dropped."""
         with self._lock:
             self._free.append(block)
             while sum(one.nbytes for one in self._free) > self.kept_bytes:
@@ -128,9 +128,9 @@ class WholePolicies:
 
 
 class PackedPolicies:
-    """Half as large: values in single precision, times-to-go as steps of 16 bits, as a table on disk holds them.
+    """Policies at half the size: values in single precision, times-to-go in steps of 16 bits, as in a table on disk.
 
-    Only one block of nodes is there as the sweep writes it.
+    Only one block of nodes is held unpacked, as the sweep writes it.
     """
 
     def __init__(self, shape: tuple[int, int, int], end_value_j: Floats | float, block_nodes: int) -> None:
@@ -146,7 +146,7 @@ class PackedPolicies:
         pack(0, 1, self._value_j[:1], self._time_s[:1], *self._places(nodes - 1, nodes))
 
     def rows(self, start: int, end: int) -> Rows:
-        # The first node of the block before is the last one of this block.
+        # The first node of the block filled before is the last node of this block.
         last = end - start
         self._value_j[last], self._time_s[last] = self._value_j[0], self._time_s[0]
         return self._value_j[: last + 1], self._time_s[: last + 1]

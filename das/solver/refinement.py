@@ -1,9 +1,9 @@
-"""Refinement: a run of the table is improved in a narrow tube around it, with the same arrival.
+"""Refinement: a trajectory of the table is improved in a narrow tube around it, with the same arrival.
 
-The table decides once in up to 150 m and between some two hundred speeds. A run that it gives is near the optimum of
-the section, but not on it. `refined` lays a few lines beside the run, finds the best run between them by a dynamic
-program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around that, and so on.
-The price of time is chosen anew in every pass, so that the train arrives when it did before.
+The table decides once in up to 150 m and between some two hundred speeds. A trajectory from it is near the optimum of
+the section, but not on it. `refined` lays a few lines beside the trajectory, finds the best one between them by a
+dynamic program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around that, and
+so on. The price of time is chosen anew in every pass, so that the arrival stays the same.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from das.solver.warm_up import warm_up
 Floats = NDArray[np.float64]
 
 LARGEST_SHARE = 0.8
-"""The outermost lines take at most this share of a run's v² away, so that no line stands still."""
+"""The outermost lines lower v² by at most this share, so that no line is at standstill."""
 
 FIRST_FACTOR = 1.03
-"""The second price of time that a pass tries is this many times the first, or the first over it."""
+"""The second price of time that a pass tries is the first one multiplied or divided by this."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +38,10 @@ class RefinementSettings:
     """How wide the tubes are, how they shrink, and when the refinement ends."""
 
     lines: int = 3
-    """On each side of the run there are this many lines. Seven lines in all find what thirteen do, in a third of the
-    time."""
+    """On each side of the trajectory there are this many lines. Seven lines in all find what thirteen do, in a third of
+    the time."""
     widest_mps: float = 2.0
-    """The outermost lines of the first pass differ from the run by this (m/s) at `reference_speed_mps`."""
+    """The outermost lines of the first pass differ from the trajectory by this (m/s) at `reference_speed_mps`."""
     reference_speed_mps: float = 20.0
     """Lines are evenly spaced in v², because a shift in v² keeps the force; widths in m/s are meant at this speed."""
     shrink: float = 0.6
@@ -54,22 +54,22 @@ class RefinementSettings:
     most_rounds: int = 3
     """Rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
     closed_ratio: float = 2e-4
-    """A round that saves less than this share of the energy was the last."""
+    """A round that saves less than this share of the energy is the last."""
     most_trials: int = 8
     """Prices of time that are tried in a pass."""
     time_tolerance_s: float = 1e-3
-    """The refined run is never later than the one given, and earlier by at most about this (s)."""
+    """The refined trajectory is never later than the given one, and earlier by at most about this (s)."""
     blend_loss_ratio: float = 1e-6
-    """Two runs of a pass are blended when no price between theirs could save more than this share of the energy."""
+    """Two trajectories of a pass are blended if no price between theirs could save more than this share of energy."""
     most_blends: int = 20
-    """Blends of two runs that are tried in a pass."""
+    """Blends of two trajectories that are tried in a pass."""
 
 
 SETTINGS: Final = RefinementSettings()
 
 
 class TubeRun(NamedTuple):
-    """A run with its price of time."""
+    """A trajectory with its price of time."""
 
     speeds_mps: Floats
     energy_j: float
@@ -85,11 +85,11 @@ def never() -> bool:
 def refined(
     solution: Solution, settings: RefinementSettings = SETTINGS, *, is_over: Callable[[], bool] = never
 ) -> Solution:
-    """The solution, improved in a tube around its run; never later and never with more energy than it.
+    """The solution, improved in a tube around its trajectory; never later and never with more energy than before.
 
-    A run that is `Fit.EARLY` may take the time that was asked for. The fastest run has no other of its time and is
-    returned as it is. Where nothing is saved, the solution itself is returned. `is_over` is asked before every pass;
-    once it says so, the best run until then is the answer. `table_bound_j` stays that of the solution given.
+    A trajectory that is `Fit.EARLY` may take the time that was asked for. The fastest trajectory is returned as it is,
+    because no other takes its time. If nothing is saved, the solution itself is returned. `is_over` is called before
+    every pass; once it returns True, the best trajectory so far is returned. `table_bound_j` stays the same.
     """
     if is_fastest(solution):
         return solution
@@ -98,12 +98,12 @@ def refined(
 
 
 def is_fastest(solution: Solution) -> bool:
-    """Whether a solution is the fastest run, which leaves nothing to choose."""
+    """Whether a solution is the fastest trajectory, which leaves nothing to choose."""
     return solution.fit is Fit.LATE or math.isinf(solution.lambda_w)
 
 
 class Refinement:
-    """The refinement of one solution: the run that is given, the search beside it, and the solution of a better run."""
+    """The refinement of one solution: its trajectory, the search beside it, and the solution of a better trajectory."""
 
     def __init__(self, solution: Solution, settings: RefinementSettings = SETTINGS) -> None:
         run = solution.trajectory
@@ -114,7 +114,7 @@ class Refinement:
         self.given = self.search.known(run.v_mps, solution.lambda_w)
 
     def settled(self, best: TubeRun) -> Solution:
-        """A run that was found as a solution; the solution given where it is not better."""
+        """A trajectory that was found, as a solution; the given solution if it is not better."""
         given = self.solution
         if best is self.given:
             return given
@@ -132,13 +132,13 @@ class Refinement:
 
 
 def warm_up_refinement() -> None:
-    """Refine a run of a tiny section, so that every kernel is compiled or loaded; about 10 s on a new machine."""
+    """Refine a trajectory of a tiny section to compile or load every kernel; about 10 s on a new machine."""
     front = warm_up()
     refined(front.trajectory(1.1 * front.fastest().time_s), replace(SETTINGS, passes=1, most_rounds=1))
 
 
 class TubeSearch:
-    """Improves runs from a state that are to take `wanted_s`, tube by tube."""
+    """Improves trajectories from a state that are to take `wanted_s`, tube by tube."""
 
     def __init__(self, state: State, wanted_s: float, settings: RefinementSettings = SETTINGS) -> None:
         self.state, self.wanted_s, self.settings = state, wanted_s, settings
@@ -146,12 +146,12 @@ class TubeSearch:
         self._loss = state.section.loss_params
 
     def known(self, speeds_mps: Floats, price_w: float) -> TubeRun:
-        """A run by its speeds at the nodes of the state, with its energy and time."""
+        """A trajectory by its speeds at the nodes of the state, with its energy and time."""
         energy_j = run_energy(self._line, self.state.section.train, self._loss, speeds_mps)
         return TubeRun(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
 
     def best(self, run: TubeRun, is_over: Callable[[], bool] = never) -> TubeRun:
-        """The best run found from a run: round after round of passes whose tubes shrink; itself where it is best."""
+        """The best trajectory found from a given one by rounds of passes with shrinking tubes, or the given one."""
         settings = self.settings
         for _ in range(settings.most_rounds):
             before_j = run.energy_j
@@ -164,7 +164,7 @@ class TubeSearch:
         return run
 
     def _one_pass(self, run: TubeRun, width: float) -> TubeRun:
-        """The best run in time within a tube around a run; `width` is relative to the first tube's."""
+        """The best trajectory in time within a tube around a given one; `width` is relative to the first tube's."""
         tube = self.tube_around(run.speeds_mps, width)
         shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
         moves = TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
@@ -174,7 +174,7 @@ class TubeSearch:
         return min([run, *found], key=lambda one: one.energy_j)
 
     def tube_around(self, speeds_mps: Floats, width: float) -> Tube:
-        """The lines of a pass around a run; `width` is relative to the first tube's."""
+        """The lines of a pass around a trajectory; `width` is relative to the first tube's."""
         settings, state = self.settings, self.state
         squared = speeds_mps**2
         knot = _knots(state.node_m, settings.knot_m * width)
@@ -191,7 +191,7 @@ class TubeSearch:
         )
 
     def _enclose(self, tube: Tube, moves: TubeMoves, price_w: float) -> tuple[TubeRun | None, TubeRun | None]:
-        """A run that is late and one that is in time, of neighbouring prices of time."""
+        """A trajectory that is late and one that is in time, at neighbouring prices of time; None for one not found."""
         value = np.full((len(tube.knot), 2 * tube.lines + 1), tol.INFEASIBLE)
         value[-1, tube.lines] = 0.0
         slow = quick = None
@@ -216,14 +216,14 @@ class TubeSearch:
         return slow, quick
 
     def _trial(self, tube: Tube, moves: TubeMoves, value: Floats, price_w: float) -> TubeRun | None:
-        """The run of a price of time in a tube; None where it comes to no end."""
+        """The trajectory of a price of time in a tube; None if it does not reach the end."""
         speeds = np.empty(len(tube.squared))
         tube_sweep(price_w, moves, value)
         energy_j, time_s = tube_roll_out(price_w, tube, self._line, self.state.section.train, self._loss, value, speeds)
         return TubeRun(speeds, energy_j, time_s, price_w) if time_s > 0 else None
 
     def _is_enclosed(self, slow: TubeRun, quick: TubeRun) -> bool:
-        """Whether the prices of two runs are so near that next to nothing lies between them."""
+        """Whether the prices of two trajectories are so near that next to nothing can be gained between them."""
         late, early = slow.time_s - self.wanted_s, self.wanted_s - quick.time_s
         if min(late, early) <= self.settings.time_tolerance_s:
             return True
@@ -231,7 +231,7 @@ class TubeSearch:
         return gain_j <= self.settings.blend_loss_ratio * abs(quick.energy_j)
 
     def between(self, slow: TubeRun | None, quick: TubeRun | None) -> TubeRun | None:
-        """The run between two runs that takes the wanted time; None where there are no two."""
+        """The blend of two trajectories that takes the wanted time; None if one is missing or no blend is possible."""
         if slow is None or quick is None:
             return None
         low, high, above, below = 0.0, 1.0, slow.time_s - self.wanted_s, quick.time_s - self.wanted_s
@@ -262,51 +262,53 @@ class TubeSearch:
 
 
 def _between(slow: TubeRun, quick: TubeRun, wanted_s: float) -> float:
-    """A price between those of two runs, by their times."""
+    """A price between those of two trajectories, by their times."""
     share = (slow.time_s - wanted_s) / (slow.time_s - quick.time_s)
     return slow.price_w + min(max(share, 0.1), 0.9) * (quick.price_w - slow.price_w)
 
 
 def _lower(price_w: float, factor: float) -> float:
-    """A lower price; one that is far below has no further step but 0."""
+    """A lower price of time: divided by the factor, or 0 if the factor has become large."""
     return 0.0 if factor > 10.0 else price_w / factor
 
 
 def _knots(node_m: Floats, apart_m: float) -> NDArray[np.int64]:
-    """Integration nodes about so far apart, the first and the last among them."""
+    """Integration nodes about `apart_m` apart, the first and the last among them."""
     _, first = np.unique(np.floor((node_m - node_m[0]) / apart_m), return_index=True)
     return np.unique(np.append(first, len(node_m) - 1)).astype(np.int64)
 
 
 def _shares(node_m: Floats, knot: NDArray[np.int64]) -> Floats:
-    """How much of the way from the knot before to the knot behind lies before each node; 1 at a knot."""
+    """How far each node lies from the previous knot, as a share of the distance between its two knots; 1 at a knot."""
     behind = np.searchsorted(knot, np.arange(len(node_m)))
     before_m, behind_m = node_m[knot[np.maximum(behind - 1, 0)]], node_m[knot[behind]]
     return np.where(behind_m > before_m, (node_m - before_m) / np.maximum(behind_m - before_m, 1e-9), 1.0)
 
 
 QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1, blend_loss_ratio=1e-5)
-"""A third of the passes of a single run: leaves 0.001 % in the mean, 0.05 % where best runs change their kind."""
+"""A third of the passes of a single trajectory: misses 0.001 % of the energy on average, and 0.05 % where the best
+trajectories change their kind."""
 NARROW: Final = replace(QUICK, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3)
-"""Three passes that begin where those of a single run have become narrow: enough for a blend of near neighbours."""
+"""Three passes that begin as narrow as the late ones of a single trajectory: enough for a blend of near neighbours."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ManySettings:
-    """How the runs of a section are refined together."""
+    """How the trajectories of a section are refined together."""
 
     alone: RefinementSettings = SETTINGS
-    """For a run that begins from the table's; by default as a single run is refined."""
+    """For a trajectory whose refinement begins with the table's own; by default as a single one is refined."""
     between: RefinementSettings = NARROW
-    """For a run that begins as the blend of its neighbours."""
+    """For a trajectory whose refinement begins with the blend of its neighbours."""
     tangent_ratio: float = 3e-4
-    """A blend that lies above the tangents at its neighbours by no more than this share of its energy is begun with."""
+    """A refinement may begin with a blend that lies above the tangents at its neighbours by at most this share of its
+    energy."""
 
 
 FRONT: Final = ManySettings()
-"""For a few runs that are looked at one by one."""
+"""For a few trajectories that are looked at one by one."""
 TABLE: Final = ManySettings(alone=QUICK)
-"""For the many runs of a table."""
+"""For the many trajectories of a table."""
 
 
 def refined_runs(
@@ -318,10 +320,9 @@ def refined_runs(
 ) -> list[Solution]:
     """Solutions of one section from its start, each refined: never later and never with more energy than before.
 
-    First the runs of the shortest and of the longest time are refined, then always the one in the middle of two that
-    are finished; last the run of least energy, whose time was not asked for. `watch` is told the index of each run
-    when it is finished. Once `is_over` says so, the runs that are left are returned as they were given.
-    Each is refined as by `refined`.
+    First the trajectories of the shortest and of the longest time are refined, then always the one in the middle of two
+    that are finished; last the trajectory of least energy, whose time was not asked for. `watch` is called with the
+    index of each one that is finished. Once `is_over` returns True, the rest are returned as they were given.
     """
     found = list(given)
     timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))
@@ -338,9 +339,10 @@ def refined_runs(
 
 
 def _in_order(count: int) -> list[tuple[int, int, int]]:
-    """Places in the order in which they are refined, each with the finished places before and behind it.
+    """Places in the order in which they are refined, each with the finished places before and after it.
 
-    The first and the last start from their own run because no neighbour is finished: their neighbours are themselves.
+    The first and the last start from their own trajectory because no neighbour is finished: they are their own
+    neighbours.
     """
     ends = sorted({0, count - 1}) if count else []
     found, intervals = [(end, end, end) for end in ends], [(0, count - 1)]
@@ -365,7 +367,7 @@ def _refined(
 
 
 def _blend(task: Refinement, quick: Solution, slow: Solution, tangent_ratio: float) -> TubeRun | None:
-    """The blend of two neighbours that takes the wanted time; None where the front is no smooth curve between them."""
+    """The blend of two neighbours that takes the wanted time; None if the front is no smooth curve between them."""
     if not quick.time_s < task.wanted_s < slow.time_s:
         return None
     start = task.search.between(_as_run(slow), _as_run(quick))

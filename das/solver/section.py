@@ -1,8 +1,8 @@
 """A section: route × vehicle × level as arrays on the space grid, ready for the kernels.
 
-A section has two nested grids. Decisions are taken at the *decision nodes* (every breakpoint, and between them as line
-and speed ask, `das.solver.line_profile`). Between them the motion is integrated over the finer *integration nodes*,
-on which trajectories are given.
+A section has two nested grids. Decisions are taken at the *decision nodes*: at every breakpoint, and between them as
+closely as line and speed require (see `das.solver.line_profile`). Between them the motion is integrated over the finer
+*integration nodes*, on which trajectories are given.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from das.solver.line_profile import LineProfile, decision_nodes, even_nodes, fix
 
 Floats = NDArray[np.float64]
 AT_STOP_M = 1.0
-"""A stop this near to the end of a section is the one where it ends."""
+"""A section ends at a stop that is at most this far (m) from its end."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,8 +39,8 @@ class Section(LineProfile):
     """A section that one train runs on: from `start_m` to `end_m` of a route (positions in route coordinates).
 
     The arrays of the line's profile are those on the integration nodes. `allowed_mps` (per node) is the fastest speed
-    from which everything ahead can be kept with full brakes, and `envelope_mps` the fastest one that is planned: the
-    same, unless the section is planned with a service `braking`. `floor_mps` is the slowest speed from which the end
+    from which all limits and the end can be kept with full brakes. `envelope_mps` is the fastest planned speed: lower
+    only if the section is planned with a service `braking`. `floor_mps` is the slowest speed from which the end
     speed can still be reached (mostly 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the
     decision nodes among the integration nodes.
     """
@@ -70,10 +70,10 @@ class Section(LineProfile):
 
     @property
     def asked_decision_m(self) -> Floats | None:
-        """Positions of the decision nodes where they are not those of the solver's settings but were asked for."""
+        """Positions of the decision nodes (m) if they were asked for; None if the solver's settings gave them."""
         ends = _Ends(self.start_m, self.end_m, self.start_speed_mps, self.end_speed_mps, self.train_length_m)
         usual_m, _ = _decided(self.route, self.vehicle, self.train, ends, self.braking)
-        # Shorter steps are more steps.
+        # Steps that were asked for are shorter, so there are more of them.
         return None if len(self.decision) == len(usual_m) else self.node_m[self.decision]
 
     @cached_property
@@ -103,10 +103,10 @@ class Section(LineProfile):
 
     @cached_property
     def fastest_run(self) -> KnownRun:
-        """The fastest run from the start: speed at every integration node (m/s) and time to go from there (s).
+        """The fastest trajectory from the start: speed at every integration node (m/s) and time to go from there (s).
 
-        Raises InfeasibleError where the train stalls. The run is computed once; `dataclasses.replace` makes a section
-        that computes its own.
+        Raises InfeasibleError if the train stalls. The trajectory is computed once; `dataclasses.replace` makes a
+        section that computes its own.
         """
         speeds = np.empty(len(self.node_m))
         speeds[0] = self.start_speed_mps
@@ -116,13 +116,13 @@ class Section(LineProfile):
         return KnownRun(speeds, float(elapsed_s[-1]) - elapsed_s)
 
     def resistance_n(self, s_m: float, v_mps: float) -> float:
-        """The running resistance (N) with that of gradient, curve and tunnel, at a position and speed."""
+        """The resistance (N) at a position and speed: running resistance, gradient, curve and tunnel."""
         interval = min(max(int(np.searchsorted(self.node_m, s_m, side="right")) - 1, 0), len(self.step_m) - 1)
         running_n = mean_resistance(v_mps, v_mps, self.tunnel_n_per_mps2[interval], self.train)
         return float(running_n + self.constant_n[interval])
 
     def finished_s(self, time_s: float, s_m: float, v_mps: float) -> float:
-        """A kernel's trip time (s) from a state; raises InfeasibleError where the train did not get to the end."""
+        """A kernel's trip time (s) from a state; raises InfeasibleError if the train does not reach the end."""
         if not 0 <= time_s < math.inf:
             raise InfeasibleError(
                 f"{self.route.source}: the train stalls after {s_m:.1f} m from {v_mps / KMH:.1f} km/h"
@@ -152,7 +152,7 @@ class SectionOptions:
     point_mass: bool = False
     """The train's length is taken as 0, as in the public benchmark and in the paper."""
     brakes: BrakePolicy | None = None
-    """The brakes that a planned run may use; None stands for those of the vehicle at the level of the section."""
+    """The brakes that a trajectory may use; None: those of the vehicle at the level of the section."""
     longest_step_m: float | None = None
     """The decision nodes are at most this far apart (m); None: as far as the settings of the solver say."""
     braking: ServiceBraking | None = None
@@ -176,8 +176,8 @@ def build_section(
 
     By default the section leads from the first to the last stop, at the vehicle's default level.
 
-    Raises DasError where the loss map does not cover what the train can do here, InfeasibleError where the train
-    cannot brake or climb.
+    Raises DasError if the loss map does not cover what the train can do here, InfeasibleError if the train cannot
+    brake or climb.
     """
     start_m = route.stops[0].position_m if start_m is None else start_m
     end_m = route.stops[-1].position_m if end_m is None else end_m
@@ -252,7 +252,7 @@ class _Ends(NamedTuple):
 
 
 class _Bounds(NamedTuple):
-    """Bounds of the speed at the nodes of a grid (m/s): see `Section`, and the fastest run under them."""
+    """Bounds of the speed at the nodes of a grid (m/s, see `Section`), and the speeds of the fastest trajectory."""
 
     floor_mps: Floats
     envelope_mps: Floats
@@ -268,7 +268,7 @@ def _decided(
     braking: ServiceBraking | None,
     asked_m: float | None = None,
 ) -> tuple[Floats, Floats]:
-    """Positions of the decision nodes (m), at most `asked_m` apart, and the speeds of the fastest run there (m/s)."""
+    """Positions of the decision nodes (m), at most `asked_m` apart, and the fastest trajectory's speeds there (m/s)."""
     beside_m = 0.0 if braking is None else braking.deviation_m
     fixed_m = fixed_nodes(route, (ends.start_m, ends.end_m), ends.length_m, beside_m)
     even_m = even_nodes(fixed_m)
@@ -287,17 +287,17 @@ def _check_ends(route: Route, start_m: float, end_m: float) -> None:
 
 
 def _slope_change(route: Route, node_m: Floats, length_m: float) -> Floats:
-    """How much the gradient under the train changes over each interval (ratio); a point mass meets it at nodes."""
+    """How much the gradient under the train changes over each interval (ratio); 0 for a point mass."""
     if length_m == 0:
         return np.zeros(len(node_m) - 1)
     return np.abs(np.diff(route.gradients_ratio.mean(node_m - length_m, node_m)))
 
 
 def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Floats) -> NDArray[np.int64]:
-    """Steps of integration in each decision step: few enough changes of speed, and of the slope under a constant force.
+    """The number of integration steps in each decision step: so many that speed and slope change little in each.
 
-    A slope that changes evenly by Δi over h takes and gives back g·Δi·h/8 of kinetic energy per mass: n steps leave
-    1/n² of it, which at speed v is that much over v in speed.
+    A slope that changes evenly by Δi over h takes and gives back the kinetic energy g·Δi·h/8 per unit of mass. With n
+    steps, 1/n² of it remains as an error, and the error in speed is that energy divided by the speed.
     """
     mean = np.maximum(0.5 * (fastest_mps[:-1] + fastest_mps[1:]), 0.1)
     change = np.abs(np.diff(fastest_mps)) / mean
@@ -313,7 +313,7 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Float
 def _bounding_speeds(
     route: Route, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking | None
 ) -> _Bounds:
-    """Climbing floor, envelopes and fastest run over a grid; InfeasibleError where one is impossible."""
+    """Climbing floor, envelopes and fastest trajectory on a grid; raises InfeasibleError if one is impossible."""
     line, start_speed_mps, end_speed_mps = profile.for_kernels, ends.start_speed_mps, ends.end_speed_mps
     if end_speed_mps > profile.limit_mps[-1]:
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
@@ -351,7 +351,7 @@ def _planned_envelope(
 ) -> Floats:
     """The fastest speeds (m/s) from which limits and the end are kept by braking as in service.
 
-    A limit that the train meets only by the deviation of its position counts as one that it meets.
+    A limit beside the train counts as well, if the train may be under it because its position is uncertain.
     """
     node_m, beside_m = profile.node_m, braking.deviation_m
     limit = route.limits_mps.minimum(node_m[:-1] - ends.length_m - beside_m, node_m[1:] + beside_m)

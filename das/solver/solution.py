@@ -1,4 +1,4 @@
-"""A solution: a run for a time, with its energy balance and its certificate."""
+"""A solution: a trajectory for a trip time, with its energy balance and its certificate."""
 
 from __future__ import annotations
 
@@ -28,23 +28,22 @@ class Fit(StrEnum):
 
     ON_TIME = "on-time"
     LATE = "late"
-    """The time is below the least possible: the trajectory is the fastest run."""
+    """The time is below the least possible: the trajectory is the fastest one."""
     EARLY = "early"
-    """A slower run would cost more energy: the trajectory is the run of least energy."""
+    """A slower trajectory would need more energy: the trajectory is the one of least energy."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
     """A trajectory with its energy balance and certificate.
 
-    `least_time_s` is the time of the fastest run from the same state. `lambda_w` is the price of time at the solution
-    (W; inf for the fastest run).
+    `least_time_s` is the time of the fastest trajectory from the same state. `lambda_w` is the price of time at the
+    solution (W; inf for the fastest trajectory).
 
-    `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`); it is computed when it is first
-    asked for, and `bound_j`, `gap_ratio` and `gap_reason` are read from it. `proven` is a certificate that is known
-    already, from `tightened`. `table_bound_j` is the least energy in this time as the solver's table of values
-    knows it. It bounds the runs of the table from below, but not the run itself, which is integrated more finely:
-    `table_gap_ratio` can be negative.
+    `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`). It is computed when first asked
+    for, unless `tightened` has already given it as `proven`; `bound_j`, `gap_ratio` and `gap_reason` are read from it.
+    `table_bound_j` is the least energy for this time by the solver's table of values. It bounds the trajectories on
+    the table's grid from below, but not this one, which is integrated more finely: `table_gap_ratio` can be negative.
     """
 
     section: Section
@@ -69,7 +68,7 @@ class Solution:
 
     @property
     def saves_time(self) -> bool:
-        """Whether the trajectory is the run of least energy, which ends before the time that was asked for."""
+        """Whether this is the trajectory of least energy, which ends before the time that was asked for."""
         return self.fit is Fit.EARLY
 
     @cached_property
@@ -81,22 +80,22 @@ class Solution:
 
     @property
     def bound_j(self) -> float:
-        """Energy (J) that no run of this time goes below; NaN where none is proven (see `gap_reason`)."""
+        """A lower bound (J) of the energy of any trajectory of this time; NaN if none is proven (see `gap_reason`)."""
         return self.certificate.bound_j
 
     @property
     def gap_ratio(self) -> float:
-        """(input − bound)/|input|, never negative; NaN where no bound is proven (see `gap_reason`)."""
+        """(input − bound)/|input|, never negative; NaN if no bound is proven (see `gap_reason`)."""
         return self._above(self.bound_j)
 
     @property
     def gap_reason(self) -> str:
-        """Why no bound is proven; empty where one is."""
+        """Why no bound is proven; empty if a bound is proven."""
         return self.certificate.reason
 
     @property
     def table_gap_ratio(self) -> float:
-        """(input − table_bound_j)/|input|: how far the run is above what the table knows; can be negative."""
+        """(input − table_bound_j)/|input|: how far the trajectory is above the table's bound; can be negative."""
         return self._above(self.table_bound_j)
 
     def _above(self, bound_j: float) -> float:
@@ -106,7 +105,7 @@ class Solution:
 def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
     """The solution with a bound that is searched for during about `tight_s` seconds more.
 
-    That raises the bound of a loss map (`docs/explanation/bounds.md`); without a map the solution stays as it is.
+    This raises the bound of a train with a loss map (`docs/explanation/bounds.md`); any other solution stays as it is.
     """
     from das.solver.bound.certificate import certificate
 
@@ -116,7 +115,7 @@ def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
 
 
 def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajectory:
-    """Times and forces of a run given by its speeds at the nodes of `line`, which is the section or a part of it."""
+    """The trajectory with these speeds at the nodes of `line`, which is the section or a part of it."""
     train, vehicle = section.train, section.vehicle
     step = line.step_m
     running = mean_resistance_n(vehicle.resistance, speeds, line.tunnel_n_per_mps2)

@@ -26,9 +26,9 @@ BLOCK_NODES = 32
 """Transitions of this many decision nodes are kept at a time: a few MB, and threads rarely wait for each other."""
 
 PACKED_ABOVE_BYTES = 300_000_000
-"""Policies that would take more bytes than this (those of lines longer than 150 km) are packed into half the space."""
+"""Policies that would take more bytes than this (on lines longer than 150 km) are packed into half the space."""
 BEHIND_M = 1_000.0
-"""The front of a train under way begins this far behind the train (m): corrections of its position are smaller."""
+"""The front of a train under way begins this far behind the train (m), further than its position is ever corrected."""
 STATE_BYTES = 12
 """Size of the value and the time-to-go of a state under a multiplier (bytes), as the sweep writes them."""
 
@@ -44,8 +44,8 @@ def solve_front(
 ) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
-    Where the end speed of the section is free, `end_value_j` holds for each of its J + 1 possible end speeds the energy
-    (J) that the line beyond the section costs.
+    If the end speed of the section is free, `end_value_j` holds for each of its J + 1 possible end speeds what the line
+    beyond the section costs (J).
 
     Blocks of decision nodes are solved one after another, from the end. First the transitions of a block are found,
     with its nodes shared out among the threads; then the block is swept, with the multipliers shared out among them.
@@ -54,7 +54,7 @@ def solve_front(
     of the result.
 
     With `packed` (by default above `PACKED_ABOVE_BYTES`) every block is packed once it is swept. This does not affect
-    the sweep; a run from the front needs up to 1e-5 more or less energy.
+    the sweep; the energy of a trajectory from the front changes by up to 0.001 %.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes, packed=packed)
     sweep.come_down_to(0)
@@ -71,12 +71,12 @@ def solve_ahead(
 ) -> Front:
     """The front of a section for a train that is at a position (m): only what is ahead of it is solved.
 
-    The sweep starts from the end, so the part ahead equals that of the whole front, bit for bit. A run from a position
-    more than `BEHIND_M` further back can be asked for as well: the front then solves the rest first. The other
-    arguments are those of `solve_front`.
+    The sweep starts from the end, so the part ahead equals that of the whole front, bit for bit. For a trajectory from
+    a position more than `BEHIND_M` behind the train, the front first solves the rest. The other arguments are those of
+    `solve_front`.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads)
-    # A run follows the policies at the nodes ahead of it, not those at the node where it is.
+    # A trajectory follows the policies of the nodes ahead of it, not those of the node where it begins.
     sweep.come_down_to(node_behind(section, s_m) + 1)
     return sweep.front()
 
@@ -200,7 +200,7 @@ class Transitions:
     def sweep(
         self, first: int, last: int, lambda_w: Floats, value_j: Floats, time_to_go_s: NDArray[np.float32]
     ) -> None:
-        """Fill values and times-to-go of these nodes for multipliers first … last − 1 from those of the node after."""
+        """Fill in values and times-to-go of these nodes for multipliers first … last − 1, from the node after them."""
         backward_sweep(first, last, lambda_w, self.moves, value_j, time_to_go_s)
 
 

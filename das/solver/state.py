@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 class RollOut(NamedTuple):
-    """A run from a state: speeds at the integration nodes ahead (the state's own first), and the time to the end."""
+    """A trajectory from a state: its speed there and at the integration nodes ahead, and the time to the end."""
 
     speeds_mps: Floats
     time_s: float
@@ -85,13 +85,13 @@ class State(LineProfile):
         )
 
     def fastest(self) -> RollOut:
-        """The fastest run; a train above the envelope brakes first. Raises InfeasibleError where the train stalls."""
+        """The fastest trajectory; above the envelope the train brakes first. Raises InfeasibleError if it stalls."""
         speeds = self._speeds()
         time_s = fastest_roll_out(self.for_kernels, self.envelope_mps, self.section.train, speeds)
         return self._finished(speeds, time_s)
 
     def roll_out(self, policies: Policies, policy: Policy) -> RollOut:
-        """The run under a policy; raises InfeasibleError where the train stalls."""
+        """The trajectory under a policy; raises InfeasibleError if the train stalls."""
         speeds, section = self._speeds(), self.section
         time_s = roll_out(
             self.first_node, self.decision, self.for_kernels, SpeedBounds(self.floor_mps, self.envelope_mps), policy,
@@ -100,9 +100,9 @@ class State(LineProfile):
         return self._finished(speeds, time_s)
 
     def blend(self, share: float, quick: RollOut, slow: RollOut) -> RollOut:
-        """The run between two runs: v² is `share` of the quick one's and the rest of the slow one's.
+        """The trajectory between two others: v² is `share` times the quick one's plus 1 − `share` times the slow one's.
 
-        Every step is cut to what the train can do. Raises InfeasibleError where the train stalls.
+        Every step is cut to what the train can do. Raises InfeasibleError if the train stalls.
         """
         speeds = self._speeds()
         time_s = blend_runs(
@@ -118,9 +118,9 @@ class State(LineProfile):
         return totals
 
     def table_bound_j(self, policies: Policies, totals: Totals, time_s: float) -> float:
-        """Least energy (J) in a time as the table knows it: the largest of (least total cost − λ·time) over the ladder.
+        """The table's least energy (J) for a time: the largest of (least total cost − λ·time) over the ladder.
 
-        It bounds the runs of the decision grid only. It is −inf where the policies do not know the state.
+        It bounds only the trajectories on the decision grid. It is −inf if the policies do not know the state.
         """
         if self.speed_mps > self.section.envelope_mps[-len(self.node_m)] + tol.SPEED_TOLERANCE_MPS:
             return -math.inf
@@ -137,7 +137,7 @@ class State(LineProfile):
         lambda_w: float = math.inf,
         table_bound_j: float | None = None,
     ) -> Solution:
-        """A run from this state with its energy balance; a run without a price is the fastest, its own bound."""
+        """The solution of a trajectory from this state; without `table_bound_j`, its own energy is the bound."""
         speeds, section = run.speeds_mps, self.section
         trajectory = trajectory_on(section, self, speeds)
         if table_bound_j is None:
@@ -155,7 +155,7 @@ class State(LineProfile):
         )
 
     def _first_step(self) -> DecisionStep:
-        """The way from the state to the next decision node."""
+        """The step from the state to the next decision node."""
         n = int(self.decision[1])
         step = self.step_m[:n]
         length = float(step.sum())
@@ -194,9 +194,9 @@ def following_node(section: Section, s_m: float) -> int:
 
 
 def fastest(section: Section, s_m: float | None = None, v_mps: float | None = None) -> Solution:
-    """The fastest run from a position (m) and speed (m/s), by default from the start of the section.
+    """The fastest trajectory from a position (m) and speed (m/s), by default from the start of the section.
 
-    Raises DasError for a state outside the section, InfeasibleError where the section cannot be finished from it.
+    Raises DasError for a state outside the section, InfeasibleError if the train cannot reach the end from it.
     """
     state = State.at(section, s_m, v_mps)
     run = state.fastest()
@@ -204,9 +204,9 @@ def fastest(section: Section, s_m: float | None = None, v_mps: float | None = No
 
 
 def least_time_s(section: Section, s_m: float, v_mps: float) -> float:
-    """Time (s) of the fastest run from a position (m) and speed (m/s); raises as `fastest` does.
+    """Time (s) of the fastest trajectory from a position (m) and speed (m/s); raises as `fastest` does.
 
-    The run is followed only until it meets the section's own fastest run, which the section keeps.
+    The trajectory is followed only until it meets the section's `fastest_run`.
     """
     check_state(section, s_m, v_mps)
     following = following_node(section, s_m)

@@ -123,7 +123,7 @@ def grid_of(section: Section) -> Floats:
 
 
 def section_facts(section: Section) -> dict[str, Any]:
-    """Facts by which people recognise a section; whether two sections are the same, only the hashes decide."""
+    """Facts by which people recognise a section; only the hashes decide whether two sections are the same."""
     places = {round(stop.position_m, 3): stop.name for stop in section.route.stops}
     return {
         "route": section.route.id,

@@ -54,13 +54,13 @@ READERS = 2
 GRID_TOLERANCE = 1e-6
 """Positions (m) and speeds (m/s) of the grid rebuilt from route and train may differ by this much from the table's."""
 MOST_MANIFEST_BYTES: Final = 8_000_000
-"""Largest manifest that is read; one of 1000 trajectories has 0.4 MB."""
+"""Largest manifest that is read (bytes); that of 1000 trajectories has 0.4 MB."""
 MOST_BYTES: Final = 2_000_000_000
-"""Largest table that is read; one of a section of 300 km has some 0.3 GB."""
+"""Largest table that is read (bytes); that of a section of 300 km has some 0.3 GB."""
 MOST_NODES, MOST_SPEEDS, MOST_MULTIPLIERS, MOST_POINTS, MOST_RUNS = 200_000, 5_000, 2_000, 5_000_000, 5_000
 LARGEST_NUMBER: Final = 1e300
 HASHED = ("line", "train", "losses", "ends", "braking", "solver")
-"""Parts of what determines a table whose hashes every manifest has."""
+"""The parts of a table's inputs whose hashes every manifest has."""
 
 Test = tuple[str, Callable[[Any], bool]]
 
@@ -159,7 +159,7 @@ def _no_number(word: str) -> float:
 
 
 def _check_manifest(manifest: Fields) -> None:
-    """Raise InputError for the first value of a manifest that cannot be."""
+    """Raise InputError for the first value of a manifest that is not allowed."""
     _check_values(manifest, _TOP)
     _check_values(manifest.table("section"), _SECTION)
     _check_values(manifest.table("inputs_sha256"), dict.fromkeys(HASHED, _HASH))
@@ -269,7 +269,7 @@ class Table:
         self.arrays()
 
     def front(self, section: Section) -> Front:
-        """The front of a section from its table; TableError where the table is damaged or of another section."""
+        """The front of a section from its table; TableError if the table is damaged or of another section."""
         self.check_matches(section)
         arrays = self.arrays()
         rebuilt = grid_of(section)
@@ -332,7 +332,7 @@ def read_front(folder: Path, section: Section) -> Front:
 
 
 def why_not(section: Section, differing: Sequence[str]) -> str:
-    """Why a table is not that of a section (`differing`: see das.table.hashes.differing_parts)."""
+    """Why a table does not belong to a section (`differing`: see `das.table.hashes.differing_parts`)."""
     if is_other_code(differing):
         return "made by other solver code"
     return f"not the table of {section.name}: other {', '.join(differing)}"

@@ -25,7 +25,7 @@ ROLLS_SOONER = 0.97
 
 
 class Announcing:
-    """Makes the announced instructions of a schedule: those not due yet. It remembers those of the last schedule."""
+    """Makes the instructions of a schedule that are announced before they are due; remembers the last schedule's."""
 
     def __init__(self, ahead: int) -> None:
         self._ahead = ahead
@@ -33,7 +33,7 @@ class Announcing:
         self._coming: dict[int, Instruction] = {}
 
     def following(self, schedule: Schedule, number: int, s_m: float, begins_s: list[float]) -> tuple[Instruction, ...]:
-        """The next instructions after phase `number`; holding the speed just accelerated to does not count as one.
+        """The next instructions after phase `number`, without those to hold a speed just reached by accelerating.
 
         `begins_s` are the times (s) until the following phases begin.
         """
@@ -66,7 +66,7 @@ class Announcing:
 
 
 class Foreseen(NamedTuple):
-    """The forecast times (s from now) and positions (m); `as_shown`: it follows the instruction that is shown."""
+    """Forecast times (s from now) and positions (m); `as_shown`: the forecast follows the instruction shown."""
 
     times_s: Floats
     at_m: Floats
@@ -119,8 +119,7 @@ def _after_brake(
     """The instructions announced after a brake: the first is due when the braking has reached its speed.
 
     If the first is a brake as well, it is due earlier, by the distance that the train may be ahead of its estimated
-    position. It is left out if it leads to no lower speed: then the train was too fast to wait for it, and is braking
-    for it already.
+    position. A brake that leads to no lower speed is left out: the train is too fast to wait and brakes for it already.
     """
     if not following:
         return following
@@ -143,7 +142,7 @@ def _after_brake(
 def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) -> tuple[Instruction, ...]:
     """The announced instructions, with no speed above the limit where it applies.
 
-    The speed of a brake or of coasting applies where that ends; any other speed, where the instruction is due.
+    The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due.
     """
     kept = []
     for k, one in enumerate(following):
@@ -159,7 +158,7 @@ def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) ->
 def _announced(schedule: Schedule, number: int) -> Instruction:
     """The instruction of a phase as shown before it is due."""
     one = schedule.phases[number]
-    # Its speed is at most the limit where it begins, even if a higher one is allowed before it ends.
+    # Its speed is at most the limit where it begins, even if a higher speed is allowed before it ends.
     target = min(aim_mps(schedule, number, schedule.begin_m(number)), float(schedule.section.limit_mps[one.begin]))
     if one.kind is NotchRegime.TRACTION:
         return traction(one.share, target)
@@ -171,8 +170,9 @@ def _announced(schedule: Schedule, number: int) -> Instruction:
 
 
 def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The speed (m/s) that a phase leads to, lowered to what is allowed on its way (if it slows the train: at its end).
+    """The speed (m/s) that a phase leads to, at most the highest speed allowed in the rest of the phase.
 
+    For a phase that slows the train, it is at most the speed allowed at the end of the phase.
     The schedule itself may have a higher speed: if a limit was received late, or if a limit slows the train without a
     phase to brake for it.
     """

@@ -55,7 +55,7 @@ class Coach:
         self._showing.forget()
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
-        """The reference for a state, kept or new; None if none can be made (yet) or none leads on from here."""
+        """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
         self._lost = False
         try:
             return self._keeper.keep(state, goal)
@@ -109,7 +109,7 @@ class Coach:
         return self._showing.stands_at_mark(state)
 
     def brakes(self, effort: float, force_n: float, reason: str) -> Coaching:
-        """The advice to brake to a standstill with an effort (> 0): at the stop, or if too fast for any reference."""
+        """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast."""
         self.forget()
         now = self._showing.braking(effort)
         return Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
@@ -117,7 +117,7 @@ class Coach:
     def departs(
         self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
     ) -> Coaching | None:
-        """The advice for a standing train that is due to depart: stand until cleared, then depart with this effort.
+        """The advice for a standing train that is due to depart: stand until cleared, then follow the reference.
 
         None if there is no reference, or if the reference brakes here.
         """
@@ -159,7 +159,7 @@ class Coach:
     def _worth_j(self, kept: Kept, state: TrainState, *, waits: bool) -> float:
         """What keeping the reference saves (J) compared with going on at the present speed for a while first.
 
-        It is 0 for a train that stands, or that `waits` until it may pass a point: it may not go on.
+        It is 0 near the end of the section, and for a train that stands or `waits` until it may pass a point.
         """
         reference = kept.reference
         going_on_m = state.v_mps * self._settings.showing.worth_over_s

@@ -57,7 +57,7 @@ class Drift:
         self._since: tuple[int, float] | None = None
 
     def see(self, now_ns: int, late_s: float, *, anew: bool) -> None:
-        """Take in how late the train is forecast to arrive; `anew`: do not compare it with the forecast before."""
+        """Take in how late the train is forecast to arrive; `anew`: do not compare it with the previous forecast."""
         if anew or self._since is None or now_ns < self._since[0]:
             self._since = (now_ns, late_s)
             return
@@ -82,7 +82,7 @@ class Drift:
 
 
 class _Gain(NamedTuple):
-    """What a new reference gains over keeping the one before.
+    """What a new reference gains over keeping the present one.
 
     `energy_j` is the energy saved (J), `lateness_s` by how much the arrival is nearer to the wanted time (s). `worth_j`
     is the energy saved plus the time saved at the price of time (J).
@@ -125,7 +125,7 @@ class Keeper:
         self._drift = Drift(settings.margin)
 
     def take_over(self, before: Keeper) -> None:
-        """Take over the reference, and the driver's drift, from the keeper before, for this section."""
+        """Take over the reference and the driver's drift from the previous keeper, for this keeper's section."""
         before._give_up()
         self._drift, self._doubted_ns = before._drift, before._doubted_ns
         if before.reference is not None:
@@ -235,7 +235,7 @@ class Keeper:
         return ReplanCause.NONE, forecast
 
     def _doubt(self, kept: Kept, state: TrainState, goal: Goal) -> ReplanCause:
-        """Why a new reference might be better than the present one (NONE: no reason, or not the time to try)."""
+        """Why a new reference might be better than the present one (NONE: no reason, or not yet time to try)."""
         keeping, now_ns = self._settings.keeping, state.now_ns
         young = (now_ns - kept.reference.replan.time_ns) * NS < keeping.least_age_s
         asked = (now_ns - self._doubted_ns) * NS < keeping.asked_every_s
@@ -301,7 +301,7 @@ class Keeper:
         return Kept(self.reference, found.forecast, late_s)
 
     def _wanted(self, state: TrainState, goal: Goal, *, thorough: bool) -> Wanted:
-        """What a new reference is to be made for; `thorough`: it is meant to last for the whole section."""
+        """What the worker makes a new reference for; `thorough`: it is meant to last for the whole section."""
         point, earliest_s, latest_s = goal.passing, None, None
         if point is not None and point.earliest_ns is not None:
             ahead_s = (point.earliest_ns - state.now_ns) * NS

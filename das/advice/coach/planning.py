@@ -23,7 +23,7 @@ from das.solver.section import Section
 from das.solver.state import State
 
 HALVINGS = 12
-"""The speed with which the train passes a point in time is found by halving an interval this many times."""
+"""The speed that keeps a point's window is found by halving an interval this many times."""
 NEAR_S, LATER_TRIES = 0.1, 3
 """If a point is passed more than `NEAR_S` too early or too late, the time aimed at is corrected by the error, up to
 `LATER_TRIES` times."""
@@ -98,7 +98,7 @@ def elapsed_s(schedule: Schedule, forecast: Prospect, s_m: float) -> tuple[np.nd
 def _slowed(front: FewSwitchFront, free: Scheduled, wanted: Wanted, settings: CoachSettings) -> Scheduled:
     """A reference with one lower speed until the point, or until shortly before it, that passes it late enough.
 
-    A train that accelerates before the point passes it faster. Of these variants the cheapest is taken. The train
+    A train that accelerates again before the point passes it faster. Of all variants, the cheapest is taken. The train
     coasts down to the lower speed, and brakes only if coasting is not enough. If even braking is not enough, it goes as
     slowly as it can.
     """
@@ -139,7 +139,7 @@ class _Slowing(NamedTuple):
 def _slowest(
     front: FewSwitchFront, slowing: _Slowing, wanted: Wanted, settings: CoachSettings, free: Scheduled
 ) -> Scheduled:
-    """The reference with the lowest speed up to the point that still climbs all hills; it is too early all the same."""
+    """The reference with the lowest speed up to the point that still climbs all hills; even it passes too early."""
     low, high, best = SLOWEST_MPS, wanted.v_mps, None
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -178,8 +178,8 @@ def _slow_until(
 ) -> tuple[Schedule, Prospect] | None:
     """The schedule with the highest top speed up to a place that passes the point late enough, and its forecast.
 
-    For the way from that place to the point, the trajectory at the price of time `price_w` is assumed. None if there is
-    no such schedule.
+    From that place to the point, the trajectory at the price of time `price_w` is assumed. None if there is no such
+    schedule.
     """
     assert wanted.point_m is not None
     assert wanted.earliest_s is not None
@@ -210,7 +210,7 @@ def _slowed_down(schedule: Schedule, top_mps: float, before: int) -> Schedule:
     """The schedule with no speed above `top_mps` up to an interval.
 
     A coasting phase that begins above `top_mps` becomes a phase that holds a speed: the one at which the coasting was
-    to end, or `top_mps` if that is lower. If the train coasted as far from its lower speed, it would stop on the way.
+    to end, or `top_mps` if that is lower. A train that coasted as far from the lower speed would stop on the way.
     """
     phases: list[Phase] = []
     for one in topped(schedule, top_mps, before).phases:
@@ -241,9 +241,9 @@ def _braked_first(schedule: Schedule, share: float, top_mps: float, before: int,
 
 
 def _hurried(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """A reference that passes the point in time: up to it as slow as that permits, then for the time left.
+    """A reference that passes the point in time, as slowly as that permits, and then takes the time left.
 
-    The way to the point follows the slowest trajectory of the front that is in time. The schedule made from it has
+    Up to the point it follows the slowest trajectory of the front that is in time. The schedule made from that has
     fewer changes, and may reach the point later; then a quicker trajectory is tried. If none is in time, the schedule
     that is least late is taken.
     """
@@ -267,7 +267,7 @@ def _hurried(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> 
 
 
 def _slowest_by(front: FewSwitchFront, state: State, point_m: float, latest_s: float) -> int:
-    """The number of the slowest trajectory of the front that passes a point in a time (s); else of the quickest."""
+    """The number of the slowest trajectory of the front that passes a point within a time (s), else of the quickest."""
     slow, quick = -1, len(front.lambda_w) - 1
     while quick - slow > 1:
         middle = (slow + quick) // 2

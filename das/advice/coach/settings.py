@@ -17,8 +17,8 @@ class KeepingSettings:
     early_s: float = 5.0
     """The reference is kept while the train arrives early by no more than this."""
     least_gain_s: float = 1.0
-    """A new reference for an early train must bring the arrival nearer to the wanted time by at least this; one made to
-    save energy must not take the arrival further from it by more."""
+    """A new reference for an early train must bring the arrival nearer to the wanted time by at least this; a new
+    reference to save energy must not move the arrival further from it by more."""
     late_gain_s: float = 2.0
     """A new reference for a late train must bring the arrival nearer to the wanted time by at least this."""
     least_gain_power_s: float = 0.08
@@ -42,7 +42,8 @@ class LeadSettings:
     braking_s: float = 2.0
     """A brake is shown this long before it is due: a driver who sees it earlier brakes early and arrives late."""
     astray_s: float = 3.0
-    """To a train faster than the reference, a brake is shown this long before it is due: an advice is valid as long."""
+    """To a train that accelerates or is faster than the reference, a brake is shown this long before it is due: as long
+    as advice is valid."""
     accelerating_s: float = 2.0
     """An acceleration is shown this long before it is due, so that a driver who looks when it is due sees it."""
 
@@ -118,7 +119,7 @@ class LimitShowingSettings:
     """A driver above the limit by more than this is told to brake; by less, to coast or to hold the limit."""
     closes_in_s: float = 4.0
     """Near the speed of an instruction, its force is the one that reaches the speed in this time. The time is longer
-    than an advice is valid, so that a driver who sets exactly this force does not overshoot the speed."""
+    than advice is valid, so that a driver who sets exactly this force does not overshoot the speed."""
     rolls_back_in_s: float = 60.0
     """A driver above the speed to hold is told to coast back to it if that takes at most this long."""
     brakes_back_in_s: float = 10.0

@@ -25,19 +25,19 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 FOLLOWING = 3
-"""The begin of this many phases after the present one is computed; one of them may be no new instruction."""
+"""The beginnings of this many phases after the present one are computed; one of them may be no new instruction."""
 ROUNDED_MPS = 0.5 * SPEED_STEP_MPS
 """A speed above the allowed one by less than this looks the same on a display in whole km/h."""
 LONG_S = 3600.0
 """A creeping train has no forecast: this long time (s) is used instead."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
-"""Departures from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
+"""Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
 short of the mark (`CREEPS`). A driver above the speed to hold is told to coast back to it (`ROLLS`), or to brake if
 coasting takes too long (`BRAKES_BACK`)."""
 
 
 class ShownNow(NamedTuple):
-    """What is shown: the present instruction, those after it, and distance (m) and time (s) to where it ends.
+    """What is shown: the present instruction, distance (m) and time (s) to its end, and the instructions after it.
 
     `number` is the number of the phase in the schedule. `force_n` is the wheel force of the instruction (N).
     `reference_force_n` is the force that keeps the reference; for a brake it is exactly the force needed, before the
@@ -103,7 +103,7 @@ class Showing:
         wanted = self._brakes.safe(wanted, state, schedule.speed_at(state.s_m))
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchRegime.BRAKE
         between = brakes_again and self._left_s < self._settings.least_shown_s
-        # A speed above all that is allowed in the rest of the phase is replaced at once, like one above the limit.
+        # A shown speed that is allowed nowhere in the rest of the phase is replaced at once, as if above the limit.
         reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
         ends_mps = float(np.interp(phase_ends_m, schedule.section.node_m, schedule.section.envelope_mps))
@@ -116,7 +116,7 @@ class Showing:
         if safe is not now:  # An instruction that is still shown must be as safe as a new one.
             now, self._shown, self._since_ns, urgent = safe, safe, state.now_ns, True
         due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
-        kept_on = due_m > 0 and not _alike(now, wanted)  # The instruction before it is still shown.
+        kept_on = due_m > 0 and not _alike(now, wanted)  # The previous instruction is still shown.
         end_m = min(phase_ends_m, self._brakes.ends_m(now, state, phase))
         too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
         if due_m > 0 and not (too_fast or urgent or kept_on):
@@ -131,7 +131,7 @@ class Showing:
     def _following(
         self, now: Instruction, number: int, end_m: float, state: TrainState, foreseen: Foreseen
     ) -> tuple[Instruction, ...]:
-        """The announced instructions; the first is the rest of a braking phase if the brake shown ends before it."""
+        """The announced instructions; if the brake shown ends before its phase, the first is the rest of the phase."""
         assert self._schedule is not None
         assert self._brakes is not None
         schedule = self._schedule
@@ -159,7 +159,7 @@ class Showing:
         return now, following, self._brakes.force_n(now, state)
 
     def _number_for(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> int:
-        """The number of the phase to show: that of the train's position, or the next one if it is due soon.
+        """The number of the phase to show: the phase at the train's position, or the next one if it is due soon.
 
         The number never goes back. A brake is shown up to its end, unless another brake follows it. An acceleration is
         shown before it is due only if the limit already allows its speed.

@@ -20,15 +20,15 @@ from das.solver.kernels.speed_cells import Cells, values_ahead, values_behind
 Floats = NDArray[np.float64]
 
 FORCE_SLACK_N: Final = 0.01
-"""Runs keep the limits of their forces to within this."""
+"""Runs keep the limits of their forces to within this (N)."""
 SLACK_RATIO: Final = 1e-8
 """Runs keep all limits to within this ratio."""
 SLOWEST_TAU: Final = 1e6
-"""Slowness (s/m) of the slowest row of a loss map: no run is as slow."""
+"""Slowness (s/m) of the slowest row of a loss map: no run is that slow."""
 PARTS: Final = 2
-"""The open cells are split into this number of parts after each pass."""
+"""Each open cell is split into this number of parts after each pass."""
 ROUNDING_RATIO: Final = 1e-9
-"""The bound is lowered by this share of the sizes that it is the sum of, which is more than their rounding."""
+"""The bound is lowered by this share of the sizes of its terms, which is more than their rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +40,11 @@ class TightSettings:
     narrowest_width: float = 0.0001
     """No cells get narrower than this."""
     enough_ratio: float = 1e-3
-    """The search ends where the gap is at most this share of the energy."""
+    """The search ends once the gap is at most this share of the energy."""
     slow_ratio: float = 0.9
-    """The search also ends where a pass leaves more than this share of the gap."""
+    """The search ends once a pass leaves more than this share of the gap."""
     growth: float = 1.3
-    """A pass is expected to take at most this many times as long as the one before, for the same number of cells."""
+    """A pass is expected to take, per cell, at most this many times as long as the one before."""
 
 
 SETTINGS: Final = TightSettings()
@@ -66,10 +66,10 @@ def tightened_j(
     settings: TightSettings = SETTINGS,
     clock: Callable[[], float] = time.thread_time,
 ) -> float:
-    """The highest bound (J) that cells of speeds prove for a task in a time (s of CPU); −inf where there was none.
+    """The highest bound (J) that cells of speeds prove for a task within `budget_s` (of CPU time); −inf if none.
 
     Runs that need more than the incumbent are excluded, so the bound is at most its energy. A pass that is not expected
-    to end in time is not begun; the first one always is.
+    to end in time is not begun, except the first.
     """
     lambda_w = incumbent.lambda_w
     rows, line = even_rows(map_rows(task, loss), loss), cell_line(task, lambda_w)
@@ -148,9 +148,9 @@ def cell_line(task: Task, lambda_w: float) -> CellLine:
 
 
 def even_rows(rows: MapRows, loss: LossMap) -> EvenRows:
-    """The lower hulls of a loss map's rows at its own forces, continued in a line on both sides.
+    """The lower hulls of a loss map's rows at its own forces, extended linearly on both sides.
 
-    Between a standing train and the first speed of the map ψ is linear in the slowness for each force, so a row at
+    Between standstill and the first speed of the map, ψ is linear in the slowness for each force, so a row at
     `SLOWEST_TAU` comes first.
     """
     psi = np.empty((len(rows.tau) + 1, len(loss.force_n)))
@@ -173,7 +173,7 @@ def _slowest_hull(rows: MapRows, loss: LossMap) -> tuple[Floats, Floats]:
 
 
 def _on_forces(hull_n: Floats, psi_n: Floats, force_n: Floats) -> Floats:
-    """A hull at even forces (N), continued in a line on both sides."""
+    """A hull at even forces (N), extended linearly on both sides."""
     found = np.interp(force_n, hull_n, psi_n)
     if len(hull_n) > 1:
         above, below = force_n > hull_n[-1], force_n < hull_n[0]

@@ -68,7 +68,7 @@ def _keeps_acceleration(task: Task) -> bool:
 MOST_STEPS: Final = 60
 """At most this number of Newton steps; 25 to 35 are usual."""
 ENOUGH_RATIO: Final = 1e-5
-"""The search ends where no bound of the relaxation can be higher by more than this share of the energy."""
+"""The search ends once no bound of the relaxation can be higher by more than this share of the energy."""
 MOST_CUTS: Final = 3
 """A loss map gets further planes at most this number of times."""
 ENOUGH_CUT_RATIO: Final = 5e-4
@@ -102,7 +102,7 @@ def proven(task: Task, planes: Planes, lambda_w: float) -> ProvenBound:
 def proven_for_map(task: Task, loss: LossMap, force_n: Floats, lambda_w: float) -> ProvenBound:
     """The highest bound found for a task with a loss map, near a run whose motors give `force_n` (N).
 
-    After each search, planes are added near the relaxed run that its energy must not lie below (cutting planes).
+    After each search, planes that bound the energy from below are added near the relaxed run (cutting planes).
     """
     maker, price_w = MapPlanes(task, loss), task.mean_price_w
     planes = maker.of_run(force_n, price_w + lambda_w)
@@ -139,7 +139,7 @@ def first_run(program: Program, speeds_mps: Floats) -> RelaxedRun:
 def first_multipliers(program: Program, price: float) -> Multipliers:
     """Multipliers to begin with: the planes share the weight of the energy, the slowness has the price of time.
 
-    Those of the other constraints follow from the slacks (see `das.solver.kernels.interior_point`).
+    The multipliers of the other constraints follow from the slacks (see `das.solver.kernels.interior_point`).
     """
     step, count = program.motion.step_m, program.planes.force.shape[1]
     rows = np.repeat(step[:, None], FIXED_ROWS + count, axis=1)
@@ -156,10 +156,10 @@ LARGEST_PRICE_W: Final = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """A lower bound of the energy that is proven, or the reason why there is none.
+    """A proven lower bound of the energy, or the reason why there is none.
 
     No run of the integrator from the same state to the same end that keeps the limits and takes at most `allowed_s`
-    needs less than `bound_j`. Where `reason` is not empty, `bound_j` is NaN.
+    needs less than `bound_j`. If there is a `reason`, `bound_j` is NaN.
     """
 
     bound_j: float
@@ -207,8 +207,8 @@ def certificate(solution: BoundedRun, tight_s: float = 0.0) -> Certificate:
     """The certificate of a solution; proving it takes 0.01 to 0.1 s for a section, 0.2 to 2 s with a loss map.
 
     With a loss map, a search of about `tight_s` seconds more can raise the bound (see `das.solver.bound.cells`); with
-    constant efficiencies there is nothing to raise. A run of least energy ends before its time: then the bound holds
-    for the time that was asked for.
+    constant efficiencies there is nothing to raise. If the run of least energy ends early, the bound holds for the
+    time that was asked for.
     """
     allowed_s = solution.time_s
     if solution.saves_time:

@@ -35,12 +35,12 @@ Floats = NDArray[np.float64]
 
 LEAST_FORCE_N: Final = 0.1
 """Where a train has no motors or no electric brake, the relaxation still allows it this force (N): the allowed forces
-then have an interior, as the method needs, and 10 km of it are 0.0003 kWh."""
+then have an interior, as the method needs, and over 10 km this force is worth only 0.0003 kWh."""
 LEAST_POWER_W: Final = 1.0
 """The least power (W) of motors and of the electric brake, for the same reason."""
 LEAST_START_SHARE: Final = 0.05
-"""The cut of the power limit is used where the slower speed it stands for is at least this share of the faster one;
-elsewhere the force limit is the lower one."""
+"""The cut of the power limit is used if the slower speed it stands for is at least this share of the faster one; if
+not, the force limit is the lower one."""
 ROUNDING_RATIO: Final = 1e-9
 """Runs keep their limits to about this ratio, which the relaxation therefore allows."""
 
@@ -63,7 +63,7 @@ class Task:
 
     @property
     def mean_price_w(self) -> float:
-        """Mean of `price_w` over the way (W)."""
+        """Mean of `price_w` over the distance (W)."""
         return 0.0 if self.price_w is None else float(self.price_w @ self.line.step_m / self.line.step_m.sum())
 
     @cached_property
@@ -81,7 +81,7 @@ class Task:
 
     @cached_property
     def high_tau(self) -> Floats:
-        """Largest slowness of each interval (s/m): all the time that the others cannot need is spent in it."""
+        """Largest slowness of each interval (s/m): all the others are driven in the least time."""
         spare_s = max(self.allowed_s - float(self.line.step_m @ self.low_tau), 0.0)
         return np.asarray(self.low_tau + spare_s / self.line.step_m)
 
@@ -94,7 +94,7 @@ class _Cut(NamedTuple):
 
 
 def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
-    """The relaxation of a task, and the force (N) that is 1 in it.
+    """The relaxation of a task, and its unit of force (N).
 
     The energy per metre (N) of a run is nowhere below `planes`.
     """
@@ -211,7 +211,7 @@ def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
 NEAR_FORCES_N: Final = (0.0, 8e3, -8e3)
 """A loss map gets a plane at the force of the given run, and at forces this much (N) beside it."""
 NEAR_COASTING_N: Final = (-500.0, 500.0)
-"""It gets planes on both sides of coasting (N), and at half of the largest forces."""
+"""A loss map gets planes at these forces (N) on both sides of coasting, and at half of the largest forces."""
 LIMIT_SLACK: Final = 1e-6
 """Runs keep the limits of their forces to within this ratio."""
 
@@ -220,7 +220,7 @@ def efficiency_planes(loss: EfficiencyLoss, supply: Floats) -> Planes:
     """The planes (N) of constant efficiencies and an idle power; the line takes the share `supply` of what is fed back.
 
     The energy per metre is the larger of gross and share·gross, and gross the larger of (1 + a)·f + idle·τ and
-    (1 − b)·f + idle·τ: together exactly the largest of three planes, of two where the share is 1.
+    (1 − b)·f + idle·τ: together exactly the largest of three planes, or of two if the share is 1.
     """
     share = np.clip(supply, 0.0, 1.0)
     one = np.ones_like(share)
@@ -234,7 +234,7 @@ def efficiency_planes(loss: EfficiencyLoss, supply: Floats) -> Planes:
 class MapPlanes:
     """Planes (N) below the energy of a loss map for a task.
 
-    Where the line does not take all that is fed back, each plane also counts with the share that it takes.
+    If the line does not take all that is fed back, each plane also occurs multiplied by the share that it takes.
     """
 
     def __init__(self, task: Task, loss: LossMap) -> None:
@@ -264,7 +264,7 @@ class MapPlanes:
 
 
 def joined(planes: Planes, more: Planes) -> Planes:
-    """The planes of both."""
+    """Two sets of planes as one."""
     return Planes(*(np.concatenate(pair, axis=1) for pair in zip(planes, more, strict=True)))
 
 

@@ -1,4 +1,4 @@
-"""Phases corrected by the run of a schedule, where limits ahead or hills make it differ from them."""
+"""Phases corrected to agree with the trajectory of their schedule, if limits ahead or hills make it differ."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import BRAKES, NEAR_MPS, STEADY_MPS, Phase, RunAtNodes, ends_of
 
 FASTER_MPS = 1.0 * KMH
-"""A limit is held where the speed to go to is higher than it by more than this (m/s)."""
+"""A limit is held if the target speed is higher by more than this (m/s)."""
 HELD_S = 10.0
-"""No phase is put in that would last, or leave the rest of another, shorter than this (s)."""
+"""No phase is inserted that would be shorter than this (s), or would leave a shorter rest of another phase."""
 SLOWER_MPS = 5.0 * KMH
 """A train that is slower than the speed to hold by more than this (m/s) accelerates to it."""
 HARDLY_MPS = 2.5 * KMH
 """A train that is slower than the speed to hold by less than this (m/s) holds it without a phase of acceleration.
-At the beginning of a schedule the limit is `SLOWER_MPS`."""
+For the first phase of a schedule, `SLOWER_MPS` counts instead."""
 ABOVE_MPS = 1.0 * KMH
-"""A train that is faster than the speed to hold by more than this (m/s) and slows down coasts to it."""
+"""If a train is faster than the speed to hold by more than this (m/s) and slows down, it coasts to that speed."""
 SAME_MPS = 0.5
-"""Two successive speeds to go to that differ by less than this (m/s) count as one: no driver tells them apart."""
+"""Two successive target speeds that differ by less than this (m/s) count as one: no driver tells them apart."""
 SAME_SHARE = 0.15
 """Two successive efforts that differ by less than this share of the largest count as one."""
 
@@ -34,13 +34,13 @@ GAINS_S = 1.0
 
 
 def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
-    """The phases with the speeds that their run reaches and holds.
+    """The phases with the speeds that their trajectory reaches and holds.
 
-    A train that is to hold a much higher speed accelerates to it with `back_share` of its traction, and one that rolls
-    down to the speed to hold coasts. Where a limit holds the train below the speed to go to, the limit is held, and
+    A train that is to hold a much higher speed accelerates to it with `back_share` of its traction, and a train that
+    slows down to the speed to hold coasts. If a limit keeps the train below its target speed, the limit is held, and
     left by accelerating. An acceleration that a limit ends at once begins where this limit ends. A change of effort
     shortly before a limit rises is put off until then. A short acceleration before a brake that gains no time is left
-    out. A speed to hold downhill that the train never comes down to is the speed that it has there.
+    out. A speed to hold to which the train never slows down, as on a descent, is raised to its lowest speed there.
     """
     said = _with_coasting(_with_accelerations(phases, run, back_share), run)
     said = _with_limits_held(_without_vain_traction(said, run), run, back_share)
@@ -53,7 +53,7 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
 
 
 def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
-    """The phases, where only a train that is much slower than the speed to hold accelerates to it first."""
+    """The phases; a train accelerates to a speed to hold only if it is much slower."""
     found: list[Phase] = []
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         if one.kind is not NotchRegime.HOLD:
@@ -71,7 +71,7 @@ def _with_accelerations(phases: list[Phase], run: RunAtNodes, back_share: float)
 def _one_after_another(first: Phase, held: Phase, reached: NDArray[np.bool_], end: int, run: RunAtNodes) -> list[Phase]:
     """The phase that leads to a speed to hold, and the phase that holds it from the first node where it is reached.
 
-    Where the first would be short, the speed is held at once; where the second would be short, it is left out.
+    If the first would be short, the speed is held at once; if the second would be short, it is left out.
     """
     nodes = np.flatnonzero(reached[held.begin : end])
     last = held.begin + int(nodes[0]) if nodes.size else end
@@ -87,7 +87,7 @@ def _hardly_faster(one: Phase, held: Phase, run: RunAtNodes, by_mps: float) -> b
 
 
 def _with_coasting(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
-    """The phases, where a train that rolls down to the speed to hold coasts until it has it."""
+    """The phases; a train that slows down to the speed to hold coasts until it has reached it."""
     found: list[Phase] = []
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         speeds = run.speeds_mps
@@ -103,7 +103,7 @@ def _with_coasting(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
 
 
 def _without_vain_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
-    """The phases, where an acceleration that a limit ends at once begins where this limit ends."""
+    """The phases; an acceleration that a limit ends at once begins at the end of this limit instead."""
     found = phases[:1]
     for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
         begin = one.begin
@@ -149,7 +149,7 @@ def _without_brief_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]
 
 
 def _with_limits_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:
-    """The phases, where a limit that holds the train below their speed is held, and left by accelerating."""
+    """The phases; a limit that keeps the train below its target speed is held, and left by accelerating."""
     found: list[Phase] = []
     for one, end in zip(phases, ends_of(phases, run), strict=True):
         found.append(one)
@@ -169,7 +169,7 @@ def _with_limits_held(phases: list[Phase], run: RunAtNodes, back_share: float) -
 
 
 def _up_to(phases: list[Phase], node: int, run: RunAtNodes) -> list[Phase] | None:
-    """The phases up to a node where a limit is reached; None where the last of them would be too short to be told.
+    """The phases up to a node where a limit is reached; None if the last of them would be too short to be shown.
 
     An acceleration that would be too short becomes part of the acceleration before it.
     """
@@ -185,7 +185,7 @@ def _up_to(phases: list[Phase], node: int, run: RunAtNodes) -> list[Phase] | Non
 
 
 def _held_by_limits(run: RunAtNodes, first: int, end: int) -> list[tuple[int, int]]:
-    """Where a limit holds a run between two nodes: first and last nodes of every such stretch."""
+    """Where a limit holds a trajectory between two nodes: first and last nodes of every such stretch."""
     speeds = run.speeds_mps[first : end + 1]
     met = speeds > run.envelope_mps[first : end + 1] - NEAR_MPS
     held = met[1:] & met[:-1] & (np.abs(np.diff(speeds)) < STEADY_MPS)
@@ -201,7 +201,7 @@ def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _without_likes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
     """The phases, with like neighbours merged: a speed reached and then held, or held twice, and like efforts.
 
-    Two efforts stay apart where the train holds the speed of the first for a while before the second begins.
+    Two efforts stay apart if the train holds the speed of the first for a while before the second begins.
     """
     found = phases[:1]
     for one in phases[1:]:
@@ -225,18 +225,18 @@ def _holds(one: Phase, end: int, run: RunAtNodes) -> bool:
 
 
 IDLE_MPS = 1.0 * KMH
-"""A brake that takes off less speed than this (m/s) is left out."""
+"""A brake that lowers the speed by less than this (m/s) is left out."""
 
 
 def phases_as_run(
     phases: tuple[Phase, ...], kinds: NDArray[np.int64], run: RunAtNodes, back_share: float
 ) -> tuple[Phase, ...]:
-    """The phases of a schedule as its run has them.
+    """The phases of a schedule, corrected to agree with its trajectory.
 
-    `kinds` are those of the phases with `NotchRegime.CURVE` for a brake along the braking curve. Where a limit ahead
-    brakes the run, a brake begins; a brake that brakes nothing is left out, and one that only holds a speed at first
-    begins later. Then `speeds_as_held` corrects the speeds; a train that is slower than the speed to hold gets back
-    to it with `back_share` of its traction.
+    `kinds` are the kinds of the phases, with `NotchRegime.CURVE` for a brake along the braking curve. Where a limit
+    ahead makes the trajectory brake, a brake begins. A brake without effect is left out, and a brake that at first only
+    holds a speed begins later. Then `speeds_as_held` corrects the speeds; a train that is slower than the speed to hold
+    gets back to it with `back_share` of its traction.
     """
     said = _without_early_brakes(_without_idle_brakes(phases, kinds, run), run)
     for begin, end in _braked_by_limits(run):
@@ -245,7 +245,7 @@ def phases_as_run(
 
 
 def with_all_brakes(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]:
-    """The phases with a brake wherever a limit ahead brakes the run; the interrupted phase goes on behind it."""
+    """The phases with a brake wherever a limit ahead demands one; the interrupted phase goes on after it."""
     found = list(phases)
     for begin, end in _braked_by_limits(run):
         here = max((k for k, one in enumerate(found) if one.begin <= begin), default=0)
@@ -262,7 +262,7 @@ def with_all_brakes(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, 
 
 
 def with_one_brake(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]:
-    """The phases, with two brakes along the curve merged where hardly any time lies between them."""
+    """The phases, with two brakes along the curve merged if hardly any time lies between them."""
     found: list[Phase] = []
     for one in phases:
         curve = one.kind in BRAKES and one.share == 0.0
@@ -299,7 +299,7 @@ def _without_repeats(phases: list[Phase]) -> list[Phase]:
 
 
 def _braked_by_limits(run: RunAtNodes) -> list[tuple[int, int]]:
-    """Where a run brakes along the braking curve: first and last nodes of every such stretch."""
+    """Where a trajectory brakes along the braking curve: first and last nodes of every such stretch."""
     speeds, envelope = run.speeds_mps, run.envelope_mps
     met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)
     brakes = met[1:] & (speeds[1:] < speeds[:-1]) & (envelope[1:] < envelope[:-1])
@@ -332,7 +332,7 @@ def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> l
 
 
 def _early_enough(begin: int, met: int, end: int, run: RunAtNodes) -> int:
-    """The node where a brake of one effort must begin to be in time; begun at `begin`, it met the braking curve."""
+    """The node where a brake of one effort must begin; begun at `begin`, it meets the braking curve at `met`."""
     squares, node_m = run.speeds_mps**2, run.node_m
     m_per_square = (node_m[met] - node_m[begin]) / max(squares[begin] - squares[met], 1e-9)
     later_m = (squares[met] - squares[end]) * m_per_square - (node_m[end] - node_m[met])
@@ -346,7 +346,7 @@ def _from(phases: list[Phase], node: int) -> list[Phase]:
 
 
 def _without_early_brakes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
-    """The phases, where a brake that follows a speed to hold begins no sooner than the run slows down."""
+    """The phases; a brake that follows a speed to hold begins no sooner than the trajectory slows down."""
     found = phases[:1]
     for one, end in list(zip(phases, ends_of(phases, run), strict=True))[1:]:
         slows = np.flatnonzero(np.diff(run.speeds_mps[one.begin : end + 1]) < -STEADY_MPS)

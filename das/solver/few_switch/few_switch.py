@@ -1,9 +1,9 @@
-"""Few-switch trajectories: those of least cost where every change of the notch has a price.
+"""Few-switch trajectories: those of least cost if every change of the notch has a price.
 
 A notch is one of the few things that a driver does with the controller, one at a time. The backward sweep of
-`das.solver.solve` has a second price here: beside energy + λ·time, every change of the notch costs a fixed energy, so
+`das.solver.solve` has a second price here: besides energy + λ·time, every change of the notch costs a fixed energy, so
 that a change must save at least that much. A state is a decision node, a speed and the notch that the train is in; the
-moves do not depend on λ. Only the policy is kept: the best notch of each state, and which notches are kept there.
+moves do not depend on λ. Only the policy is stored: the best notch of each state, and in which notches a train stays.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class FewSwitchMoves(NamedTuple):
 
 
 class FewSwitchPolicy(NamedTuple):
-    """The best notch of each state (nodes, speeds, multipliers), and the notches that are kept there, as bits."""
+    """The best notch of each state (nodes, speeds, multipliers), and the notches in which a train stays, as bits."""
 
     choice: NDArray[np.uint8]
     stay: NDArray[np.uint16]
@@ -95,7 +95,7 @@ class FewSwitchTrajectory:
     energy_j: float
     """The energy at the current collector."""
     lambda_w: float
-    """The price of time (W) of the policy that the run follows first."""
+    """The price of time (W) of the policy that the trajectory follows first."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -109,10 +109,10 @@ class FewSwitchFront:
     goal_mps: Floats
     """At each integration node the lower speed that brakes lead to."""
     sweep: Sweep | None = None
-    """The sweep that has not reached the beginning of the section yet; None where the whole section is solved."""
+    """The sweep that has not reached the beginning of the section yet; None if the whole section is solved."""
 
     def cover(self, s_m: float) -> None:
-        """Solve the policies for a train at a position (m) and ahead of it, where they are missing."""
+        """Solve the missing policies for a train at a position (m) and for all places ahead of it."""
         self._cover(State.at(self.section, s_m, 0.0))
 
     @property
@@ -121,14 +121,14 @@ class FewSwitchFront:
         return self.policy.choice.nbytes + self.policy.stay.nbytes
 
     def run(self, time_s: float, s_m: float, v_mps: float, notch: int = NO_NOTCH) -> FewSwitchTrajectory:
-        """The few-switch trajectory from a state that takes about `time_s`; the fastest one where there is less time.
+        """The few-switch trajectory from a state that takes about `time_s`; the fastest one if that is too short.
 
-        `notch` is the one that the train is in. Raises DasError for a state outside the section, InfeasibleError
-        where the section cannot be finished from it.
+        `notch` is the notch that the train is in. Raises DasError for a state outside the section, InfeasibleError if
+        the train cannot reach the end of the section from it.
         """
         state = State.at(self.section, s_m, v_mps)
         size = len(self.lambda_w)
-        slow, quick = -1, size  # the run of `slow` takes too long, that of `quick` does not
+        slow, quick = -1, size  # The multiplier `slow` takes too long, `quick` does not.
         best = None
         while quick - slow > 1:
             middle = (slow + quick) // 2
@@ -153,7 +153,7 @@ class FewSwitchFront:
         return best
 
     def roll_out(self, state: State, quick: int, slow: int, switch: int, notch: int = NO_NOTCH) -> FewSwitchTrajectory:
-        """The run of multiplier `quick` up to decision node `switch`, then of `slow`."""
+        """The trajectory of multiplier `quick` up to decision node `switch`, then of `slow`."""
         self._cover(state)
         speeds = np.empty(len(state.node_m))
         speeds[0] = state.speed_mps
@@ -189,8 +189,8 @@ def solve_few_switch_ahead(
 ) -> FewSwitchFront:
     """The few-switch policies of a section for a train at a position (m): only what is ahead of it is solved.
 
-    The part ahead has the same bits as in the front of the whole section. A question from
-    more than `BEHIND_M` further back makes the front solve the rest first.
+    The part ahead has the same bits as in the front of the whole section. For a trajectory from a position more than
+    `BEHIND_M` behind the train, the front first solves the rest.
     """
     sweep = _FewSwitchSweep(section, settings, threads)
     sweep.come_down_to(node_behind(section, s_m))

@@ -28,7 +28,7 @@ class Phase(NamedTuple):
 
 @dataclass(kw_only=True)
 class _Part:
-    """A stretch of a run in one notch, while short ones are joined to their neighbours."""
+    """A stretch of a trajectory in one notch; short stretches are then joined to their neighbours."""
 
     kind: NotchRegime
     share: float
@@ -60,7 +60,7 @@ def phases_of(run: FewSwitchTrajectory, first: int, *, least_s: float, ripple_mp
 
 
 def _parts(run: FewSwitchTrajectory) -> list[_Part]:
-    """The stretches of a run in one notch."""
+    """The stretches of a trajectory in one notch."""
     parts: list[_Part] = []
     for i, notch in enumerate(run.notch.tolist()):
         kind, share = NotchRegime(int(run.notches.kind[notch])), float(run.notches.share[notch])
@@ -154,7 +154,7 @@ STEADY_MPS = 0.01
 
 
 class RunAtNodes(NamedTuple):
-    """A run at the nodes of its section: speeds and highest allowed ones (m/s), distances (m) and times (s)."""
+    """A trajectory at the nodes of its section: speeds and highest allowed speeds (m/s), distances (m), times (s)."""
 
     speeds_mps: Floats
     envelope_mps: Floats
@@ -163,12 +163,12 @@ class RunAtNodes(NamedTuple):
 
     @classmethod
     def of(cls, speeds_mps: Floats, envelope_mps: Floats, step_m: Floats) -> RunAtNodes:
-        """The run with these speeds over steps of these lengths (m)."""
+        """The trajectory with these speeds over steps of these lengths (m)."""
         took_s = 2.0 * step_m / np.maximum(speeds_mps[:-1] + speeds_mps[1:], 1e-3)
         return cls(speeds_mps, envelope_mps, *(np.concatenate(([0.0], one.cumsum())) for one in (step_m, took_s)))
 
     def lasts_s(self, first: int, last: int) -> float:
-        """How long the run takes from one node to another (s)."""
+        """How long the trajectory takes from one node to another (s)."""
         return float(self.elapsed_s[last] - self.elapsed_s[first])
 
 

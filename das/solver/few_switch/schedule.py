@@ -28,21 +28,21 @@ from das.solver.state import RollOut, State, following_node, least_time_s
 
 Floats = NDArray[np.float64]
 MET_MPS = 1e-3
-"""A train whose speed is this near (m/s) to that of the schedule's run counts as on it from there on."""
+"""A train whose speed is this near (m/s) to the schedule's trajectory counts as on it from there on."""
 NOWHERE = -1.0
-"""The `met_mps` of a train that is followed to the end and never counts as on the schedule's run."""
+"""The `met_mps` of a train that is followed to the end and never counts as on the schedule's trajectory."""
 MOST_UNSAID_S = 0.5
-"""Limits ahead may demand brakes that no phase of a schedule has for at most this time (s)."""
+"""For at most this time (s), limits ahead may demand brakes that no phase of a schedule has."""
 SAYINGS = 3
-"""Rounds in which phases are made to say what their run does; after them they hardly change any more."""
+"""Rounds in which phases are made to agree with their trajectory; after them they hardly change any more."""
 ON_CURVE_MPS = 0.05
-"""A brake follows the braking curve where its target is this near (m/s) to the curve's speed at its end."""
+"""A brake follows the braking curve if its target is this near (m/s) to the curve's speed at its end."""
 
 
 class Prospect(NamedTuple):
     """The forecast of a train that keeps to a schedule: speeds at the nodes (behind the state: NaN), time and energy.
 
-    For the time `unsaid_s` limits ahead demand brakes that no phase has.
+    `unsaid_s` is the time (s) in which limits ahead demand brakes that no phase has.
     """
 
     speeds_mps: Floats
@@ -56,7 +56,7 @@ LATE_RATIO = 3.0
 EARLY_RATIO = 0.7
 """A second of being early is worth this share of the price of time."""
 EARLY_S = 2.0
-"""Only this many seconds of being early count, because the price, one of the ladder, may be up to half too high."""
+"""Only this many seconds of being early count, because the price from the ladder may be too high by up to half."""
 
 
 class PricesOfTime(NamedTuple):
@@ -68,20 +68,20 @@ class PricesOfTime(NamedTuple):
 
     @classmethod
     def to_be_on_time(cls, lambda_w: float) -> PricesOfTime:
-        """The prices of a train that is to be on time, where a second is worth `lambda_w` (W)."""
+        """The prices of a train that is to be on time, if a second is worth `lambda_w` (W)."""
         return cls(LATE_RATIO * lambda_w, EARLY_RATIO * lambda_w, EARLY_S)
 
     @classmethod
     def at_any_time(cls, lambda_w: float) -> PricesOfTime:
-        """The prices where every second is worth `lambda_w` (W), whenever the train arrives."""
+        """The prices if every second is worth `lambda_w` (W), whenever the train arrives."""
         return cls(lambda_w, lambda_w, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Schedule:
-    """Phases of a section in the order of the line, and the run that keeps to them.
+    """Phases of a section in the order of the line, and the trajectory that keeps to them.
 
-    `known` is that run, at all nodes of the section.
+    `known` is that trajectory, at all nodes of the section.
     """
 
     section: Section
@@ -98,7 +98,7 @@ class Schedule:
 
     @cached_property
     def ends_m(self) -> Floats:
-        """How far behind each interval of the section its phase ends (m)."""
+        """How far beyond each interval of the section its phase ends (m)."""
         node_m = self.section.node_m
         ends = np.array([self.begin_m(k + 1) for k in range(len(self.phases))])
         return np.asarray(ends[self.at] - node_m[1:])
@@ -114,7 +114,7 @@ class Schedule:
 
     @property
     def run(self) -> RunAtNodes:
-        """The run that keeps to the schedule, as its phases are compared with it."""
+        """The trajectory that keeps to the schedule, in the form in which its phases are compared with it."""
         return RunAtNodes.of(self.known.speed_mps, self.section.envelope_mps, self.section.step_m)
 
     def speed_at(self, s_m: float) -> float:
@@ -135,7 +135,7 @@ class Schedule:
         return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
 
     def brakes_by_effort(self, number: int) -> bool:
-        """Whether a phase brakes with one effort to its speed and then holds it: a brake before no limit."""
+        """Whether a phase brakes with one effort to its speed and then holds it: a brake that is not for a limit."""
         kind, share, _ = self.columns
         return bool(kind[number] == NotchRegime.BRAKE and share[number] > 0.0)
 
@@ -164,7 +164,7 @@ class Schedule:
     def forecast(
         self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS, held_until_m: float = -math.inf
     ) -> Prospect:
-        """The forecast of a train in a state that keeps to the schedule; raises InfeasibleError where it stalls.
+        """The forecast of a train in a state that keeps to the schedule; raises InfeasibleError if it stalls.
 
         If `held_until_m` is ahead, the train first holds its speed up to there.
         """
@@ -192,17 +192,17 @@ class Schedule:
         return first, section.for_kernels._replace(step_m=step), envelope
 
     def as_run(self) -> Schedule:
-        """The schedule whose phases say what its run does, so that a driver who keeps to them drives that run.
+        """The schedule with phases that agree with its trajectory, so that a driver who keeps to them follows it.
 
-        Where a limit ahead brakes the run, a brake begins there: a driver who is told later needs the friction brake. A
-        brake that brakes nothing is left out. A speed to hold downhill that the train never comes down to is the speed
-        that it has there.
+        Where a limit ahead makes the trajectory brake, a brake begins: a driver who begins later needs the friction
+        brake. A brake without effect is left out. A speed to hold to which the train never slows down, as on a descent,
+        is raised to its lowest speed there.
         """
         phases = phases_as_run(self.phases, self.columns[0], self.run, self.back_share)
         return replace(self, phases=phases)
 
     def settled(self, s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
-        """The same phases with the run that keeps to them from a state, and the forecast of that run."""
+        """The same phases with the trajectory that keeps to them from a state, and the forecast of that trajectory."""
         forecast = self.forecast(s_m, v_mps, met_mps=NOWHERE)
         speeds = forecast.speeds_mps
         known = np.isfinite(speeds)
@@ -220,9 +220,9 @@ class Scheduled(NamedTuple):
     lambda_w: float
 
     def as_run(self, s_m: float, v_mps: float) -> Scheduled:
-        """The schedule from a state with phases that say what its run does; unchanged where the train would stall.
+        """The schedule from a state with phases that agree with its trajectory; unchanged if the train would stall.
 
-        Changed phases may lead to another run, so they are compared with that one again.
+        Changed phases may lead to another trajectory, so they are then compared with that one.
         """
         found = self
         for _ in range(SAYINGS):
@@ -243,9 +243,9 @@ class Scheduled(NamedTuple):
         return self.forecast.unsaid_s <= MOST_UNSAID_S
 
     def solution(self, s_m: float, v_mps: float, requested_s: float) -> Solution:
-        """What keeping to the schedule comes to for a train in a state that was asked to take a time (s).
+        """The solution of a train that keeps to the schedule from a state; `requested_s` is the time asked for.
 
-        Raises InfeasibleError where the train stalls.
+        Raises InfeasibleError if the train stalls.
         """
         section = self.schedule.section
         state, forecast = State.at(section, s_m, v_mps), self.schedule.forecast(s_m, v_mps)
@@ -261,7 +261,7 @@ class Scheduled(NamedTuple):
     def _with(
         self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float
     ) -> Scheduled:
-        """The schedule with phases changed by a function of phases and run; unchanged where the train stalls."""
+        """The schedule with phases changed by a function of phases and trajectory; unchanged if the train stalls."""
         phases = changed(self.schedule.phases, self.schedule.run)
         if phases == self.schedule.phases:
             return self
@@ -305,6 +305,6 @@ def on_section(schedule: Schedule, section: Section) -> Schedule:
 
 
 def known_run(section: Section, speeds_mps: Floats) -> KnownRun:
-    """A run by its speeds at the nodes of a section, with the time to go from each of them."""
+    """A trajectory by its speeds at the nodes of a section, with the time to go from each of them."""
     times = 2.0 * section.step_m / np.maximum(speeds_mps[:-1] + speeds_mps[1:], 1e-3)
     return KnownRun(speeds_mps, np.append(times[::-1].cumsum()[::-1], 0.0))

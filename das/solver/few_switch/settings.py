@@ -23,7 +23,7 @@ class FewSwitchSettings:
     low_ratio: float = 0.004
     """The lowest multiplier, as a share of the traction power that can be used on the section."""
     high_ratio: float = 3.0
-    """The highest multiplier, as a multiple of that power; its run is almost the fastest."""
+    """The highest multiplier, as a multiple of the same power; its trajectory is almost the fastest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,11 +45,11 @@ class ScheduleSettings:
     early_s: float = 1.0
     """A schedule that arrives earlier than wanted by more than this (s) gets a lower highest speed."""
     lowest_top_ratio: float = 0.8
-    """The lower highest speed of an early schedule is at least this share of the highest speed before."""
+    """The lowered highest speed of an early schedule is at least this share of the previous one."""
     late_s: float = 1.0
-    """A schedule that arrives later than wanted by more than this (s) is made again from a quicker run."""
+    """A schedule that arrives later than wanted by more than this (s) is made again from a quicker trajectory."""
     rounds: int = 4
-    """At most this number of runs is tried, each quicker than the one before."""
+    """At most this number of trajectories is tried, each quicker than the one before."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,13 +64,13 @@ class PolishSettings:
     """An effort is made this much smaller or larger, in the same rounds: a fifth, as finely as a driver reads it. An
     effort between two fifths would flicker on a display that rounds to them."""
     thorough_steps_share: tuple[float, ...] = (0.2, 0.1, 0.1)
-    """As `steps_share`, for a schedule that is polished thoroughly: that of a train that departs or is new."""
+    """As `steps_share`, for a schedule polished thoroughly: at a departure, or if there was no reference before."""
     prices: int = 3
     """A schedule that is polished thoroughly is first polished at this number of prices of time."""
     price_ratio: float = 2.0
-    """Those prices are at most this many times lower or higher than that of the schedule's run."""
+    """The prices tried in a thorough polish are at most this many times lower or higher than the schedule's own."""
     least_s: float = 10.0
-    """Moves of its neighbours make no phase except a brake shorter than this (s)."""
+    """No phase except a brake becomes shorter than this (s)."""
     rounds: int = 2
     """A schedule is polished at most this number of times, until it is in time."""
     late_s: float = 1.0

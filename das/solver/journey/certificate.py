@@ -45,7 +45,7 @@ def lower_bound_j(chains: Chains, solved: Sequence[Solved]) -> float:
 
 
 def _allowed(window: Window, time_s: float, after_j: Floats) -> Floats:
-    """For every λ before a tight time, the largest of `after_j` (by λ after it) of the right sign."""
+    """For every λ before a tight time, the largest `after_j` of those λ after it that the sign rule allows."""
     if window.earliest_s == window.latest_s:
         return np.full_like(after_j, after_j.max())
     if time_s == window.latest_s:
@@ -54,7 +54,7 @@ def _allowed(window: Window, time_s: float, after_j: Floats) -> Floats:
 
 
 def _from_stop(chains: Chains, span: TightSpan, parts: Parts) -> Floats:
-    """The dual of a span that begins at a stop, by λ (−inf where λ is not one of the span's)."""
+    """The dual of a span that begins at a stop, by λ (−inf if the span has no such λ)."""
     first_j = np.zeros(len(chains.fronts.ladder_w))
     if span.stretches:
         first_j = chains.fronts.table(span.stretches[0], parts.get(span.stretches[0]), 0.0).total_j
@@ -96,7 +96,7 @@ class PricedTimeline:
         """The certificate of a journey whose sections are driven by `runs`.
 
         The bound is the least of energy + price·time of every section, less the prices times the longest times that the
-        windows allow (`docs/explanation/bounds.md`). Windows count as wide as a plan has to keep them.
+        windows allow (`docs/explanation/bounds.md`). Windows count with the tolerance to which a plan keeps them.
         """
         allowed_s = self._end_s() - self._begin_s()
         if not np.isfinite(self.price_w).all():
@@ -154,5 +154,5 @@ class PricedTimeline:
 
 
 def _quickest_s(section: JourneySection) -> float:
-    """A time (s) that no run of a section falls short of: that along the envelope."""
+    """The time (s) of a section along its envelope: no run is quicker."""
     return float(section.whole.elapsed_s(section.whole.envelope_mps + tol.SPEED_TOLERANCE_MPS)[-1])

@@ -40,9 +40,9 @@ class TimedStretch:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenStretch(TimedStretch):
-    """A stretch as driven: the speeds at its nodes, and the price of time there (W).
+    """A stretch with its trajectory: the speeds at its nodes, and the price of time there (W).
 
-    `feasible` says that the run is within limits and forces, and on time.
+    `feasible` says that the trajectory is within limits and forces, and on time.
     """
 
     speeds_mps: Floats
@@ -54,7 +54,7 @@ class DrivenStretch(TimedStretch):
 class MultiplierTable:
     """Time and cost of a stretch under each multiplier of the ladder.
 
-    `time_s` (L + 1,) falls, and its last value is that of the fastest run. `total_j` (L,) is the least total cost.
+    `time_s` (L + 1,) falls to the time of the fastest trajectory. `total_j` (L,) is the least total cost.
     """
 
     time_s: Floats
@@ -74,12 +74,12 @@ class Ahead:
 
 
 class SectionFronts:
-    """Solves the fronts of sections and keeps those of whole sections where there is room.
+    """Solves the fronts of sections and keeps those of whole sections while there is room.
 
-    Tables and runs of whole sections are always kept.
+    Tables and trajectories of whole sections are always kept.
 
-    All sections have the same ladder `ladder_w`: that of the section with the largest multipliers, and below 0
-    parts of the idle loss. `least_energy` is the index of 0 in it.
+    All sections have the same ladder `ladder_w`: that of the section with the largest multipliers, and before it
+    negative multipliers, which are shares of the idle loss. `least_energy` is the index of the multiplier 0.
     """
 
     def __init__(self, sections: Sequence[JourneySection]) -> None:
@@ -106,7 +106,7 @@ class SectionFronts:
         return solve_front(section, lambda_w=self.ladder_w, end_value_j=value, packed=False)
 
     def table(self, stretch: Stretch, part: Front | None, speed_mps: float) -> MultiplierTable:
-        """The table of a stretch from a speed: of its part of a section, or of the whole section where that is None."""
+        """The table of a stretch from a speed: from the front `part`, or from the whole section's if it is None."""
         if part is not None:
             return _table(part, speed_mps)
         if stretch.section not in self._tables:
@@ -114,7 +114,7 @@ class SectionFronts:
         return self._tables[stretch.section]
 
     def drive(self, planned: TimedStretch, part: Front | None = None, speed_mps: float = 0.0) -> DrivenStretch:
-        """The run over a part of a section, or over a whole one where that is None."""
+        """The trajectory of a stretch: from the front `part`, or from the whole section's if it is None."""
         if isinstance(planned, DrivenStretch):
             return planned
         if part is not None:
@@ -134,7 +134,7 @@ class SectionFronts:
 
 
 def late_s(front: Front, speed_mps: float, left_s: float) -> float:
-    """By how much (s) the fastest run from a speed exceeds the time left; inf where it cannot end as it must."""
+    """By how much (s) the fastest trajectory from a speed exceeds the time left; inf if none reaches the end."""
     try:
         quickest = fastest(front.section, front.section.start_m, speed_mps)
     except InfeasibleError:
@@ -187,9 +187,9 @@ class Split(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
-    """A span with its price of time (W), the time of every event from its beginning to its end, and its runs.
+    """A span with its price of time (W), the time of every event from its beginning to its end, and its stretches.
 
-    Whole sections without passings are not driven yet.
+    Whole sections without passings have no trajectory yet, only a time.
     """
 
     span: TightSpan
@@ -209,7 +209,7 @@ class Chains:
     def solve(self, tight: tuple[Tight, ...], split: Split) -> tuple[Solved, ...]:
         """The spans between neighbouring tight events, of which all but the first and the last are passings.
 
-        Raises InfeasibleError where a span cannot be run in its time.
+        Raises InfeasibleError if a span cannot be driven in its time.
         """
         key = (tight, split)
         if key not in self._solved:
@@ -232,7 +232,7 @@ class Chains:
         )
 
     def lowest(self, span: TightSpan) -> int:
-        """Where the multipliers of a span begin: with a wait in it no run is slower than that of least energy."""
+        """The index of a span's first multiplier: in a span with a wait, slower than least energy is of no use."""
         return 0 if span.last_wait < 0 else self.fronts.least_energy
 
     def _solve(self, spans: Sequence[TightSpan], split: Split) -> tuple[Solved, ...]:
@@ -268,14 +268,14 @@ class Chains:
         return Ahead(speed_mps=start_speeds(first), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
     def dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
-        """Least cost of a span by λ minus λ·its time (J), where its first stretch costs `first_j` (…, L)."""
+        """Least cost of a span by λ minus λ·its time (J), if its first stretch costs `first_j` (…, L)."""
         tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
         fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
         total_j = first_j + sum((table.total_j for table in tables), fixed_j)
         return np.where(first_j > tol.UNREACHABLE, tol.INFEASIBLE, total_j)
 
     def _least_speed(self, span: TightSpan, parts: Parts) -> float:
-        """The slowest speed at the beginning of a span from which it can be run in its time, by bisection."""
+        """The slowest speed at the beginning of a span from which it can be driven in its time, by bisection."""
         stretch, *others = span.stretches
         front, section = parts[stretch], self.sections[stretch.section]
         others_s = sum(float(self.fronts.table(other, parts.get(other), 0.0).time_s[-1]) for other in others)
@@ -307,7 +307,7 @@ class Chains:
     def _share(
         self, span: TightSpan, tables: Sequence[MultiplierTable], split: Split
     ) -> tuple[list[float], float, float]:
-        """Times of a span's stretches (s), its price of time (W), and how long it stands beyond the least (s)."""
+        """Times of a span's stretches (s), its price of time (W), and how long the train waits beyond the least (s)."""
         by_column = [table.time_s for table in tables]
         ladder_w, lowest = self.fronts.ladder_w, self.lowest(span)
         total_s = sum(by_column, np.full(len(ladder_w) + 1, span.least_wait_s))
@@ -339,7 +339,7 @@ class Chains:
         return np.array(event_s)
 
     def _place_times(self, run: TimedStretch) -> list[float]:
-        """Times from the beginning of a run to each place after it."""
+        """Times (s) from the beginning of a stretch to each place after it."""
         if not isinstance(run, DrivenStretch):
             return [run.time_s]
         stretch, section = run.stretch, self.sections[run.stretch.section]

@@ -34,7 +34,7 @@ class JourneySection:
     """A section between two stops of a journey.
 
     `places` holds the integration nodes of the start, the passings and the end, `least_s` the times at which the
-    fastest run reaches them and `fastest_mps` its speeds at all nodes.
+    fastest trajectory reaches them and `fastest_mps` its speeds at all nodes.
     """
 
     start: Call
@@ -46,7 +46,7 @@ class JourneySection:
     fastest_mps: Floats
 
     def part(self, first: int, last: int, least_end_mps: float = 0.0) -> Section:
-        """The section between two places; it ends at any speed from `least_end_mps` where the last is a passing.
+        """The section between two places; if the last is a passing, it may end at any speed from `least_end_mps` on.
 
         Its start and end speeds remain those of the whole section; a front answers for any speed at its beginning.
         """
@@ -71,7 +71,7 @@ def build_journey_sections(
 ) -> tuple[JourneySection, ...]:
     """The sections of a journey on a route.
 
-    Raises as `build_section` does, and InfeasibleError where a passing's speeds cannot be kept.
+    Raises as `build_section` does, and InfeasibleError if a passing's speeds cannot be kept.
     """
     journey.check_on(route)
     sections = []
@@ -130,9 +130,10 @@ def _with_breakpoints(route: Route, position_m: list[float]) -> Route:
 
 
 def _bounded(section: Section, node: int, passing: Passing) -> Section:
-    """The section with a passing's speeds kept at an integration node: envelope and floor before it change.
+    """The section with a passing's speeds kept at an integration node: envelope and floor before the node change.
 
-    The band between them is at least `PASSING_BAND_RATIO` wide, so that the speed grid has one.
+    At the node, the floor is below the envelope by at least the ratio `PASSING_BAND_RATIO`, so that the speed grid
+    there has several speeds.
     """
     possible = float(section.floor_mps[node]), float(section.envelope_mps[node])
     lowest, highest = max(passing.lowest_mps, possible[0]), min(passing.highest_mps, possible[1])
@@ -156,7 +157,7 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
 
 
 def _run_up(section: Section, node: int, least_mps: float) -> Floats:
-    """Slowest speeds up to an integration node from which it is still reached at `least_mps`."""
+    """The slowest speeds up to an integration node with which the train still reaches it at `least_mps`."""
     before = slice(None, node)
     envelope = section.envelope_mps[: node + 1].copy()
     envelope[-1] = least_mps
@@ -221,7 +222,7 @@ class Stretch:
 class TightSpan:
     """The part of a journey between two tight events: stretches and waits.
 
-    `last_wait` is the index of the link of the last wait, or -1 where there is no wait.
+    `last_wait` is the index of the link of the last wait, or -1 if there is no wait.
     """
 
     begin: Tight

@@ -1,4 +1,4 @@
-"""Links: the least that an interval can cost from one cell of speeds to another, with the lines of their values.
+"""Links: the least that an interval can cost from one cell of speeds to another, given the lines of their values.
 
 `docs/explanation/bounds.md` proves that no run of the integrator costs less.
 """
@@ -22,8 +22,8 @@ class EvenRows(NamedTuple):
     """Lower bounds of a loss map's energy per metre ψ (N), convex in the force at each speed.
 
     `psi_n` (1 + speeds, forces) belongs to the slownesses `tau` (falling), the first of which no run reaches, and to
-    the forces force0_n + i/steps_per_n. `steps_per_mps` is 1 over the spacing of the speeds, which
-    begin one spacing above 0.
+    the forces force0_n + i/steps_per_n. `steps_per_mps` is 1 over the spacing of the speeds, which begin one spacing
+    above 0.
     """
 
     psi_n: Floats
@@ -52,8 +52,8 @@ class CellEfforts(NamedTuple):
     """Limits of forces (N), of all intervals or of one.
 
     The motors give between −electric_n and traction_n, and at most their powers at the faster end; all brakes together
-    give at most `brake_n`. The friction brake acts only where the electric brake gives all that it can: at
-    least `least_electric_n`, unless its power or adhesion allows less.
+    give at most `brake_n`. The friction brake acts only if the electric brake gives all that it can: at least
+    `least_electric_n`, unless its power or adhesion allows less.
     """
 
     traction_n: Floats
@@ -176,7 +176,7 @@ def link(here, start, end, rows):
     """Least energy and priced time of an interval from a cell to a cell, plus the second's line, minus the first's.
 
     A cell is given by its slowest and fastest speed and the slope of its line, which is counted from the middle of the
-    cell (in w). The result is infinite where no run goes from one to the other.
+    cell (in w). The result is infinite if no run goes from one cell to the other.
     """
     low0, high0, slope0 = start
     low1, high1, slope1 = end
@@ -213,7 +213,7 @@ def _split_link(here, speeds, forces, split, rows):
     a, rho, constant = split
     h, linear = here.step_m, here.train.linear
     a = max(a, 0.0)
-    # Where the electric brake is not enough, the friction brake does the rest.
+    # If the electric brake is not enough, the friction brake does the rest.
     beyond = a * max(-electric - f2, 0.0)
     f1, f2 = max(f1, -electric), max(f2, -least_electric)
     tau1 = 2.0 / (high0 + high1)

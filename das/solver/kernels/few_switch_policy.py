@@ -25,7 +25,7 @@ CONTACT_MPS = 0.2
 
 @kernel
 def notch_landing(kind, share, v0, h, g, q, highest, top, goal, p):
-    """Speed after a decision step in a notch, or -1 where the notch cannot be used.
+    """Speed after a decision step in a notch, or -1 if the notch cannot be used.
 
     `highest` and `top` are the highest speeds at the two ends of the step, `goal` the lower speed that brakes lead to.
     """
@@ -118,7 +118,7 @@ def few_switch_sweep(first, last, prices, moves, policy, value):
     """Bellman sweep under multipliers first … last − 1, whose `prices` are those of time (W) and of a change (J).
 
     Of `policy`, `choice[k, j, l]` becomes the best notch of a state, and bit m of `stay[k, j, l]` says that a train in
-    notch m keeps it. `value` (speeds, notches, L) holds the end values, and in the end those of the first node.
+    notch m keeps it. `value` (speeds, notches, L) holds the values of the last node before, of the first node after.
     """
     dt, energy, target, weight = moves
     choice, stay = policy
@@ -158,7 +158,7 @@ def few_switch_sweep(first, last, prices, moves, policy, value):
 
 @kernel
 def _keep(row, best, change, bit, stay):
-    """Limit the costs of being in a notch to those of leaving it; where it is kept, its bit is set in `stay`."""
+    """Limit the costs of being in a notch to those of leaving it; if the train keeps it, set its bit in `stay`."""
     for l in range(best.size):
         limit = best[l] + change[l]
         keeps = row[l] <= limit

@@ -1,4 +1,4 @@
-"""Schedules of a few-switch trajectory: a train follows one, and its phases are polished until nothing is gained."""
+"""Schedules of few-switch trajectories: following one, and polishing its phases until nothing more is gained."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from das.solver.kernels.few_switch_policy import BRAKE, COAST, CURVE, HOLD, TRAC
 from das.solver.kernels.forces import on_supply
 
 UNSAID_MPS = 0.05
-"""A limit ahead demands brakes where the train would otherwise be too fast by more than this (m/s)."""
+"""A limit ahead demands brakes if the train would otherwise be too fast by more than this (m/s)."""
 CREEP_MPS, CREEP_M = 0.5, 1.0
 """A train that brakes to a stop and is slower than this (m/s) creeps on while there is more than this (m) to go."""
 BELOW_MPS = 0.5
@@ -61,8 +61,7 @@ def _coasting(i, line, v):
 def followed_step(i, phase, back_share, way, line, envelope, p, v):
     """Drive interval i in a `phase` (kind, share, target); fills v[i + 1].
 
-    Returns the time (s), or -1 after a stall, and whether limits ahead demand brakes, or stronger ones, that the
-    phase does not have.
+    Returns the time (s), or -1 after a stall, and whether limits ahead demand more braking than the phase has.
     """
     step, g, q, u = line
     here = (step, g, q, on_supply(p, u[i]))
@@ -83,10 +82,10 @@ def follow(first, until, at, ends, phases, back_share, known, met_mps, line, env
     Returns the trip time (s), the energy at the current collector (J), and the time (s) in which limits ahead demand
     brakes that no phase has; (-1, 0, 0) after a stall.
 
-    `at[i]` is the phase that holds in interval i, `ends[i]` how far behind the interval it ends (m); `phases` are their
-    kinds, shares and target speeds. Before interval `until` the train holds its first speed instead. `known` is a run
-    that keeps to the schedule (speeds and time to go at every node). Its rest is used from where the two speeds are
-    within `met_mps` of each other (negative: never).
+    `at[i]` is the number of the phase in interval i, and that phase ends `ends[i]` (m) beyond the interval; `phases`
+    are the phases' kinds, shares and target speeds. Before interval `until` the train holds its first speed instead.
+    `known` is a trajectory that keeps to the schedule (speeds and time to go at every node). Its rest is used from the
+    node where the two speeds are within `met_mps` of each other (negative: never).
     """
     kinds, shares, targets = phases
     total, energy, unsaid = 0.0, 0.0, 0.0
@@ -112,9 +111,9 @@ def follow(first, until, at, ends, phases, back_share, known, met_mps, line, env
 
 
 UNSAID_S = 0.1
-"""A move may lengthen the time in which limits demand brakes that no phase has by at most this (s)."""
+"""A move may add at most this (s) to the time in which limits demand brakes that no phase has."""
 MET_MPS = 1e-3
-"""Two runs with the same phases ahead count as one from where their speeds differ by less than this (m/s)."""
+"""Two trajectories with the same phases ahead count as one once their speeds differ by less than this (m/s)."""
 SLOWEST_MPS = 2.0
 """Polishing makes no speed to hold lower than this (m/s)."""
 LEAST_SHARE = 0.2
@@ -127,7 +126,7 @@ MOVES = 6
 def cost_of_time(late, prices):
     """The cost (J) of arriving late (s; early < 0).
 
-    `prices` are those of a second late and of a second early (W), and how many early ones are worth something (s).
+    `prices` are the price of a second late, the worth of a second early (W), and how many early seconds count (s).
     """
     late_w, early_w, early_s = prices
     return late_w * late if late > 0.0 else early_w * max(late, -early_s)
@@ -150,7 +149,7 @@ def missing_time(first, begin, kind, step, least_s, v):
 
 @kernel
 def lay_out(begin, node, at, ends):
-    """Fill in the phase of every interval, and how far behind the interval it ends (m)."""
+    """Fill in the phase of every interval, and how far beyond the interval it ends (m)."""
     n = at.size
     k = 0
     for i in range(n):
@@ -162,10 +161,10 @@ def lay_out(begin, node, at, ends):
 
 @kernel
 def drive_schedule(start, meets, laid_out, phases, back_share, line, envelope, p, c, base, v):
-    """Follow a schedule from node `start` of the run `base` on; from node `meets` on it may meet that run again.
+    """Follow a schedule from node `start` of the trajectory `base` on; from node `meets` on it may join that again.
 
-    `base` holds speed, time, energy and unsaid braking (s) up to every node. Fills v and returns the last three of the
-    whole run, or (-1, 0, 0) after a stall.
+    `base` holds speed, time, energy and the time of unsaid braking (s) up to every node. Fills v; returns time, energy
+    and time of unsaid braking of the whole trajectory, or (-1, 0, 0) after a stall.
     """
     at, ends = laid_out
     kind, share, target = phases
@@ -234,7 +233,7 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
     """One move of phase k: begun earlier (0) or later (1), slower (2) or faster (3), with less (4) or more effort (5).
 
     `by` are the distance, the speed and the share. Fills in the new places, shares and speeds; returns the first node
-    that changes and the first one behind the change, or (-1, -1) where there is no such move. The end of a brake stays,
+    that changes and the first one after the change, or (-1, -1) if there is no such move. The end of a brake stays,
     because its speed is needed there.
     """
     by_m, by_speed, by_share = by
@@ -278,9 +277,9 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
 def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted, steps, least_s, speed):
     """Move the phases (kind, share, target) of a schedule, in rounds of smaller steps, each to where it costs least.
 
-    `wanted` are the time that it is to take (s) and the prices of time (see `cost_of_time`), `steps` those of places
-    (m), of speeds and of shares. Changes `begin`, shares and targets. The run begins with `speed` at node `first`. No
-    phase except a brake becomes shorter than `least_s`, and one that already is does not become shorter.
+    `wanted` are the time that it is to take (s) and the prices of time (see `cost_of_time`), `steps` the step sizes of
+    places (m), speeds and shares. Changes `begin`, shares and targets. The train begins with `speed` at node `first`.
+    The times by which phases other than brakes are shorter than `least_s` do not grow in sum.
     """
     kind, share, target = phases
     asked, prices = wanted

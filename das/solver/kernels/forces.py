@@ -12,7 +12,7 @@ ADHESION_LEAST, ADHESION_EXTRA, ADHESION_SPEED, ADHESION_OFFSET = 0.161, 7.5, 3.
 
 @kernel
 def mean_resistance(v0, v1, q, p):
-    """Running and tunnel resistance averaged over the way at constant acceleration from v0 to v1 (exact)."""
+    """Running and tunnel resistance averaged over the distance at constant acceleration from v0 to v1 (exact)."""
     total = v0 + v1
     if total <= 0.0:
         return p.c0_n
@@ -79,7 +79,7 @@ def brake_limit(v, p, friction_n):
 
 @kernel
 def largest_gain(v, resisting, p):
-    """Acceleration at full traction against a resisting force: the train's largest, unless full brake leaves more."""
+    """Acceleration at full traction against a resisting force: at most the largest, unless full brake leaves more."""
     rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
     if rate <= p.max_acceleration_mps2:
         return rate
@@ -88,7 +88,7 @@ def largest_gain(v, resisting, p):
 
 @kernel
 def largest_loss(v, resisting, p, friction_n):
-    """Deceleration at full brake with a resisting force: the train's largest, unless full traction leaves more."""
+    """Deceleration at full brake with a resisting force: at most the largest, unless full traction leaves more."""
     rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
     if rate <= p.max_deceleration_mps2:
         return rate

@@ -21,14 +21,14 @@ LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 """Most landings of a step."""
 
 LANDING_STEPS = 4
-"""Iterations that find a landing, whose mean speed the forces depend on."""
+"""Iterations to find a landing: the forces depend on its mean speed."""
 
 
 @kernel
 def landing_speed(v0, h, share, g, q, p):
     """Speed after a decision step with a share of the largest traction, or of the electric brake (share < 0).
 
-    The largest effort is that of the mean speed. Returns 0 if the train stops.
+    The largest effort is taken at the mean speed. Returns 0 if the train stops.
     """
     v1 = v0
     for _ in range(LANDING_STEPS):
@@ -53,7 +53,7 @@ def landing_under(f, v0, h, g, q, p):
 
 @kernel
 def speed_under_force(f, v0, v1, h, g, q, p):
-    """Speed after a step under wheel force f; the resistance is that of a landing at v1. 0 if it stops."""
+    """Speed after a step under wheel force f, with the resistance between v0 and v1; 0 if the train stops."""
     rate = (f - mean_resistance(v0, v1, q, p) - g) / p.inertial_mass_kg
     rate = max(min(rate, p.max_acceleration_mps2), -p.max_deceleration_mps2)
     w1 = v0 * v0 + 2.0 * h * rate
@@ -92,7 +92,7 @@ def landings(v0, h, g, q, top, last, p, out):
         electric = landing_speed(v0, h, -1.0, g, q, p)
     low = electric
     if p.friction_force_n > 0.0 or p.brakes_dissipate:
-        # Both brakes together; the electric part is taken at its limit at v0, exact where that is a force limit.
+        # Both brakes together; the electric part is taken at its limit at v0, which is exact if that is a force limit.
         low = min(landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p), electric)
     low, electric, coast = min(low, high), min(electric, high), min(coast, high)
     n = 0

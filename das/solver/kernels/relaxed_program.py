@@ -19,7 +19,7 @@ from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_O
 TURNED_SHARES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.2, 0.4, 0.6, 0.8)
 """Shares of the price of time (and of the loss) that a plane may shift to its term of the kinetic energy."""
 SECANTS = ((1, 0), (4, -1), (0, 3), (20, 0))
-"""A plane's slope in the slowness is that between a row this many before a state's own and one this many after it.
+"""A plane's slope in the slowness is that between two rows: this many before the state's own row and this many after.
 
 There are several such pairs, because the loss of a map jumps.
 """
@@ -168,7 +168,7 @@ def loss_planes(force_at, state, price_w, ends_tau, rows, out):
 class RelaxedMotion(NamedTuple):
     """The force over each interval (n,): F = inertia·(w1 − w0) + constant + quadratic·(w0 + w1) + linear/τ.
 
-    `max_acceleration` (m/s²) is 1e5 or more where there is no such limit.
+    `max_acceleration` (m/s²) is 1e5 or more if there is no such limit.
     """
 
     step_m: Floats
@@ -182,8 +182,8 @@ class RelaxedMotion(NamedTuple):
 class RelaxedEfforts(NamedTuple):
     """Limits of the motors over each interval (n,): −electric <= f <= traction.
 
-    A limit is a force, and a line power·τ + offset in the slowness. `adhesive_force` (one number, negative: none) times
-    the coefficient of adhesion limits the traction too.
+    Each limit is a force, and also a line power·τ + offset in the slowness. `adhesive_force` (one number, negative:
+    none) times the coefficient of adhesion limits the traction too.
     """
 
     traction_force: Floats
@@ -241,7 +241,7 @@ class Multipliers(NamedTuple):
 LOCAL = 5
 """Local variables of an interval: w0, w1, τ, f, e."""
 FIXED_ROWS = 10
-"""Constraints of an interval before those of the energy's pieces."""
+"""Number of constraints of an interval before those of its planes."""
 
 
 @kernel

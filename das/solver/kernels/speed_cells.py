@@ -24,12 +24,12 @@ STEEPEST = 5.0
 
 
 class Cells(NamedTuple):
-    """Cells of speeds at the nodes (n + 1,): number j has the square roots of speeds from j to j + 1 times `width`.
+    """Cells of speeds at the nodes (n + 1,): in cell j, the square root of the speed is j to j + 1 times `width`.
 
-    Those of node k are first[k] … first[k] + size[k] − 1, and begin at `offset[k]` of the flat arrays: `slope` and
-    `value` of their lines in w, which is that at the middle of the cell, `guess` the value expected from the costs at
-    the cell's ends, `ahead` the shortest path from the start, and `open` whether a better run can be in the cell. No
-    speed is above `top_mps` (n + 1,). At both ends there is one cell with one speed.
+    Node k has the cells first[k] … first[k] + size[k] − 1, which begin at `offset[k]` of the flat arrays: `slope` of a
+    cell's line in w, `value` at the middle of the cell, `guess` the value expected from the costs at the cell's ends,
+    `ahead` the shortest path from the start, and `open` whether a better run can be in the cell. No speed is above
+    `top_mps` (n + 1,). At both ends there is one cell with one speed.
     """
 
     first: NDArray[np.int64]
@@ -114,7 +114,7 @@ def values_behind(cells, line, rows):
 
 @kernel
 def _slopes(k, here, ends, cells, line, rows, at_edges):
-    """Slopes of the lines of node k: those between the values at the ends of its cells, and never rising."""
+    """Slopes of the lines of node k: each from the values at the ends of its cell, and never above 0."""
     o0, count = cells.offset[k], cells.size[k]
     for j in range(count + 1):
         at_edges[j] = np.inf
@@ -159,7 +159,7 @@ def _value_at(k, speed, here, ends, cells, line, rows):
 
 @kernel
 def values_ahead(cells, line, rows):
-    """Fill the shortest path from the start to every open cell, by the links of the lines that are known."""
+    """Fill in the shortest path from the start to every open cell, over links with the known lines."""
     n = cells.size.size - 1
     cells.ahead[:] = np.inf
     cells.ahead[0] = 0.0

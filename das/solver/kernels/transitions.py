@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 
 @compiled(fastmath=True)
 def _speed_after(f, v0, v1, total, step, g, q, p):
-    """Speed after a step under wheel force f; the resistance is that of a landing at v1. 0 if it stops."""
+    """Speed after a step under wheel force f, with the resistance between v0 and v1; 0 if the train stops."""
     squares = v0 * v0 + v1 * v1
     mean_v = (2.0 / 3.0) * (squares + v0 * v1) / total
     resistance = p.c0_n + p.c1_n_per_mps * mean_v + (p.c2_n_per_mps2 + q) * 0.5 * squares
@@ -36,7 +36,7 @@ def adhesion(v):
 
 @compiled(fastmath=True)
 def full_effort_landings(direction, speeds, step, g, q, p, out):
-    """Speeds after a step at full traction (direction 1) or electric brake (−1) of the mean speed; 0 if it stops."""
+    """Speeds after a step at the full traction (direction 1) or electric brake (−1) at the mean speed; 0: it stops."""
     force, power = p.traction_force_n, p.traction_power_w
     if direction == _ELECTRIC_BRAKE:
         force, power = p.electric_force_n, p.electric_power_w
@@ -185,7 +185,7 @@ def transitions(first, last, line, bounds, steps, p, c, moves):
     """All transitions of the decision nodes first … last − 1.
 
     `line` and `bounds` hold all decision nodes, `steps` is the number of steps of the speed grid. Row k of `moves` is
-    filled for node first + k. Of each state `filled` landings are filled.
+    filled for node first + k. `filled` becomes the number of landings of each state.
     """
     floor, envelope = bounds
     n = line.step_m.size
@@ -276,7 +276,7 @@ def _pack(row, slowest, speeds, landing, found, moves):
 
 @kernel
 def _pack_last(row, slowest, high, top, time_s, energy_j, moves):
-    """The one landing at the end of a section, from each speed from which full traction gets there."""
+    """The one landing at the end of a section, from each speed from which full traction reaches it."""
     dt, energy, target, weight, filled = moves
     for j in range(high.size):
         reached = high[j] >= top and (j > 0 or slowest > 0.0)

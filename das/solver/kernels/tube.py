@@ -1,10 +1,10 @@
-"""A narrow dynamic program around a run: lines beside it, between knots on the integration grid.
+"""A narrow dynamic program around a trajectory: lines beside it, between knots on the integration grid.
 
-The lines of a knot are speeds squared: that of the run plus whole multiples of a spacing, cut to the bounds. Between
-two knots a move changes the distance to the run linearly in v² over the way (to a *line*), or it follows a *special*:
-full traction, coasting, full electric brake, or the brake at which the current collector takes and gives nothing. A
-special lands between the lines, where values are interpolated linearly in v². Every move is integrated in the
-section's own steps, so that its cost is exactly that of its trajectory.
+The lines of a knot are speeds squared: the trajectory's v² plus whole multiples of a spacing, cut to the bounds.
+Between two knots a move leads to a *line*, its shift in v² against the trajectory changing linearly with distance, or
+it follows a *special*: full traction, coasting, full electric brake, or the brake at which the current collector takes
+and gives nothing. A special lands between the lines, where values are interpolated linearly in v². Every move is
+integrated in the section's own steps, so that its cost is exact.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ _SETTLED_RATIO = 1e-12
 
 
 class Tube(NamedTuple):
-    """A run and the lines beside it.
+    """A trajectory and the lines beside it.
 
-    `squared` is the run's v² at every integration node, `low` and `high` are the bounds of v² there, `share` is how
-    much of the way from the knot before to the knot behind lies before the node. `knot` holds the integration nodes of
-    the knots, `spacing` the distance of the lines there (in v²). On both sides of the run there are `lines` lines.
+    `squared` is the trajectory's v² at every integration node, `low` and `high` are the bounds of v² there. `share` is
+    the node's distance from the previous knot, as a share of that from knot to knot. `knot` holds the integration nodes
+    of the knots, `spacing` the gap between lines there (in v²). On each side of the trajectory there are `lines` lines.
     """
 
     squared: Floats
@@ -69,7 +69,7 @@ class Tube(NamedTuple):
 class TubeMoves(NamedTuple):
     """Moves from every line of every knot (knots − 1, lines, moves): first to each line, then the specials.
 
-    `energy_j` (INFEASIBLE where the train cannot do it) and `time_s` are their costs, `below` the line below the
+    `energy_j` (INFEASIBLE if the train cannot make the move) and `time_s` are their costs, `below` the line below the
     landing and `share` the share of the line above it.
     """
 
@@ -83,7 +83,7 @@ class TubeMoves(NamedTuple):
 def _interval(v0, v1, h, g, q, p, c):
     """Energy (J), time (s) and wheel force (N) of an interval at constant acceleration, v0 + v1 > 0.
 
-    The energy is INFEASIBLE where the train cannot do it. `p` is the train on the supply of the interval.
+    The energy is INFEASIBLE if the train cannot do this. `p` is the train on the supply of the interval.
     """
     rate = (v1 * v1 - v0 * v0) / (2.0 * h)
     force = p.inertial_mass_kg * rate + mean_resistance(v0, v1, q, p) + g
@@ -117,7 +117,7 @@ def _idle_force(v, p, c):
 
 @kernel
 def _special_speed(kind, v0, h, g, q, p, c):
-    """Speed after an interval that is driven in a special way; 0 where the train stops."""
+    """Speed after an interval of a special move; 0 if the train stops."""
     v1 = v0
     for _ in range(_FORCE_STEPS):
         if kind == TRACTION:
@@ -141,7 +141,7 @@ def _special_speed(kind, v0, h, g, q, p, c):
 
 @kernel
 def _special(kind, k, start, tube, line, p, c):
-    """Energy (J), time (s) and v² at the end of a special move from knot k at v² `start`; it ends at the bounds."""
+    """Energy (J), time (s) and v² at the end of a special move from knot k at v² `start`, cut to the bounds."""
     energy, time = 0.0, 0.0
     v0 = math.sqrt(start)
     for i in range(tube.knot[k], tube.knot[k + 1]):
@@ -172,14 +172,14 @@ def _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
     if kind == BRAKE:
         return -least_n > 0.9 * electric_limit(v, here)
     if here.receptivity_ratio >= 1.0:
-        # Then the energy has no kink at zero power of the collector.
+        # If the line takes all that is fed back, the energy has no kink at zero power of the collector.
         return False
     return largest_n > 2.0 * _idle_force(v, here, c)
 
 
 @kernel
 def _line_of(tube, k, j):
-    """The v² of line j of a knot: the run itself is line `lines`."""
+    """The v² of line j of a knot; the trajectory itself is line number `lines`."""
     i = tube.knot[k]
     w = tube.squared[i] + (j - tube.lines) * tube.spacing[k]
     return min(max(w, tube.low[i]), tube.high[i])
@@ -201,7 +201,7 @@ def _between_lines(tube, k, w):
 
 @kernel
 def _between(values, j, share):
-    """A value between two lines; a line without a share is not read, because it may be out of reach."""
+    """A value between two lines; a line with no share is not read, because it may be out of reach."""
     below = values[j] if share < 1.0 else 0.0
     above = values[j + 1] if share > 0.0 else 0.0
     return (1.0 - share) * below + share * above
@@ -226,7 +226,7 @@ def fill_moves(tube, line, p, c, moves):
 
 @kernel
 def _pair_up(k, tube, line, p, c, pairs):
-    """Fill in the costs of all pairs; INFEASIBLE where a train may not begin, or could not move."""
+    """Fill in the costs of all pairs, and bar those that begin or end off the trajectory's own ends, or do not move."""
     size, last = 2 * tube.lines + 1, tube.knot.size - 2
     start, landing = pairs.start, pairs.landing
     for n in range(start.size):
@@ -291,9 +291,10 @@ def tube_sweep(price, moves, value):
 
 @kernel
 def tube_roll_out(price, tube, line, p, c, value, v):
-    """The run of a price of time through the tube: at every knot the best of all moves from the train's own speed.
+    """The trajectory of a price of time through the tube: at every knot the best move from the train's own speed.
 
-    Fills `v` with its speeds at the integration nodes; returns its energy (J) and time (s), or (0, −1) where it ends.
+    Fills `v` with its speeds at the integration nodes; returns its energy (J) and time (s), or (0, −1) if no move
+    leads on.
     """
     size = 2 * tube.lines + 1
     last = tube.knot.size - 2

@@ -1,8 +1,8 @@
 """Moves between the lines of a tube, many pairs of lines at once in loops that the compiler vectorises.
 
 The formulas are those of `das.solver.kernels.tube`, without branches: every pair is calculated, and what the train
-cannot do is marked afterwards. With `fastmath` divisions may become products and sums may be taken in another order, as
-vectors need it; so these costs choose among moves, and the resulting run is integrated without it.
+cannot do is marked afterwards. With `fastmath`, divisions may become products and sums may be taken in another order,
+as vectors need it. So these costs only choose among moves; the resulting trajectory is integrated without `fastmath`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from das.solver.tolerances import INFEASIBLE
 Floats = NDArray[np.float64]
 
 ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
-"""Forces and accelerations above their bounds by no more than this are rounding."""
+"""Forces and accelerations above their bounds by no more than this count as rounding errors."""
 _ROWS = 8
 ANY_SQUARED = 1.0
 """v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
@@ -31,8 +31,8 @@ ANY_SQUARED = 1.0
 class Pairs(NamedTuple):
     """Pairs of a line at a knot and one at the next knot, by their v², and the cost of a move between them.
 
-    `energy_j` is INFEASIBLE where the train cannot do it. `least_n` and `largest_n` are the least and the largest wheel
-    force of a move. `barred` is 1 for a pair that is no move. `work` and `place` are working space.
+    `energy_j` is INFEASIBLE if the train cannot make the move. `least_n` and `largest_n` are the least and the largest
+    wheel force of a move. `barred` is 1 for a pair that is no move. `work` and `place` are working space.
     """
 
     start: Floats
@@ -89,7 +89,7 @@ def to_lines(k, tube, line, p, c, pairs):
 
 @compiled(fastmath=True)
 def _after(start, landing, i, k, tube, out):
-    """The v² of all pairs after interval i, between two knots: the distance to the run changes linearly."""
+    """The v² of all pairs after interval i between two knots: its shift from the tube's trajectory changes linearly."""
     i0, i1 = tube.knot[k], tube.knot[k + 1]
     run, first, last = tube.squared[i + 1], tube.squared[i0], tube.squared[i1]
     share, low, high = tube.share[i + 1], tube.low[i + 1], tube.high[i + 1]
@@ -134,7 +134,7 @@ def _one_interval(work, pairs, h, g, q, p, c):
 
 @compiled(fastmath=True)
 def _within_limits(v0, v1, w0, w1, h, p, force, electric, worst):
-    """The force of the motors for the wheel forces of an interval; `worst` is 1 where the train cannot do it."""
+    """The force of the motors for the wheel forces of an interval; `worst` becomes 1 if the train cannot do it."""
     slips, all_slip = p.adhesive_force_n < NO_LIMIT_N, p.braked_adhesive_force_n < NO_LIMIT_N
     slack = 1.0 + ROUNDING_RATIO
     for j in range(v0.size):

@@ -122,8 +122,8 @@ class Moves(NamedTuple):
     """Landings from each speed of some decision nodes (nodes, speeds, landings); none depends on λ.
 
     `time_s` and `energy_j` are the cost of a landing. `target` is the speed index below the landing at the next node,
-    and `weight` the share of the index above (linear in v²). Of each state the first `filled` (nodes,
-    speeds) landings are filled.
+    and `weight` the share of the index above (linear in v²). Of each state only the first `filled` (nodes, speeds)
+    landings are used.
     """
 
     time_s: NDArray[np.float32]
@@ -165,7 +165,7 @@ class Policy(NamedTuple):
 
 
 class DecisionStep(NamedTuple):
-    """The way to the decision node `node`: its length, mean forces, and the bounds of the speed at its end.
+    """The step to the decision node `node`: its length, mean forces, and the bounds of the speed at its end.
 
     `final` says that the node is the end of the section and has one end speed. `train` is the train on the supply of
     this step.
@@ -182,7 +182,7 @@ class DecisionStep(NamedTuple):
 
 
 class KnownRun(NamedTuple):
-    """A run that is known: its speed at every integration node, and the time to go from there (s)."""
+    """A known trajectory: its speed at every integration node (m/s), and the time to go from there (s)."""
 
     speed_mps: Floats
     time_to_go_s: Floats
