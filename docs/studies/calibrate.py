@@ -124,7 +124,7 @@ def with_chain(vehicle: Vehicle, chain: LossChain) -> Vehicle:
 def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
     """The GTO chain with the free parameters of stage 1 solved for; all others are those of `chain`.
 
-    Raises DasError where no set of positive parameters has the published fit and loss at full power.
+    Raises DasError if no set of positive parameters has the published fit and loss at full power.
     """
 
     def residuals(trial: LossChain) -> list[float]:
@@ -358,7 +358,7 @@ def report(figures: Figures, chains: Mapping[str, LossChain], written: Sequence[
 def vehicle_toml(name: str, chain: LossChain) -> str:
     """The bundled vehicle's file with the calibrated parameters of its block [losses.l3] as in `chain`.
 
-    Sources and everything else stay. Raises DasError where the file has no line for one of them.
+    Sources and everything else stay. Raises DasError if the file has no line for one of them.
     """
     path = locate_vehicle(name)
     wanted = {_key(parameter): value_of(chain, parameter) for parameter in CALIBRATED[name]}

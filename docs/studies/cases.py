@@ -73,7 +73,7 @@ class StudyCase:
     def section(self, vehicle: Vehicle, level: Level, longest_step_m: float | None = None) -> Section:
         """The section of the case with a train at a level; a given `longest_step_m` (m) bounds the decision steps.
 
-        Raises DasError where the train cannot run it.
+        Raises DasError if the train cannot run it.
         """
         return build_section(
             self.route(),
@@ -156,7 +156,7 @@ TABLE2: Final[dict[tuple[str, str], float | None]] = {
     for trajectory, row in TABLE2_ROWS.items()
     for level, value in zip(TABLE2_LEVELS, row, strict=True)
 }
-"""Table 2 by (trajectory, level): energy in % of the fastest run's at L3 GTO; None where none is printed."""
+"""Table 2 by (trajectory, level): energy in % of the fastest run's at L3 GTO; None if none is printed."""
 
 ENERGY_SHARES_PERCENT: Final = {
     "component_loss": 32.5,
@@ -246,7 +246,7 @@ class Workbench:
         return self.fastest(case).time_s * (1 + buffer_percent * PERCENT)
 
     def run(self, case: StudyCase, variant: Variant, buffer_percent: float) -> Trajectory | None:
-        """The least-energy run of a level with a buffer; None where the level has no use for so large a buffer."""
+        """The least-energy run of a level with a buffer; None if the level has no use for so large a buffer."""
         if buffer_percent > self.slowest(case, variant).buffer_percent + 1e-9:
             return None
         return self.front(case, variant).trajectory(self.time_s(case, buffer_percent)).trajectory

@@ -77,7 +77,7 @@ class WatchedLink(InProcess):
 
 
 def _standing_reference(cab: Cab) -> StandingReference | None:
-    """The coach's reference on the section that a cab is on; None where there is none."""
+    """The coach's reference on the section that a cab is on; None if there is none."""
     leg = cab.legs.current
     coach = None if leg is None else leg._coach
     return None if coach is None else coach._keeper.reference

@@ -93,7 +93,7 @@ class Reduced:
         return bool(self.stretches_m)
 
     def as_json(self) -> dict[str, Any] | None:
-        """What summary.json holds of it; None where there is no reduced effort."""
+        """What summary.json holds of it; None if there is no reduced effort."""
         if not self.used:
             return None
         return {

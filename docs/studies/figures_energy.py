@@ -67,7 +67,7 @@ class Cruising:
         return power_w * KM / self.speed_mps
 
     def cheapest_kmh(self, level: str) -> float | None:
-        """Speed of the least energy per km; None where the lowest speed is the cheapest."""
+        """Speed of the least energy per km; None if the lowest speed is the cheapest."""
         i = int(np.argmin(self.per_km_j(self.total_w(level))))
         return float(self.speed_mps[i] / KMH) if i > 0 else None
 

@@ -85,7 +85,7 @@ def energy_curve(bench: Workbench, case: StudyCase, variant: Variant) -> EnergyC
 
 
 def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str, Trajectory | None]:
-    """A level's runs by the name of their buffer ("0" … "25", "max"), None where it has no use for the buffer."""
+    """A level's runs by the name of their buffer ("0" … "25", "max"), None if it has no use for the buffer."""
     runs: dict[str, Trajectory | None] = {f"{b:g}": bench.run(case, variant, b) for b in BUFFERS_PERCENT}
     return {**runs, MAX: bench.slowest(case, variant).trajectory}
 

@@ -55,7 +55,7 @@ class Cell:
 
     @property
     def deviation_ratio(self) -> float | None:
-        """Our figure over the printed one, − 1; None where none is printed."""
+        """Our figure over the printed one, − 1; None if none is printed."""
         return None if self.printed is None else self.ours / self.printed - 1
 
 

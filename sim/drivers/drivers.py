@@ -105,7 +105,7 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """The follower of a presentation, the same one until the next departure; None where it says too little."""
+        """The follower of a presentation, the same one until the next departure; None if it says too little."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]

@@ -88,7 +88,7 @@ def cab_view(message: Any) -> CabView:
 
 
 def recorded_view(message: Any) -> AdviceView | None:
-    """The advice that a recorded cab showed; None where it showed none, or a presentation that is not known."""
+    """The advice that a recorded cab showed; None if it showed none, or a presentation that is not known."""
     view = _advice_view(message)
     # In a recording older than the fields of shown speed and stop, both are 0.
     older = view is not None and not view.display_speed_mps and not message.stop_m
@@ -112,7 +112,7 @@ def controls_message(look: int, command: Command) -> Message:
 def command_of(message: Any, time_s: float) -> Command:
     """The command that a message `Controls` asks for at a moment (s on the cab's clock).
 
-    Raises DasError where it asks for nothing, or where a number is NaN or out of range.
+    Raises DasError if it asks for nothing, or where a number is NaN or out of range.
     """
     who, law = "--driver external", message.WhichOneof("set")
     if law is None:

@@ -79,7 +79,7 @@ class StudyTrial:
 class DriverLook(NamedTuple):
     """One look of the driver: time (s), position (m), speed and limit (m/s), the display, and what the driver asks for.
 
-    `shown` is None where the display shows no advice.
+    `shown` is None if the display shows no advice.
     """
 
     time_s: float
@@ -91,7 +91,7 @@ class DriverLook(NamedTuple):
 
     @property
     def lever_ratio(self) -> float:
-        """The controller's setting (−1 … 1); NaN where the driver asks for a speed or a force instead of a setting."""
+        """The controller's setting (−1 … 1); NaN if the driver asks for a speed or a force instead of a setting."""
         if self.command.law == kernels.LEVER:
             return self.command.value
         return 0.0 if self.command == (kernels.FORCE, 0.0, *self.command[2:]) else math.nan

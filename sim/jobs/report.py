@@ -99,7 +99,7 @@ class _Pair(NamedTuple):
 def _saving(
     good: Mapping[tuple[str, str, str], Mapping[_Pair, Row]], scenario: str, driver: str, advice: str
 ) -> SplitSaving | None:
-    """The saving of one presentation; None where no day was driven without advice as well."""
+    """The saving of one presentation; None if no day was driven without advice as well."""
     advised, alone = good[scenario, driver, advice], good.get((scenario, driver, Presentation.NONE), {})
     pairs = [pair for pair in advised if pair in alone]
     if not pairs:

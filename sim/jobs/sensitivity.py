@@ -158,7 +158,7 @@ class Study:
 
 
 def drive(job: SensitivityJob) -> SensitivityRun:
-    """Drive a run in this process; raises DasError where it cannot be driven or has no optimum to compare with."""
+    """Drive a run in this process; raises DasError if it cannot be driven or has no optimum to compare with."""
     day = replace(make_day(_services.of(read_scenario(job.scenario), job.level), job.seed), human=job.human)
     how = How(driver=DriverKind.HUMAN, friction=job.friction, advice=job.advice, train="train-1", command="")
     run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None).run

@@ -191,7 +191,7 @@ class Plant:
         return after
 
     def advance(self, state: PlantState, command: Command, duration_s: float = 1.0) -> PlantState:
-        """The state after a time under one command; DasError where the time is not a whole number of steps."""
+        """The state after a time under one command; DasError if the time is not a whole number of steps."""
         steps = round(duration_s / self.step_s)
         if steps < 1 or abs(steps * self.step_s - duration_s) > 1e-9:
             raise DasError(f"plant: {duration_s} s is not a whole number of steps of {self.step_s} s")

@@ -201,7 +201,7 @@ class HumanRange:
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
         """The parameters of a participant, and the values behind them.
 
-        Values of the scenario (`source`) replace those of the population. Raises DasError where the values contradict
+        Values of the scenario (`source`) replace those of the population. Raises DasError if the values contradict
         each other, or where the scenario gives a range, because each seed would then draw another driver.
         """
         for name, figure in self.given.items():

@@ -89,7 +89,7 @@ class ExternalDriver:
         self._crowded = False
 
     def begin(self, lockstep: Lockstep) -> None:
-        """Wait until the driver has published something; DasError where it does not within `AWAITED_S`."""
+        """Wait until the driver has published something; DasError if it does not within `AWAITED_S`."""
         answers = lockstep.answers
         if not lockstep.hear(lambda: answers.controls is not None, AWAITED_S):
             raise DasError(
@@ -129,7 +129,7 @@ class ExternalDriver:
             self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
 
     def _answer(self, lockstep: Lockstep, cab: CabView) -> Any | None:
-        """The answer to this look; None where none comes in time, DasError where the driver is gone for good."""
+        """The answer to this look; None if none comes in time, DasError if the driver is gone for good."""
         answers = lockstep.answers
         if self._dead_man.braking and cab.speed_mps <= 0:
             if not lockstep.hear(lambda: answers.answered(self._look), GIVEN_UP_S):
@@ -164,7 +164,7 @@ LOST_S: Final = 60.0
 def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: None) -> int:
     """Answer every look of a run until the run is over; returns the number of looks.
 
-    `begun` is called at the first look. Raises DasError where the run falls silent.
+    `begun` is called at the first look. Raises DasError if the run falls silent.
     """
     looks, heard_s = 0, time.monotonic()
     _say_it_is_there(bus)

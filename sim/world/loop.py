@@ -137,7 +137,7 @@ class World:
         self._screen = Screen(screen)
 
     def run(self, progress: Progress | None = None) -> Run:
-        """Drive from before the departure to after the last arrival; DasError where the train does not arrive."""
+        """Drive from before the departure to after the last arrival; DasError if the train does not arrive."""
         service, calls = self.day.service, self._around.calls
         first_m, last_m = service.stops[0].position_m, service.stops[-1].position_m
         state = self.day.plant.at(first_m, time_s=-BEFORE_S)

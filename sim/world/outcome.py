@@ -38,7 +38,7 @@ def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]
 
 
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
-    """The energy above the optimum of the true train, by section; raises DasError where `true_fronts` does."""
+    """The energy above the optimum of the true train, by section; raises DasError if `true_fronts` does."""
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
     return AboveOptimum.measured_on(
         [
@@ -279,7 +279,7 @@ class DayResult:
 
     @property
     def warnings(self) -> list[str]:
-        """What is wrong with the advice of the run; empty where nothing is wrong."""
+        """What is wrong with the advice of the run; empty if nothing is wrong."""
         warning = self.outcome.drive.stability.warning
         return [] if warning is None else [warning]
 

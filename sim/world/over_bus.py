@@ -103,7 +103,7 @@ class DayRun(NamedTuple):
 def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None) -> DayRun:
     """Drive a day: in this process, or with node and recorder as processes where it is recorded in the file `out`.
 
-    Raises DasError where a process fails or the train does not arrive.
+    Raises DasError if a process fails or the train does not arrive.
     """
     if out is None:
         link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)

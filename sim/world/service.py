@@ -112,7 +112,7 @@ class Service:
 def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Service:
     """Read the files, solve the sections and make the timetable.
 
-    Raises DasError for anything unusable, InfeasibleError where the train cannot run.
+    Raises DasError for anything unusable, InfeasibleError if the train cannot run.
     """
     route, vehicle, stops = lay_out(scenario, level=level)
     options = SectionOptions(point_mass=scenario.point_mass)
@@ -171,7 +171,7 @@ def _true_files(truth: Truth) -> dict[str, Path]:
 
 
 def _there(key: str, path: Path) -> Path:
-    """The file that a scenario names under a key; DasError where there is none."""
+    """The file that a scenario names under a key; DasError if there is none."""
     if not path.is_file():
         raise DasError(f"{key} = {str(path)!r}: no such file")
     return path
@@ -254,7 +254,7 @@ class Day:
     stream: int = 0
 
     def driver(self, kind: DriverKind | OwnClass, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
-        """Make a driver of a kind, or of a class of the user's, for this day; DasError where it cannot be made.
+        """Make a driver of a kind, or of a class of the user's, for this day; DasError if it cannot be made.
 
         Only a human driver uses the friction policy.
         """

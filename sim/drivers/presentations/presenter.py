@@ -86,7 +86,7 @@ class Follower(Protocol):
     """Does exactly what a presentation says, from one departure to the next."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for a moving train; None where the driver should drive as without advice."""
+        """The command for a moving train; None if the driver should drive as without advice."""
 
 
 class Presenter(ABC):
@@ -108,7 +108,7 @@ class Presenter(ABC):
     says_effort: ClassVar[bool] = True
     """Whether the display says with what effort to drive."""
     lane: ClassVar[LaneState | None] = None
-    """The lane of a display that shows no mode; None where the lane shows the modes."""
+    """The lane of a display that shows no mode; None if the lane shows the modes."""
 
     @abstractmethod
     def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:

@@ -23,7 +23,7 @@ EVEN_NOISE: Final = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class AssumptionCheck:
-    """One assumption: what was found, and what follows from it; `holds` is None where the trials cannot tell.
+    """One assumption: what was found, and what follows from it; `holds` is None if the trials cannot tell.
 
     `needed` is False where the first interval, of resampled drivers, does not need the assumption.
     """

@@ -78,12 +78,12 @@ class FoundDifference:
 
     @property
     def pairs(self) -> PairedTrials | None:
-        """The pairs; None where two groups were compared."""
+        """The pairs; None if two groups were compared."""
         return self.trials if isinstance(self.trials, PairedTrials) else None
 
     @property
     def groups(self) -> TwoGroups | None:
-        """The two groups; None where every participant drove both conditions."""
+        """The two groups; None if every participant drove both conditions."""
         return self.trials if isinstance(self.trials, TwoGroups) else None
 
     @property

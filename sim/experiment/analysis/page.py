@@ -74,7 +74,7 @@ def page(found: StudyFindings) -> str:
 
 
 def _signed(*values: float) -> str:
-    """Numbers with their signs as text, a range with "to" between its ends; empty where they are not known."""
+    """Numbers with their signs as text, a range with "to" between its ends; empty if they are not known."""
     return "" if math.isnan(values[0]) else " to ".join(f"{one:+.2f}".replace("-", "−") for one in values)
 
 

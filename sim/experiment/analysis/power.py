@@ -67,7 +67,7 @@ class BellCurves:
 class PilotDifferences:
     """Differences of a pilot's participants, drawn again: `between` one each, `within` those of their single pairs.
 
-    Both have mean 0 and the estimated standard deviation of their part. `within` is empty where each participant of the
+    Both have mean 0 and the estimated standard deviation of their part. `within` is empty if each participant of the
     pilot drove one pair: `between` then has the differences as they are.
     """
 
@@ -258,7 +258,7 @@ class Asked:
 class PowerAnswer:
     """The power for each number of participants, alone and with corrected p, and how many are needed.
 
-    `strict` and `needed_strict` are empty and None where only one comparison is planned, or p is not corrected.
+    `strict` and `needed_strict` are empty and None if only one comparison is planned, or p is not corrected.
     """
 
     about: str
@@ -296,7 +296,7 @@ class PowerAnswer:
 
 
 def answer(asked: Asked) -> PowerAnswer:
-    """Simulate the experiments that were asked for; DasError where something that is needed is missing."""
+    """Simulate the experiments that were asked for; DasError if something that is needed is missing."""
     _check(asked)
     plan, study = _source(asked.source)
     source, effect, about = _made_up(asked, plan, study)

@@ -160,7 +160,7 @@ def _log_variance(values: Floats) -> tuple[Floats, Floats]:
 
 
 def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
-    """Values by driver and cell, (drivers, cells), NaN where there are none; and whether drivers share cells.
+    """Values by driver and cell, (drivers, cells), NaN if there are none; and whether drivers share cells.
 
     Where they share cells, what all drivers have in common in a cell (a hard day) is subtracted. Where each driver has
     days of his own, the columns are his first, second, … value.
@@ -182,7 +182,7 @@ def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
 
 
 def components(tables: Floats, removed: int = 0) -> tuple[Floats, Floats]:
-    """Standard deviations between the rows and within them, of tables (studies, drivers, cells), NaN where missing.
+    """Standard deviations between the rows and within them, of tables (studies, drivers, cells), NaN if missing.
 
     `removed` is how many differences between cells were taken out of the table. A negative variance between drivers is
     0. Where no driver has two values, the first holds the spread of both kinds, and the second is NaN.
