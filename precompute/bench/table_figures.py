@@ -74,8 +74,7 @@ def _written(section: Section, folder: Path) -> Table:
 
 
 def _states(front: Front, count: int) -> list[tuple[float, float, float]]:
-    """Random states along the section: position, speed, and time left, which is up to about 30 % above the least
-    time."""
+    """Random states along the section: position, speed, and time left, up to about 30 % above the least time."""
     section, random, states = front.section, np.random.default_rng(SEED), []
     for i in random.integers(1, len(section.node_m) - 2, count):
         v_mps = float(section.envelope_mps[i] * random.uniform(0.5, 0.99))

@@ -176,8 +176,7 @@ class TripTime:
             raise DasError("give either --time (s) or --buffer (%)")
 
     def wanted_s(self, min_time_s: float) -> float | None:
-        """The trip time (s) asked for, given the least time; None if none was asked for. DasError for an impossible
-        buffer."""
+        """The trip time (s) asked for, given the least time; None if none was. DasError for an impossible buffer."""
         return self.time_s if self.buffer_percent is None else buffered(min_time_s, self.buffer_percent)
 
 

@@ -22,8 +22,7 @@ runs."""
 
 @kernel
 def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_energy, new_parent):
-    """Merge two undominated lists (time rising, energy falling) into an undominated one that begins at `out`; returns
-    its end."""
+    """Merge two undominated lists (time rising, energy falling) into an undominated one at `out`; returns its end."""
     lowest = NEVER
     while a < a_end or b < b_end:
         if b >= b_end:
@@ -48,8 +47,7 @@ def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_ene
 
 @kernel
 def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_parent):
-    """Merge `count` undominated lists stored in sequence; returns the length, times, energies and parents of the
-    result.
+    """Merge `count` undominated lists stored in sequence; returns length, times, energies and parents of the result.
 
     Neighbours are merged in rounds, so that dominated labels are dropped early. Either set of arrays may hold the
     result.
@@ -74,8 +72,7 @@ def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_
 
 @kernel
 def _envelope(lam, height, line, until):
-    """The upper envelope of the lines height[l] − lam[l]·t (lam rises): its lines in order of t, and the last t of
-    each.
+    """The upper envelope of the lines height[l] − lam[l]·t (lam rises): its lines by t, and the last t of each.
 
     Returns the number of its lines.
     """
@@ -116,8 +113,7 @@ def merge_labels(
     latest,
     bucket_ns,
 ):
-    """Labels of a block of states u from the labels of their neighbours, without dominated ones and those that bounds
-    exclude.
+    """Labels of a block of states u from their neighbours' labels, without those dominated or excluded by bounds.
 
     other[start[d]] … other[start[d + 1] − 1] are the rows of the neighbours of state d. `onward`: the labels go towards
     the end of the section, and the neighbours lie behind; else the labels come from the end, and the neighbours lie

@@ -193,7 +193,7 @@ def _within(value: Any, where: str, name: str, limits: tuple[float, float, str])
 
 
 def _short(value: Any) -> str:
-    """The repr of a value, shortened; the name of its type where the repr of a user's type fails."""
+    """The repr of a value, shortened; the name of its type if the repr of a user's type fails."""
     try:
         text = repr(value)
     except Exception:

@@ -71,7 +71,7 @@ class Screen:
         return self._shown
 
     def _may_change(self, view: AdviceView, now_s: float) -> bool:
-        """Whether new advice may be shown: it reads as before, it is to brake, or the old was shown long enough."""
+        """Whether new advice may be shown: it reads as before, it says to brake, or the old was shown long enough."""
         assert self._shown is not None
         stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
         reading = Shown.of(view)
@@ -102,7 +102,7 @@ class Screen:
 
 
 ALL: Final = "all"
-"""How the metadata write an unlimited preview."""
+"""The text for an unlimited preview in the metadata."""
 SHOWN: Final = "shown"
 HIDDEN: Final = "hidden"
 
