@@ -174,7 +174,7 @@ World = Callable[[Conditions], Section]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Followed:
-    """A plan as driven in another world. `off_plan_ratio`: share of the way driven off the planned speed."""
+    """A plan as driven in another world. `off_plan_ratio`: share of the distance driven off the planned speed."""
 
     trajectory: Trajectory
     balance: EnergyBalance
@@ -288,7 +288,7 @@ def follow(plan: Trajectory, section: Section) -> Followed:
 
 
 def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
-    """The line at the nodes of the plan and at those of the changed section, which suit the changed train."""
+    """The line at the nodes of the plan and at the nodes of the changed section, which suit the changed train."""
     after = np.clip(np.searchsorted(planned_m, section.node_m), 1, len(planned_m) - 1)
     apart = np.minimum(np.abs(section.node_m - planned_m[after - 1]), np.abs(section.node_m - planned_m[after]))
     node_m = np.union1d(planned_m, section.node_m[apart > tol.MIN_STEP_M])

@@ -1,4 +1,4 @@
-"""Workers for many jobs: processes of this machine, or those of an existing Dask cluster.
+"""Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
 They make tables (`precompute/tables`) and simulated days (`sim/jobs`). How to start a cluster:
 docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel to this machine. Only a few
@@ -39,7 +39,7 @@ _ADDRESS: Final = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
 
 
 class WorkerDiffersError(DasError):
-    """A worker runs other versions than we do; its results would not be those of this machine."""
+    """A worker runs other versions than we do; its results could differ from this machine's."""
 
 
 def available_cores() -> int:

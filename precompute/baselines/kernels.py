@@ -70,7 +70,7 @@ def cruise_run(cruise, line, bounds, p, v):
 
 @kernel
 def coasting_speed(v0, h, g, q, p):
-    """Speed after a step without any wheel force; 0 where the train stops."""
+    """Speed after a step without any wheel force; 0 if the train stops."""
     c2 = p.c2_n_per_mps2 + q
     slope = 2.0 * h / p.inertial_mass_kg
     w0 = v0 * v0

@@ -31,7 +31,7 @@ its place on the grid, and its share of the four landing speeds of its state, ea
 DIVISIONS_PER_LANDING_TRIED = 5
 """Divisions for each landing that a roll-out tries: step_cost has 3 to 4, locate has 1."""
 POLISHED_LANDINGS = 12
-"""Landings that the golden section of a roll-out tries in each step, beyond those of the sweep."""
+"""Landings that the golden section of a roll-out tries in each step, beyond the landings of the sweep."""
 FLOP_PER_RELAXATION = 6
 """Operations of a relaxation: three multiply-adds (kernels.backward_sweep)."""
 MILLION, MEGA = 1e6, 1e6

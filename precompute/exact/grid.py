@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 class Grid:
     """The paper's grid: nodes every `step_m`, speeds in steps of `speed_kmh`, coasting in steps of `coast_kmh`.
 
-    Between the ends no speed is below `lowest_kmh` (or the limit, where that is lower).
+    Between the ends no speed is below `lowest_kmh` (or the limit, if that is lower).
     """
 
     step_m: float = 100.0
@@ -134,7 +134,7 @@ class Layer:
 
 
 def onward_arcs(graph: Graph, here: Layer, there: Layer) -> Arcs:
-    """The arcs from the states of a node to those of the next node, given by their rows."""
+    """The arcs from the states of a node to the states of the next node, given by their rows."""
     return Arcs(*kernels.arcs(here.first, here.last, here.coast, graph.ratio, there.lowest, there.row))
 
 

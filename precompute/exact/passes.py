@@ -285,7 +285,7 @@ class Half:
 
     @property
     def bytes_needed(self) -> int:
-        """Memory of the labels (bytes), with those of the next node while they are made."""
+        """Memory of the labels (bytes), with the labels of the next node while they are made."""
         return self.count * BYTES_PER_LABEL + len(self.labels) * BYTES_PER_OPEN_LABEL
 
     def run(self, label: int) -> list[int]:

@@ -70,7 +70,7 @@ def needed_braking(step, first, w, s, v, least_way):  # type: ignore[no-untyped-
 
 @kernel
 def run_time(step, top, cap, line_n, tunnel, supply, start, w0, p):  # type: ignore[no-untyped-def]
-    """Time (s) of the fastest trajectory from node `start`, where w is w0, under the ceiling `top` and the `cap` of w."""
+    """Time (s) of the fastest trajectory from node `start`, where w is w0, under the ceiling `top` and `cap`."""
     w = min(w0, top[start], cap)
     v = math.sqrt(w)
     total = 0.0
@@ -168,7 +168,7 @@ class Outlook:
             habit.reserve_ratio, self.train,
         )  # fmt: skip
         self.top_mps = math.sqrt(self._top.max())
-        """The highest speed anywhere on the way."""
+        """The highest speed anywhere up to the halt."""
         self._lists = _Lists(self._top.tolist(), self._line_n.tolist(), self._tunnel.tolist())
 
     def allowed_mps(self, s_m: float) -> float:

@@ -124,7 +124,7 @@ class HumanParameters:
             raise InputError("human driver", "glance_mean_s", self.glance_mean_s, "at least glance_least_s")
 
     def after(self, trips: float) -> HumanParameters:
-        """The same driver after n trips with this train, line and display: l + (1 − l)·exp(−n/n₀) of each weakness is left."""
+        """The driver after n trips with this train, line and display: l + (1 − l)·exp(−n/n₀) of each fault is left."""
         if not trips >= 0:
             raise InputError("human driver", "trips", trips, "a number >= 0")
         left = self.learned_ratio + (1.0 - self.learned_ratio) * math.exp(-trips / self.learning_trips)

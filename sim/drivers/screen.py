@@ -43,7 +43,7 @@ class ScreenSettings:
 
 
 class Screen:
-    """What is on the display, tick by tick; `show` is to be called in the order of time.
+    """What is on the display, tick by tick; call `show` in the order of time.
 
     Withdrawn advice leaves the display at once. While the train stands, the display shows everything at once, because
     old advice would otherwise still be there at the departure. Likewise, advice to depart does not stay on the display

@@ -79,7 +79,7 @@ FOLLOWING: Final = FollowingSettings()
 class RollOff:
     """Lets a train roll down to a top speed that was lowered: no traction, and no brakes for that speed.
 
-    `speed_mps` is to be called at every look.
+    Call `speed_mps` at every look.
     """
 
     def __init__(self) -> None:

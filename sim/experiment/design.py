@@ -340,7 +340,7 @@ def design_files(design: Design) -> dict[str, str]:
 
 
 def freeze(design: Design, folder: Path) -> dict[str, Any]:
-    """Write the design into a study's folder, which is made where needed, and return its resolved form.
+    """Write the design into a study's folder, which is made if needed, and return its resolved form.
 
     Raises DasError if the folder holds another frozen design.
     """

@@ -44,7 +44,7 @@ class Measure:
 
 
 def stop_error_m(driven: Driven) -> float | None:
-    """Mean distance (m) of where the train stood from where it should have, over the stops after the first."""
+    """Mean distance (m) between where the train stood and where it should stand, over the stops after the first."""
     missed = [abs(call.missed_m) for call in driven.run.calls[1:]]
     return float(np.mean(missed)) if missed else None
 
@@ -55,13 +55,13 @@ def speed_rmse_mps(driven: Driven) -> float | None:
 
 
 def speed_in_band_ratio(driven: Driven) -> float | None:
-    """Share of the seconds with a shown speed with the train within 3 km/h of it; None without such seconds."""
+    """Share of the seconds with a shown speed in which the train is within 3 km/h of it; None without such seconds."""
     errors = np.abs(_speed_errors(driven))
     return float(np.mean(errors <= BAND_MPS)) if len(errors) else None
 
 
 def effort_rmse_ratio(driven: Driven) -> float | None:
-    """Root mean square of the controller's error against the effort shown (1: full scale); None without one."""
+    """Root mean square of the controller's error against the effort shown (1: full scale); None if none was shown."""
     errors = [look.lever_ratio - look.shown.lever_ratio for _, look in driven.moving if look.shown is not None]
     return _root_mean_square([error for error in errors if not math.isnan(error)])
 
@@ -153,7 +153,7 @@ def _speed_is(view: AdviceView) -> SpeedIs:
 
 
 def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]:
-    """When advice was noticed and when it was acted on (s), for all advice that was followed, but no departures."""
+    """When advice was noticed and when it was acted on (s), for all advice followed, except advice to depart."""
     noticed_s = math.nan
     for event in decisions:
         if event.what == "noticed":

@@ -56,7 +56,7 @@ ORDER_STREAM: Final = 1
 DAY_STREAM: Final = 2
 """Number of the stream of a design's seed from which the seeds of days are drawn."""
 EVERYBODY: Final = 2**32 - 1
-"""Takes the place of the participant's number where all participants drive the same days."""
+"""Takes the place of the participant's number if all participants drive the same days."""
 
 
 def trials_of(design: Design) -> list[StudyTrial]:
@@ -143,8 +143,8 @@ def order_count(order: ConditionOrder, conditions: int) -> int | None:
 def order_of(order: ConditionOrder, conditions: int, row: int, seed: Sequence[int]) -> list[int]:
     """The order of a participant: the numbers of the conditions, from 0.
 
-    `row` counts all orders before it: those of other participants and of earlier repetitions. `seed` decides an order
-    that is drawn. Raises DasError as `order_count` does.
+    `row` counts all orders before it: the orders of other participants and of earlier repetitions. `seed` decides an
+    order that is drawn. Raises DasError as `order_count` does.
     """
     if order is ConditionOrder.RANDOM:
         return [int(one) for one in np.random.default_rng([*seed, ORDER_STREAM]).permutation(conditions)]

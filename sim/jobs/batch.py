@@ -99,7 +99,7 @@ class BatchJob:
 
     @property
     def command(self) -> str:
-        """The command that a recording of the run names as the one that made it."""
+        """The command that a recording of the run names as its origin."""
         return f"das-sim batch: {self.name}, inputs {self.inputs_sha256}"
 
 

@@ -98,8 +98,8 @@ class JobWords(NamedTuple):
 class Journal:
     """The finished rows in a folder, by the hash of their inputs; use with `with`.
 
-    Only one command may use a folder at a time; the error of a second one names the first by `holds`. Every line has
-    the hash of its row, so that a row that was cut off or altered is not taken for a result.
+    Only one command may use a folder at a time; a second one gets an error that names the first by `holds`. Every line
+    has the hash of its row, so that a row that was cut off or altered is not taken for a result.
     """
 
     def __init__(self, folder: Path, *, holds: str = "another batch") -> None:
@@ -175,10 +175,10 @@ class Runner(Generic[Job]):
     words: JobWords
 
     def run(self, jobs: Sequence[Job], write: Callable[[Rows, int], None]) -> int:
-        """Make the jobs that are not finished, in their order; returns how many these were.
+        """Make the jobs that are not finished, in their order; returns the number of these.
 
         `write` is called at the end, even after an interruption, with the journal's rows and that number. Raises
-        DasError if another command has the folder, where files cannot be written, and as `Workers.made` does.
+        DasError if another command has the folder, if files cannot be written, and as `Workers.made` does.
         """
         words = self.words
         with Journal(self.folder, holds=f"another {words.command}") as journal:

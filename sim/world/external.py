@@ -69,11 +69,11 @@ BRAKES: Final = lever(-1.0)
 
 
 class ExternalDriver:
-    """Asks a process on the bus what the controller is set to, five times a second of the run.
+    """Asks a process on the bus for the controller's setting, five times per second of the run.
 
-    Without `times_real` (as fast as possible) the run waits for each answer, so that it does not depend on how fast the
-    machine is. With it, a look lasts as long as the pace allows, and the newest answer counts. `clock` (s) may be any
-    clock that does not go back. If the driver is silent, `DeadMan` brakes the train.
+    Without `times_real` (as fast as possible) the run waits for each answer, so that its result does not depend on the
+    speed of the machine. With `times_real`, a look lasts as long as the pace allows, and the newest answer counts.
+    `clock` (s) may be any clock that does not go back. If the driver is silent, `DeadMan` brakes the train.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class ExternalDriver:
 
 
 HEARD = (CAB, CONTROL)
-"""Topics that the process of an external driver must hear."""
+"""Topics that the process of an external driver must receive."""
 CALLED_EVERY_S: Final = 0.2
 """Until the run begins, the driver's process announces itself at this interval (s)."""
 LOST_S: Final = 60.0

@@ -52,7 +52,7 @@ PLANNED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: the `stops` in the order of the way, and each section's front, timetable and best trajectory.
+    """What is planned: the `stops` in the order of travel, and each section's front, timetable and best trajectory.
 
     `onboard` keeps the fronts with which the on-board system plans in runs without a bus.
     """
@@ -152,7 +152,7 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
 
 
 def scenario_files(scenario: Scenario) -> dict[str, Path]:
-    """The files that a scenario is made from, itself included, by what they are; raises DasError if one is missing."""
+    """The files that a scenario uses, itself included, by what they are; raises DasError if one is missing."""
     try:
         return {
             "scenario": scenario.source,
@@ -237,10 +237,10 @@ _Kind = TypeVar("_Kind")
 class Day:
     """Plan and truth of the day that belongs to one seed.
 
-    `conditions` are those of the true train and line, without what happens on the way. `held_s` is by how much the
-    departure from each stop is delayed. `human` are the parameters of a human driver, and `stream` is the number of his
-    random numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances, the truth,
-    and the human.
+    `conditions` are those of the true train and line, without what happens on the way. `held_s` is the delay (s) of the
+    departure from each stop. `human` are the parameters of a human driver, and `stream` is the number of his random
+    numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances, the truth, and the
+    human.
     """
 
     service: Service

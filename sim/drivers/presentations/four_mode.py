@@ -15,7 +15,7 @@ from sim.plant.kernels import TrainNumbers
 
 
 class FourModePresenter(Presenter):
-    """Shows a mode, a speed if it is to be held, and which mode begins next and when."""
+    """Shows a mode, a speed if the mode holds one, and which mode begins next and when."""
 
     number = 2
     phrase = "four modes"

@@ -24,7 +24,7 @@ from sim.plant.kernels import Command, TrainNumbers
 EFFORT_STEP_RATIO: Final = 0.2
 """A driver reads effort in steps of this share of the controller's scale: nobody reads or sets it more closely."""
 DEPART: Final = "depart when cleared"
-"""What a display tells a standing train that may depart when it is cleared."""
+"""What a display shows to a standing train that may depart when it is cleared."""
 
 
 class SpeedIs(Enum):
