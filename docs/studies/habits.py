@@ -111,7 +111,7 @@ def watched_day(service: Service, presentation: Presentation, seed: int) -> Watc
 
 
 def bursts_s(looks: Sequence[ControllerLook]) -> Iterator[float]:
-    """Duration (s) of each burst: a short stretch of traction or brakes above a tenth. A standing train has none."""
+    """Duration (s) of each burst: a short stretch of traction or brakes over a tenth of the scale, not at a stand."""
 
     def side(look: ControllerLook) -> int:
         return (look.lever_ratio > EFFORT_RATIO) - (look.lever_ratio < -EFFORT_RATIO)

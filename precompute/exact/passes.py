@@ -72,8 +72,7 @@ class Known:
 class Duals:
     """Least energy + λ·time (J) from every state to one end of the section, per node an array (states, multipliers).
 
-    This is the section's end or, with `onward=False`, its start. `layer_done` is called after each
-    interval.
+    This is the section's end or, with `onward=False`, its start. `layer_done` is called after each interval.
     """
 
     def __init__(

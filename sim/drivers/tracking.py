@@ -139,7 +139,7 @@ def needed_braking_mps2(cab: CabView, mark_m: float) -> float:
 def stop_at(cab: CabView, outlook: Outlook, mark_m: float, planned_mps2: float) -> Command | None:
     """The command that stops the train at the mark; None while it is too early for that.
 
-    To be called at every look, so that errors in force and resistance are corrected until the train stands.
+    Call it at every look, so that errors in force and resistance are corrected until the train stands.
     """
     if cab.speed_mps <= 0 or cab.speed_mps > TRACKING.stopping_mps:
         return None

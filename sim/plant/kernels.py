@@ -125,8 +125,8 @@ class LossNumbers(NamedTuple):
 class LineNumbers(NamedTuple):
     """A route under one train as the kernels take it.
 
-    `node_m` (n,) and `profile` (n, 9): for gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²), each averaged
-    over the train with its head at s, value and slope from the node on and the integral up to the node.
+    `node_m` (n,) and `profile` (n, 9): gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²) as means over the train
+    with its head at s. Each has its value and slope from the node on, and its integral up to the node.
     `supply_start_m`, `supply` (k,): see `das.domain.route.Route.supply`.
     `weather` (w, 6): from and to (m), from and to (s), adhesion ratio, head wind (m/s).
     """
@@ -302,9 +302,9 @@ def _shared(asked, friction_ratio, v, rail, supply, p):
 def step(x, u, began, into, dt, line, p, a, c):
     """The state a step later, `into` s after the command was given at time `began`.
 
-    Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over train
-    and distance. Supply and weather are those at the start of the step; a neutral section counts from the step that
-    reaches it. Braking energy is booked where it goes, so that the energy balance closes.
+    Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
+    train and the step's distance. Supply and weather are those at the start of the step; a neutral section counts from
+    the step that reaches it. Braking energy is counted where it goes, so that the energy balance closes.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)
