@@ -19,13 +19,13 @@ from das.domain.vehicle import EffortEnvelope, Vehicle
 Floats = NDArray[np.float64]
 
 CRUISING_MPS = np.arange(40.0, 160.5) * KMH
-"""Speeds at which the deviation of a fit is taken when cruising on the level."""
+"""Speeds of cruising on level track at which the deviation of a fit is computed."""
 CSV_VEHICLE = "re460-ic"
 """The train whose forces bound a CSV map, unless another is named."""
 
 
 def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
-    """A vehicle's L3 map, or a map from a CSV file with the forces of `vehicle`; DasError where there is none."""
+    """A vehicle's L3 map, or a map from a CSV file with the forces of `vehicle`; DasError if there is none."""
     if Path(name).suffix.lower() == ".csv":
         return read_loss_map(Path(name)), load_vehicle(vehicle or CSV_VEHICLE)
     if vehicle is not None:
@@ -81,9 +81,9 @@ def _fit_json(loss_map: LossMap, vehicle: Vehicle, with_idle: bool) -> dict[str,
 def cruising_deviation_ratio(
     loss_map: LossMap, fit: EfficiencyLoss, vehicle: Vehicle, *, absolute: bool = False
 ) -> float | None:
-    """Mean of (map − fit)/fit, or of its magnitude, when cruising on the level at 40 to 160 km/h.
+    """Mean of (map − fit)/fit, or of its magnitude, when cruising on level track at 40 to 160 km/h.
 
-    None where that leaves the map.
+    None if the map does not cover this.
     """
     speed = CRUISING_MPS[vehicle.max_speed_mps >= CRUISING_MPS]
     force = vehicle.resistance.force_n(speed)
@@ -123,7 +123,8 @@ _LOWEST_SHOWN_EFFICIENCY = 0.70
 _LEVELS = 17
 _BAND_KW = 50.0
 _MOST_BANDS = 60
-"""A picture of losses has bands of 50 kW, or `_LEVELS` bands where these were fewer than 4 or more than 60."""
+"""A picture of losses has bands of 50 kW, or `_LEVELS` bands if there would be fewer than 4 or more than 60 of
+these."""
 
 
 def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
@@ -138,7 +139,7 @@ def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_s
     into = np.where(force < 0, power, power + loss)
     efficiency = np.maximum(into - loss, 0.0) / np.maximum(into, 1.0)
     highest = max(float(efficiency[inside].max()), _LOWEST_SHOWN_EFFICIENCY + 0.01)
-    # Ever finer towards the best: that is where the runs differ.
+    # Ever finer towards the best efficiency, where runs differ.
     levels = highest - (highest - _LOWEST_SHOWN_EFFICIENCY) * np.linspace(1.0, 0.0, _LEVELS) ** 2
     shown = np.ma.masked_array(efficiency, ~inside)
     colours = {"cmap": "viridis", "norm": _norm(levels), "extend": "min"}

@@ -1,8 +1,9 @@
 """A pool of processes on this machine: one process a worker, one job a worker at a time.
 
-A worker that dies costs only the attempt of its own job. The pool is our own: `concurrent.futures` loses all jobs in
-flight with one worker, pebble 5.2 ends or hangs where a worker is killed between two jobs, and
-`distributed.LocalCluster` takes three times the memory, starts ten times slower and listens on eight ports.
+A worker that dies costs only the attempt of its own job. This pool exists because others lack something:
+`concurrent.futures` loses all jobs in flight if one worker dies, pebble 5.2 ends or hangs if a worker is killed between
+two jobs, and `distributed.LocalCluster` takes three times the memory, starts ten times slower and listens on eight
+ports.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class JobLostError(DasError):
 
 @dataclass(frozen=True, kw_only=True)
 class Made(Generic[Job, Result]):
-    """What came of a job: its result, or the error because of which it has none, after a number of attempts."""
+    """The outcome of a job: its result, or the error that prevented one, and the number of attempts."""
 
     job: Job
     attempts: int = 1
@@ -51,7 +52,7 @@ class Made(Generic[Job, Result]):
 def made_here(
     make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object], *, finish: bool
 ) -> Generator[Made[Job, Result]]:
-    """What processes of this machine make of jobs, as each one ends; see `Workers.made`."""
+    """Yield the outcome of each job as it ends on a process of this machine; see `Workers.made`."""
     pool = _Pool(make, jobs, count, prepare)
     try:
         yield from pool.run()
@@ -79,7 +80,7 @@ class _Worker(Generic[Job]):
 
 
 class _Pool(Generic[Job, Result]):
-    """The workers of one `made_here`, the jobs that wait, and what was made."""
+    """The workers of one `made_here`, the jobs that wait, and their outcomes."""
 
     def __init__(
         self, make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object]
@@ -91,12 +92,12 @@ class _Pool(Generic[Job, Result]):
         self._false_starts = 0
 
     def run(self) -> Generator[Made[Job, Result]]:
-        """Yield what is made until nothing waits or is under way; after an interruption it can be called again."""
+        """Yield outcomes until no job waits or is under way; after an interruption it can be called again."""
         yield from self._handed_out()
         while self._waiting or any(worker.task for worker in self._workers):
             while len(self._workers) < min(self._count, len(self._workers) + len(self._waiting)):
                 self._start()
-            heard = wait([worker.connection for worker in self._workers])  # an interruption is heard here …
+            heard = wait([worker.connection for worker in self._workers])  # an interruption takes effect here …
             with signals_held(STOP_SIGNALS):  # … and not in the middle of a message
                 for worker in [worker for worker in self._workers if worker.connection in heard]:
                     self._listen(worker)
@@ -136,11 +137,11 @@ class _Pool(Generic[Job, Result]):
         for worker in self._workers:
             if worker.ready and worker.task is None and self._waiting:
                 worker.task = self._waiting.popleft()
-                with suppress(OSError):  # it has just died, which `_listen` finds next
+                with suppress(OSError):  # it has just died, which `_listen` will notice
                     worker.connection.send(worker.task.job)
 
     def _listen(self, worker: _Worker[Job]) -> None:
-        """Take a message of a worker; a closed pipe means that the worker has died."""
+        """Receive a message of a worker; a closed pipe means that the worker has died."""
         try:
             message = worker.connection.recv()
         except (EOFError, OSError):
@@ -188,7 +189,7 @@ def serve(connection: Connection, make: Callable[[Any], Any], prepare: Callable[
     threading.Thread(target=_end_with_parent, daemon=True).start()
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)  # or what a worker starts could not be stopped
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)  # else a worker's children could not be stopped
     prepare()
     connection.send(_READY)
     while True:

@@ -61,9 +61,9 @@ _BOTH_WAYS = re.compile(r"(?:±|\+/?-)(\d*\.?\d+)")
 class Variation:
     """One parameter that differs from the plan.
 
-    `value`: change in % of the plan's (mass, resistance), head wind in km/h, or ratio (receptivity, adhesion). `step`:
-    difference from the plan in % (receptivity and adhesion: percentage points) or km/h. `conditions`: all conditions
-    of the changed world.
+    `value`: change in % of the plan's value (mass, resistance), head wind in km/h, or ratio (receptivity, adhesion).
+    `step`: difference from the plan in % (receptivity and adhesion: percentage points) or km/h. `conditions`: all
+    conditions of the changed world.
     """
 
     parameter: Parameter
@@ -163,17 +163,18 @@ def _unreadable(text: str, part: str) -> DasError:
 OFF_PLAN_MPS = 1.0 * KMH
 """A speed farther than this from the planned one is off the plan."""
 REPLANNED_TOLERANCE_S = 2e-3
-"""A new plan hits its time to within this: a second of time costs more energy than some variations."""
+"""A new plan meets its trip time to within this (s), because a second changes the energy by more than some variations
+do."""
 LEAST_ENERGY_J = 1.0
-"""A plan that needs less energy than this is no base for ratios of energies."""
+"""A plan that needs less energy than this is too small to be the base of ratios."""
 
 World = Callable[[Conditions], Section]
-"""The section under given conditions; raises DasError where there is none."""
+"""The section under given conditions; raises DasError if there is none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Followed:
-    """A plan as driven in another world. `off_plan_ratio`: share of the way driven off the planned speed."""
+    """A plan as driven in another world. `off_plan_ratio`: share of the distance driven off the planned speed."""
 
     trajectory: Trajectory
     balance: EnergyBalance
@@ -215,7 +216,7 @@ class VariationOutcome:
     def on_time_late_s(self) -> float | None:
         """How much later than planned a new plan for the planned time arrives (s).
 
-        It is early (< 0) only as the run of least energy.
+        It is early (< 0) only if the run of least energy takes less than the planned time.
         """
         return self.on_time.time_s - self.plan.time_s if self.on_time else None
 
@@ -266,7 +267,7 @@ def assess(plan: Solution, variation: Variation, world: World) -> VariationOutco
 def follow(plan: Trajectory, section: Section) -> Followed:
     """Drive the speeds of a plan on a section that may differ from the plan's in all but its ends.
 
-    Raises InfeasibleError where the train stalls or cannot brake.
+    Raises InfeasibleError if the train stalls or cannot brake.
     """
     line = _on_both_grids(plan.s_m, section)
     envelope = _envelope(line, section)
@@ -287,7 +288,7 @@ def follow(plan: Trajectory, section: Section) -> Followed:
 
 
 def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
-    """The line at the nodes of the plan and at those of the changed section, which suit the changed train."""
+    """The line at the nodes of the plan and at the nodes of the changed section, which suit the changed train."""
     after = np.clip(np.searchsorted(planned_m, section.node_m), 1, len(planned_m) - 1)
     apart = np.minimum(np.abs(section.node_m - planned_m[after - 1]), np.abs(section.node_m - planned_m[after]))
     node_m = np.union1d(planned_m, section.node_m[apart > tol.MIN_STEP_M])
@@ -295,7 +296,7 @@ def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
 
 
 def _envelope(line: LineProfile, section: Section) -> Floats:
-    """Fastest speed at each node of a line from which the changed train keeps everything ahead."""
+    """Fastest speed at each node of a line from which the changed train keeps all limits ahead."""
     end_mps = section.end_speed_mps
     envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, end_mps, section.train, FULL_BRAKES)
     if stuck >= 0:

@@ -1,8 +1,8 @@
-"""Workers for many jobs: processes of this machine, or those of an existing Dask cluster.
+"""Workers for many jobs: processes of this machine, or the workers of an existing Dask cluster.
 
-Tables (`precompute/tables`) and simulated days (`sim/jobs`) are made by them. How to start a cluster:
-docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel to this machine. Only a
-few jobs are submitted at a time, so that few results wait there.
+They make tables (`precompute/tables`) and simulated days (`sim/jobs`). How to start a cluster:
+docs/how-to/build-on-a-cluster.md. Its workers need not share a disk with us: results travel to this machine. Only a few
+jobs are submitted at a time, so that few results wait there.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _ADDRESS: Final = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
 
 
 class WorkerDiffersError(DasError):
-    """A worker runs other versions than we do; its results would not be those of this machine."""
+    """A worker runs other versions than we do; its results could differ from this machine's."""
 
 
 def available_cores() -> int:
@@ -56,7 +56,7 @@ class Workers:
 
     @classmethod
     def asked(cls, count: int | None, scheduler: str | None = None) -> Workers:
-        """The workers that a user asks for, by default one process a core; DasError where both are given."""
+        """The workers that a user asks for, by default one process a core; DasError if both are given."""
         if count is not None and scheduler is not None:
             raise DasError("give either --workers or --scheduler: a cluster has its own workers")
         return cls(count=count or available_cores(), scheduler=scheduler)
@@ -79,8 +79,8 @@ class Workers:
         `make` and `prepare` must be functions of modules. Local workers call `prepare` once before their first job.
         With `finish`, an interruption waits for the jobs that local workers have under way, and yields them too.
 
-        Raises DasError where local workers cannot be started, where no scheduler answers or has workers, or where one
-        of these differs from us.
+        Raises DasError if local workers cannot be started, if no scheduler answers or has workers, or if a worker runs
+        other code than we do.
         """
         if self.scheduler is None:
             return made_here(make, jobs, min(self.count, len(jobs)), prepare, finish=finish)
@@ -88,10 +88,10 @@ class Workers:
 
 
 def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address: str) -> Generator[Made[Job, Result]]:
-    """What a cluster makes of jobs.
+    """Yield the outcome of each job that a cluster makes.
 
-    A job whose worker dies is tried again by the scheduler (its `allowed-failures`). One that is given up is tried once
-    more alone, because dask also blames jobs that only waited on a dying worker.
+    A job whose worker dies is tried again by the scheduler (its `allowed-failures`). A job that the scheduler gives up
+    is tried once more alone, because dask also blames jobs that only waited on a dying worker.
     """
     with connected(address) as client:
         check_workers(client, address)
@@ -111,7 +111,7 @@ def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address
 
 
 def connected(address: str) -> Any:
-    """A client of the scheduler at an address, to be used with `with`; DasError where none answers."""
+    """A client of the scheduler at an address, to be used with `with`; DasError if none answers."""
     if not _ADDRESS.fullmatch(address):
         raise DasError(f"--scheduler {address}: expected an address like tcp://HOST:8786")
     client = _distributed().Client
@@ -144,9 +144,9 @@ def _distributed() -> Any:
 
 
 def _submitted(client: Any, make: Callable[[Job], Result], jobs: Sequence[Job]) -> Generator[Made[Job, Result]]:
-    """What a cluster makes of each job; closing the iterator takes the jobs back.
+    """Yield the outcome of each job that is submitted to a cluster; closing the iterator withdraws the jobs.
 
-    Raises WorkerDiffersError for a worker that joined late and differs, and DasError where the scheduler is lost.
+    Raises WorkerDiffersError for a worker that joined late and differs, and DasError if the scheduler is lost.
     """
     waiting, here = list(reversed(jobs)), environment()
     submitted: dict[Any, Job] = {}
@@ -180,7 +180,7 @@ def _submitted(client: Any, make: Callable[[Job], Result], jobs: Sequence[Job]) 
 
 
 def _made_there(make: Callable[[Job], Result], job: Job, expected: Mapping[str, str]) -> Result:
-    """What a worker of a cluster makes of a job; a worker that joined late is checked here."""
+    """Make a job on a worker of a cluster, after checking it in case it joined late."""
     differing = differences(expected, _own_environment())
     if differing:
         raise WorkerDiffersError(f"a worker that joined later: {differing}")
@@ -193,7 +193,7 @@ def _own_environment() -> dict[str, str]:
 
 
 def environment() -> dict[str, str]:
-    """Versions of Python, of the packages that count and of ourselves, and the hash of our source."""
+    """Versions of Python, of `PACKAGES` and of this program, and the hash of our source."""
     return {
         "python": platform.python_version(),
         **{name: _version(name) for name in PACKAGES},
@@ -203,7 +203,7 @@ def environment() -> dict[str, str]:
 
 
 def differences(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """How another environment differs from this one, in words; empty where it does not."""
+    """How another environment differs from this one, in words; empty if it does not."""
     return "; ".join(
         f"{name} {there.get(name, 'missing')}, here {value}" for name, value in here.items() if there.get(name) != value
     )

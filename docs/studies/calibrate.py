@@ -2,10 +2,10 @@
 
 Stage 1 (static) finds four parameters of the GTO chain, from four equations: its map has the published L2 fit
 (efficiency and idle part) and loss at full power, and the fit has no mean deviation when cruising. The IGBT chain is
-the GTO chain with another converter, whose parameters make runs that do not depend on the map consume what Table 2
-prints for them. Stage 2 (trajectories, GTO) searches without derivatives (Nelder & Mead 1965) over a few parameters of
-the shape, so that the optimal runs save what the paper prints; each trial has its own stage 1. Everything starts from
-fixed numbers, which a wider search found (docs/explanation/loss-maps.md), and is deterministic.
+the GTO chain with another converter, whose parameters are chosen so that runs that do not depend on the map consume
+what Table 2 prints for them. Stage 2 (trajectories, GTO) searches without derivatives (Nelder & Mead 1965) over a few
+parameters of the map's shape, so that the optimal runs save what the paper prints; each trial has its own stage 1.
+Everything starts from fixed numbers, which a wider search found (docs/explanation/loss-maps.md), and is deterministic.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ from precompute.loss_maps import cruising_deviation_ratio
 STAGE_1_START: Final[Mapping[str, float]] = MappingProxyType(
     {"auxiliaries.base_w": 35e3, "transformer.copper_w": 190e3, "converter.line_ratio": 0.05, "gear.churning_w": 20e3}
 )
-"""Free parameters of the GTO chain's stage 1, with their start."""
+"""Free parameters of the GTO chain's stage 1, with their start values."""
 EFFICIENCY_AIM, IDLE_AIM_W, FULL_POWER_AIM_W = 0.8885, 115e3, 1043e3
-"""What stage 1 solves for: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), no mean deviation of
-the fit when cruising. Efficiency and loss at full power are at the lossy end of what rounds to the printed figures:
-Table 2's fastest run consumes more at L3 for its mechanical work than a less lossy map gives."""
+"""The aims of stage 1: the L2 fit (eq. 16), the loss at full power (section 2: about 1000 kW), no mean deviation of the
+fit when cruising. Of the values that round to the printed figures, efficiency and loss at full power are the lossiest,
+because at L3 Table 2's fastest run consumes more for its mechanical work than a less lossy map gives."""
 
 STAGE_2_START: Final[Mapping[str, float]] = MappingProxyType(
     {
@@ -64,12 +64,12 @@ STAGE_2_START: Final[Mapping[str, float]] = MappingProxyType(
         "motors.copper_w": 48e3,
     }
 )
-"""Parameters of the shape that stage 2 varies, with their start."""
+"""Parameters of the map's shape that stage 2 varies, with their start values."""
 STAGE_2_TRIALS: Final = 100
 STAGE_2_STEP: Final = 0.03
 """First step of each parameter (relative)."""
 IGBT_START: Final[Mapping[str, float]] = MappingProxyType({"converter.conduction_w": 150e3})
-"""Free parameters of the IGBT chain, with their start."""
+"""Free parameters of the IGBT chain, with their start values."""
 OWN_OF_IGBT: Final = ("converter.", "motors.brake_current_ratio")
 """Parameters that differ between the chains: the converter, and how well the electric brake uses the motors."""
 _OF_GTO: Final = (*STAGE_1_START, *STAGE_2_START)
@@ -124,7 +124,7 @@ def with_chain(vehicle: Vehicle, chain: LossChain) -> Vehicle:
 def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
     """The GTO chain with the free parameters of stage 1 solved for; all others are those of `chain`.
 
-    Raises DasError where no set of positive parameters has the published fit and loss at full power.
+    Raises DasError if no set of positive parameters has the published fit and loss at full power.
     """
 
     def residuals(trial: LossChain) -> list[float]:
@@ -185,7 +185,7 @@ def search_stage_2(
 ) -> LossChain:
     """The GTO chain whose optimal runs meet `paper.STAGE_2_TARGETS`, by Nelder–Mead over the parameters of stage 2.
 
-    `report` is called with the cost after each trial. The parameters of stage 2 come back rounded, those of stage 1
+    `report` is called with the cost after each trial. The parameters of stage 2 are returned rounded, those of stage 1
     solved for them.
     """
 
@@ -358,7 +358,7 @@ def report(figures: Figures, chains: Mapping[str, LossChain], written: Sequence[
 def vehicle_toml(name: str, chain: LossChain) -> str:
     """The bundled vehicle's file with the calibrated parameters of its block [losses.l3] as in `chain`.
 
-    Sources and everything else stay. Raises DasError where the file has no line for one of them.
+    Sources and everything else stay. Raises DasError if the file has no line for a parameter.
     """
     path = locate_vehicle(name)
     wanted = {_key(parameter): value_of(chain, parameter) for parameter in CALIBRATED[name]}

@@ -1,4 +1,4 @@
-"""What is published about the losses of the Re 460, as named targets, and how a vehicle's own figures are found.
+"""What is published about the losses of the Re 460, as named targets, and how a vehicle's own figures are computed.
 
 Source of every target: Nold & Corman (2024), Railway Engineering Science. The measured maps are confidential; our maps
 can only be compared with these figures.
@@ -37,7 +37,7 @@ Figures = dict[str, float]
 """Name of a target → what a vehicle reaches."""
 
 BUFFER_RATIO: Final = TABLE2_BUFFER_PERCENT / 100
-"""t+ of Table 2."""
+"""The buffer t+ of Table 2."""
 L0_TO_L2: Final = (Level.L0_NOREG, Level.L0_REG, Level.L1, Level.L2)
 
 NOT_PRINTED: Final = float("nan")
@@ -55,7 +55,7 @@ CELL_TOLERANCE: Final[Mapping[str, float]] = {
 }
 """Accepted relative deviation of a cell from the printed figure, by column."""
 EQUAL_ENERGY: Final = 5e-4
-"""Two energies this near (relative) count as equal where only their order is asked for."""
+"""Two energies this near (relative) count as equal if only their order matters."""
 
 ACCELERATION_BUFFERS: Final = (0.02, 0.15, 0.25, 0.40)
 DECELERATION_BUFFERS: Final = (0.02, 0.05, 0.10, 0.15, 0.30)
@@ -122,7 +122,7 @@ SAVING_TARGETS: Final = (
     PublishedFigure("deceleration, t+ 5 %: L3 saves", "about 2", 1.0, 3.0, "%", "section 4.4, fig. 8"),
     PublishedFigure("deceleration, large t+: L3 saves at most", "4", 3.0, 5.0, "%", "section 4.4, fig. 8"),
 )
-"""Savings of the L3 run over that of L2, in % of what the fastest run consumes, all at L3."""
+"""Savings of the L3 run over the L2 run, in % of what the fastest run consumes, all at L3."""
 
 TRIP_TARGETS: Final = (
     PublishedFigure("6 km: L3 GTO better than second best", "1.1", 1.0, 2.5, "%", "Table 2, column L3 GTO"),
@@ -255,7 +255,7 @@ def _buffered(case: StudyCase, vehicle: Vehicle, level: Level, buffers: tuple[fl
 def trip_run(vehicle: Vehicle, runs: Runs) -> Trajectory:
     """The L3 optimum of the 6 km, with short decision steps and refined.
 
-    The runs of the two inverters differ by less than those of the usual table err.
+    The runs of the two inverters differ by less than the errors of runs from the usual table.
     """
     front = solve_front(COMPLETE.section(vehicle, Level.L3, TRIP_STEP_M), threads=1)
     return refined(front.trajectory(runs["fastest"].time_s * (1 + BUFFER_RATIO))).trajectory
@@ -314,7 +314,7 @@ def trip_figures(gto: Vehicle, igbt: Vehicle, runs: Runs) -> Figures:
 
 
 def stage_2_cost(vehicle: Vehicle, runs: Runs) -> float:
-    """Sum of the misses of `STAGE_2_TARGETS` with the margin; 0 where all are met with it."""
+    """Sum of the misses of `STAGE_2_TARGETS` with the margin; 0 if all are met with it."""
     own = l3_runs(vehicle, runs)
     optimum = trip_run(vehicle, runs)
     # No target of stage 2 uses the column and row of the other inverter.
@@ -335,7 +335,7 @@ def evaluate(gto: Vehicle, gto_chain: LossChain, igbt: Vehicle, runs: Runs) -> F
 
 
 def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float]:
-    """In how many columns the diagonal is best, the fastest run worst, RMS behind all optima but L0 REG's."""
+    """Numbers of columns in which the diagonal is best; the fastest run worst; RMS behind all optima but L0 REG's."""
 
     def count(holds: Callable[[dict[str, float], str], bool]) -> float:
         columns = {c: {row: values[i] for row, values in table.items()} for i, c in enumerate(TABLE2_LEVELS)}
@@ -353,7 +353,7 @@ def _orders(table: Mapping[str, tuple[float, ...]]) -> tuple[float, float, float
 
 
 def traction_share_ratio(run: Trajectory, vehicle: Vehicle, speed_mps: float) -> float:
-    """Traction force over the largest possible one where the run first passes a speed."""
+    """Traction force as a share of the largest possible force, where the run first passes a speed."""
     i = int(np.argmax(run.v_mps >= speed_mps))
     return float(run.force_el_n[i - 1] / vehicle.traction.force_n(run.v_mps[i]))
 
@@ -365,7 +365,7 @@ def _work_and_square(run: Trajectory, sign: int) -> tuple[float, float]:
 
 
 def _mean_power_w(run: Trajectory, sign: int) -> float:
-    """Mean wheel power weighted with the power itself, so that long stretches of almost no force do not count."""
+    """Mean wheel power weighted by the power itself, so that long stretches of almost no force do not count."""
     work_j, square = _work_and_square(run, sign)
     return square / work_j
 

@@ -73,7 +73,7 @@ class StudyCase:
     def section(self, vehicle: Vehicle, level: Level, longest_step_m: float | None = None) -> Section:
         """The section of the case with a train at a level; a given `longest_step_m` (m) bounds the decision steps.
 
-        Raises DasError where the train cannot run it.
+        Raises DasError if the train cannot run it.
         """
         return build_section(
             self.route(),
@@ -108,7 +108,7 @@ DOWNHILL: Final = StudyCase(name="downhill", title="6 km at −10 ‰", length_m
 class PrintedSaving:
     """The printed saving of L3 over the other levels, in % of the fastest run's energy, all evaluated at L3.
 
-    `up_to`: the paper gives the largest saving at `buffer_percent` or more, not the saving at it.
+    `up_to`: the paper gives the largest saving at `buffer_percent` or more, not the saving at that buffer.
     """
 
     case: str
@@ -156,7 +156,7 @@ TABLE2: Final[dict[tuple[str, str], float | None]] = {
     for trajectory, row in TABLE2_ROWS.items()
     for level, value in zip(TABLE2_LEVELS, row, strict=True)
 }
-"""Table 2 by (trajectory, level): energy in % of the fastest run's at L3 GTO; None where none is printed."""
+"""Table 2 by (trajectory, level): energy in % of the fastest run's at L3 GTO; None if none is printed."""
 
 ENERGY_SHARES_PERCENT: Final = {
     "component_loss": 32.5,
@@ -167,12 +167,14 @@ ENERGY_SHARES_PERCENT: Final = {
 """Shares of the energy net of regeneration: 49 measured Intercity runs Zürich–Luzern (60 km, 2 intermediate stops)."""
 
 ENERGY_MARGIN_RATIO = 2e-5
-"""Energies this near to the least (relative to the fastest run's at L3) are the least: slower runs save nothing."""
+"""Energies this near to the least (relative to the fastest run's at L3) count as the least: slower runs save
+nothing."""
 START_WAY_M = 100.0
-"""Way to or from a standstill on which a run may be slower than 20 km/h."""
+"""Distance to or from a standstill on which a run may be slower than 20 km/h."""
 TIE_RATIO = 1e-4
 """Loss by which ties at L0 REG are broken, as a share of the wheel work in either direction: without losses, braking
-and accelerating again costs nothing, and many runs of one time have the same energy. The paper filters such runs."""
+and accelerating again costs nothing, and many runs of the same time have the same energy. The paper filters such
+runs."""
 SLOWEST_SCAN = 80
 """Number of trip times at which the energy of a level is evaluated to find the least."""
 TIME_MARGIN_S = 0.05
@@ -183,8 +185,8 @@ TIME_MARGIN_S = 0.05
 class Slowest:
     """The run with the largest useful buffer ("max" in the paper's figures).
 
-    `bound`: "least energy" where a slower run saves nothing more at its level, or "not below 20 km/h" where it would
-    run slower than the paper's grid allows.
+    `bound`: "least energy" if a slower run saves nothing more at its level, or "not below 20 km/h" if it would run
+    slower than the paper's grid allows.
     """
 
     trajectory: Trajectory
@@ -193,7 +195,7 @@ class Slowest:
 
 
 def _with_ties_broken(vehicle: Vehicle) -> Vehicle:
-    """The vehicle whose L1 is L0 REG but for `TIE_RATIO`."""
+    """The vehicle with a level L1 that is L0 REG except for the loss `TIE_RATIO`."""
     loss = EfficiencyLoss(traction_ratio=TIE_RATIO, brake_ratio=TIE_RATIO)
     return replace(vehicle, losses={**vehicle.losses, Level.L1: loss})
 
@@ -201,7 +203,7 @@ def _with_ties_broken(vehicle: Vehicle) -> Vehicle:
 class Workbench:
     """Solves each case and level once, on demand, and keeps the result.
 
-    Every train is as in its file, or what `changed` makes of it.
+    Every train is as in its file, or as `changed` makes it.
     """
 
     def __init__(self, changed: Callable[[Vehicle], Vehicle] = lambda vehicle: vehicle) -> None:
@@ -246,7 +248,7 @@ class Workbench:
         return self.fastest(case).time_s * (1 + buffer_percent * PERCENT)
 
     def run(self, case: StudyCase, variant: Variant, buffer_percent: float) -> Trajectory | None:
-        """The least-energy run of a level with a buffer; None where the level has no use for so large a buffer."""
+        """The least-energy run of a level with a buffer; None if the level has no use for so large a buffer."""
         if buffer_percent > self.slowest(case, variant).buffer_percent + 1e-9:
             return None
         return self.front(case, variant).trajectory(self.time_s(case, buffer_percent)).trajectory
@@ -305,7 +307,7 @@ class Workbench:
 
 
 def lowest_running_speed_mps(trajectory: Trajectory) -> float:
-    """Lowest speed of a run but for the first and last 100 m where it starts or ends slower than 20 km/h.
+    """Lowest speed of a run, without the first or last 100 m if it starts or ends there slower than 20 km/h.
 
     The paper's grid has its nodes 100 m apart, and below 20 km/h only starting and stopping (section 4.1).
     """

@@ -1,4 +1,4 @@
-"""What few changes cost, and how coach and driver act on each other if the driver is slow, looks seldom, or errs.
+"""What few changes of the controller cost, and what coach and driver do if the driver is slow, looks seldom, or errs.
 
 `python -m docs.studies.coach` writes the tables into docs/explanation/coach.md again (a quarter of an hour on one
 core); the pictures and the table of days are made by `python -m docs.studies.coach_days`.
@@ -56,7 +56,7 @@ class LoopDriver(NamedTuple):
 
     @property
     def human(self) -> HumanParameters:
-        """The driver's parameters; those that are not part of the loop are the default ones."""
+        """The driver's parameters; those that `LoopDriver` does not have are the default ones."""
         return HumanParameters(
             reaction_median_s=self.delay_s,
             reaction_log_sd=0.0,
@@ -129,7 +129,7 @@ def measured(runs: Sequence[WatchedRun]) -> LoopMeasures:
 
 
 def _errors_mps(one: WatchedRun) -> np.ndarray:
-    """Driven speed minus that of the reference, at every second in which the train moves."""
+    """Driven speed minus the speed of the reference, at every second in which the train moves."""
     pairs = zip(one.run.states, one.watched, strict=False)
     found = [state.speed_mps - x.reference_mps for state, x in pairs if state.speed_mps > MOVING_MPS]
     return np.array([x for x in found if not math.isnan(x)])
@@ -157,7 +157,7 @@ HEAD: Final = "changes/min | replans/min | most in 3 min | reversals a run | rms
 
 
 def driver_table(services: Sequence[Service], seeds: Sequence[int], drivers: Sequence[LoopDriver]) -> Iterator[str]:
-    """The lines of the table of drivers, in Markdown, as they are found."""
+    """The lines of the table of drivers, in Markdown, as they are computed."""
     yield f"| delay, s | glance, s | effort error | {HEAD} |"
     yield "|---:|---:|---:|---:|---:|---:|---:|---:|---|"
     for one in drivers:
@@ -168,7 +168,7 @@ def driver_table(services: Sequence[Service], seeds: Sequence[int], drivers: Seq
 def keeping_table(
     services: Sequence[Service], seeds: Sequence[int], kept: Mapping[str, KeepingSettings]
 ) -> Iterator[str]:
-    """The lines of the table of ways to keep a reference, for one driver, as they are found."""
+    """The lines of the table of ways to keep a reference, for one driver, as they are computed."""
     yield f"| reference given up | {HEAD} |"
     yield "|---|---:|---:|---:|---:|---:|---|"
     for name, keeping in kept.items():
@@ -177,7 +177,7 @@ def keeping_table(
 
 
 def price_table() -> Iterator[str]:
-    """The lines of the table of what few changes cost from Zug to Luzern, as `das-precompute few-switch` finds it."""
+    """The lines of the table of what few changes cost from Zug to Luzern, as in `das-precompute few-switch`."""
     route = load_route("zurich-luzern")
     start, end = section_stops(route, "Zug", "Luzern")
     section = build_section(route, load_vehicle("re460-ic"), start_m=start.position_m, end_m=end.position_m)

@@ -30,7 +30,7 @@ REFRESHED_S: Final = 10.0
 
 
 class ShownAsIs:
-    """A display that shows the advice as it is; derived ones change it. `show` is called at every look."""
+    """A display that shows the advice as it is; derived displays change it. `show` is called at every look."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
         """The advice as this display shows it."""
@@ -68,7 +68,7 @@ class Unannounced(ShownAsIs):
 
 
 class WithoutPreview(ShownAsIs):
-    """Shows the present speed and effort, but not those of the next 30 s."""
+    """Shows the present speed and effort, but not the speeds and efforts of the next 30 s."""
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
         return replace(view, horizon_speed_mps=(), horizon_force_n=())
@@ -77,7 +77,7 @@ class WithoutPreview(ShownAsIs):
 class TargetSpeed(ShownAsIs):
     """Shows the mode and the speed that it leads to, in whole km/h, but neither effort nor preview.
 
-    When accelerating or braking that is the speed at the next change, as far as the preview knows it.
+    When accelerating or braking, this is the speed at the next change, if the preview reaches that far.
     """
 
     def show(self, view: AdviceView, now_s: float) -> AdviceView:
@@ -145,7 +145,7 @@ VARIANTS: Final = (
 
 
 class DisplayFigures(NamedTuple):
-    """The gap of a run to the optimum of its own times (%), how late it was (s), and its moves of the controller."""
+    """The gap of a run to the optimum of its own times (%), how late it was (s), and how often the controller moved."""
 
     gap_percent: float
     late_s: float
@@ -180,7 +180,7 @@ def display_table(
 
 
 def _cells(found: np.ndarray, first: np.ndarray) -> str:
-    """Means of the days' figures, and the difference of the gap to that of the first display with its interval."""
+    """Means of the days' figures, and how much the gap differs from the first display's, with its interval."""
     gap, late_s, moves = found.mean(axis=0)
     points = "" if found is first else with_interval(found[:, 0] - first[:, 0])
     return f"{gap:.1f} | {points} | {late_s:+.0f} | {moves:.1f}"

@@ -47,16 +47,16 @@ LEVEL_COLOURS = {
     "l3-gto": "#009e73",
     "l3-igbt": "#d55e00",
 }
-"""Colour of each level in every picture (Okabe and Ito's, told apart by the colour-blind)."""
+"""Colour of each level in every picture (from Okabe and Ito, distinguishable for the colour-blind)."""
 DASHES: dict[str, Any] = {"l1": (0, (5, 3)), "l0-noreg": (0, (1, 1.5))}
-"""Dashes of the levels whose curves lie on another's; they are drawn last."""
+"""Dashes of the levels whose curves lie on another level's; they are drawn last."""
 BUFFER_COLOURS = ("#12a150", "#1f6fe0", "#9a3fd6", "#e02424", "#e0a100", "#000000")
 """Colours of the buffers 0, 2, 7, 15, 25 % and the largest, as the paper's: green, blue, purple, red, yellow, black."""
 GREYISH = "#7a7a7a"
 GREY_SHARE = 0.75
 """Share of grey in the colour of a run at its end."""
 MAP_COLOURS = ("#6f8ea6", "#ffffff")
-"""The least and the most efficient operating points: pale, so that coloured runs stand out."""
+"""Colours of the least and the most efficient operating points: pale, so that coloured runs stand out."""
 SHADES = 24
 """Number of shades along a run."""
 CROSS_STEP_M = 200.0

@@ -1,4 +1,4 @@
-"""A day driven in this process, with more of it kept: what the driver did, every advice, and the coach's reference."""
+"""A day driven in this process, with what the driver did, the advice of every tick, and the coach's reference."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def with_interval(differences: np.ndarray) -> str:
 
 
 class Watched(NamedTuple):
-    """An advice, and the speed of the coach's reference where the train is (m/s; NaN: none)."""
+    """Advice, and the speed of the coach's reference at the train's position (m/s; NaN: none)."""
 
     advice: Advice
     reference_mps: float
 
 
 class WatchedLink(InProcess):
-    """A link to a cab in this process that keeps every advice; `keeping` says when the coach gives up a reference."""
+    """A link to an on-board system that keeps all advice; `keeping` says when the coach gives up a reference."""
 
     def __init__(self, service: Service, *, coach: bool, keeping: KeepingSettings = KEEPING) -> None:
         self._keeping = keeping
@@ -77,7 +77,7 @@ class WatchedLink(InProcess):
 
 
 def _standing_reference(cab: Cab) -> StandingReference | None:
-    """The coach's reference on the section that a cab is on; None where there is none."""
+    """The coach's reference on the present section; None if there is none."""
     leg = cab.legs.current
     coach = None if leg is None else leg._coach
     return None if coach is None else coach._keeper.reference
@@ -107,7 +107,7 @@ def watched_run(
     human: HumanParameters | None = None,
     keeping: KeepingSettings = KEEPING,
 ) -> WatchedRun:
-    """Drive a day of a service with a human driver: that of the scenario, or one with other parameters."""
+    """Drive a day of a service with the human driver of the scenario, or with one who has other parameters."""
     day = make_day(service, seed)
     if human is not None:
         day = replace(day, human=human)

@@ -1,7 +1,7 @@
-"""How a run uses its forces: reduced effort, and beyond the paper peak power at the current collector and jerk.
+"""How a run uses its forces: reduced effort, and, beyond the paper, peak power at the current collector and jerk.
 
-Reduced acceleration and reduced braking are those of Nold & Corman (2024), sections 4.3 and 4.4. The paper gives
-no figures of peak power and comfort (its outlook).
+Reduced acceleration and reduced braking are as in Nold & Corman (2024), sections 4.3 and 4.4. The paper gives no
+figures of peak power and comfort (its outlook).
 
 Each interval has one mode, by the wheel force F as a share of the force available at its speed, and by the
 acceleration a:
@@ -74,10 +74,11 @@ class EffortRegime(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Reduced:
-    """Use of reduced effort in a run; zeros (and empty `stretches_m`) where there is none.
+    """Use of reduced effort in a run; zeros (and empty `stretches_m`) if there is none.
 
-    `way_ratio`, `time_ratio`: shares of the whole way and time. `mean_force_ratio`: mean over its time of the force
-    as a share of the available one. `lowest_mps`, `highest_mps`: range of speed. `stretches_m`: begin and end of each.
+    `way_ratio`, `time_ratio`: shares of the whole distance and time. `mean_force_ratio`: mean over this time of the
+    force as a share of the available force. `lowest_mps`, `highest_mps`: range of speed. `stretches_m`: begin and end
+    of each.
     """
 
     way_ratio: float = 0.0
@@ -89,11 +90,11 @@ class Reduced:
 
     @property
     def used(self) -> bool:
-        """Whether there is any."""
+        """Whether there is any reduced effort."""
         return bool(self.stretches_m)
 
     def as_json(self) -> dict[str, Any] | None:
-        """What summary.json holds of it; None where there is no reduced effort."""
+        """What summary.json states about this; None if there is no reduced effort."""
         if not self.used:
             return None
         return {
@@ -108,13 +109,13 @@ class Reduced:
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedEffort:
-    """Reduced effort of a run, both ways."""
+    """Reduced effort of a run, in acceleration and in braking."""
 
     acceleration: Reduced
     braking: Reduced
 
     def as_json(self) -> dict[str, Any]:
-        """What summary.json holds of it."""
+        """What summary.json states about this."""
         return {"acceleration": self.acceleration.as_json(), "braking": self.braking.as_json()}
 
 
@@ -131,8 +132,9 @@ def effort(trajectory: Trajectory, vehicle: Vehicle) -> ReducedEffort:
 def force_ratio(trajectory: Trajectory, vehicle: Vehicle) -> Floats:
     """Wheel force of each interval as a share of the available one: 1 = full traction, −1 = full brake.
 
-    Available are the traction envelope and, for braking, the electric brake's (the friction brake's where there is no
-    electric one), at the interval's higher speed, and what the vehicle's largest acceleration and deceleration leave.
+    The available force is the traction envelope or, for braking, the electric brake's envelope (the friction brake's if
+    there is no electric one), at the interval's higher speed, cut to the vehicle's largest acceleration and
+    deceleration.
     """
     faster = np.maximum(trajectory.v_mps[:-1], trajectory.v_mps[1:])
     resistance = vehicle.resistance.force_n(faster) + trajectory.grade_and_curve_n
@@ -215,7 +217,7 @@ HEADINGS: Final = {
 Figures = dict[str, float]
 """Peak power and comfort of a run, by the keys of `HEADINGS`.
 
-Powers: the highest drawn from and returned to the line, and the highest means over 10 s; 0 where there are none.
+Powers: the highest drawn from and returned to the line, and the highest means over 10 s; 0 if there are none.
 Acceleration and jerk: over the time of the trip, with forces that build up over 1 s; the train starts and ends at its
 first and last acceleration.
 """
@@ -295,7 +297,7 @@ def beyond(bench: Workbench, output: Output) -> dict[str, Any]:
 
 
 def _runs(bench: Workbench, case: StudyCase, buffer_percent: float) -> dict[str, Trajectory]:
-    """The runs of each level and of reduced maximum speed, where there is one with this buffer."""
+    """The runs of each level and of reduced maximum speed, if there is one with this buffer."""
     found = {variant.name: bench.run(case, variant, buffer_percent) for variant in LEVELS}
     if case is COMPLETE and buffer_percent > 0:
         section = bench.section(case, L3)
@@ -304,7 +306,7 @@ def _runs(bench: Workbench, case: StudyCase, buffer_percent: float) -> dict[str,
 
 
 def _reductions(by_name: dict[str, Figures]) -> dict[str, dict[str, float]]:
-    """By how much L3 is below each other trajectory, figure by figure (negative: above)."""
+    """By how much L3 is below each of the other trajectories, figure by figure (negative: above)."""
     ours = by_name[L3.name]
     return {
         name: {key: 1 - ours[key] / value if value > 0 else 0.0 for key, value in found.items()}

@@ -43,7 +43,7 @@ CROSS_STEP_KMH = 10.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cruising:
-    """Powers (W) when holding each speed on the level: resistance and the parts of the losses (eqs. 13, 14)."""
+    """Powers (W) when holding each speed on level track: resistance and the parts of the losses (eqs. 13, 14)."""
 
     speed_mps: Floats
     resistance_n: Floats
@@ -67,7 +67,7 @@ class Cruising:
         return power_w * KM / self.speed_mps
 
     def cheapest_kmh(self, level: str) -> float | None:
-        """Speed of the least energy per km; None where the lowest speed is the cheapest."""
+        """Speed of the least energy per km; None if the lowest speed is the cheapest."""
         i = int(np.argmin(self.per_km_j(self.total_w(level))))
         return float(self.speed_mps[i] / KMH) if i > 0 else None
 
@@ -253,7 +253,7 @@ def savings_figure(name: str, case: StudyCase, bench: Workbench, output: Output)
 
 
 def _saved_percent(curve: EnergyCurve, l3: EnergyCurve) -> Floats:
-    """What L3 saves against a level over its buffers; NaN beyond L3's largest."""
+    """What L3 saves against a level over its buffers; NaN beyond L3's largest buffer."""
     return curve.l3_percent - np.interp(curve.buffer_percent, l3.buffer_percent, l3.l3_percent, right=np.nan)
 
 

@@ -1,4 +1,4 @@
-"""Figs. 5, 7, 9 and 10: optimal runs, their way through the efficiency map, and their energy.
+"""Figs. 5, 7, 9 and 10: optimal runs, their path through the efficiency map, and their energy.
 
 Figs. 5, 7 and 9 have a column for each level, fig. 10 the old (GTO) and the new (IGBT) inverter on one trip.
 """
@@ -43,7 +43,7 @@ from docs.studies.output import Output
 
 LARGEST_DRAWN_PERCENT = 40.0
 CURVE_POINTS = 81
-"""Points of an energy curve: every 0.5 % where it goes to 40 %."""
+"""Points of an energy curve: every 0.5 % if it goes to 40 %."""
 HIGHEST_ENERGY_PERCENT = 125.0
 """The energy axis ends here; a note gives what is above it (L0 NOREG counts the kinetic energy)."""
 HIGHEST_DRAWN_MPS = 165 * KMH
@@ -68,7 +68,7 @@ class EnergyCurve:
 
 
 def energy_curve(bench: Workbench, case: StudyCase, variant: Variant) -> EnergyCurve:
-    """The curve up to 40 %, or to the level's largest useful buffer where that is smaller."""
+    """The curve up to 40 %, or to the level's largest useful buffer if that is smaller."""
     slowest = bench.slowest(case, variant)
     largest = min(LARGEST_DRAWN_PERCENT, slowest.buffer_percent)
     runs = [(float(b), bench.run(case, variant, float(b))) for b in np.linspace(0, largest, CURVE_POINTS)]
@@ -85,7 +85,7 @@ def energy_curve(bench: Workbench, case: StudyCase, variant: Variant) -> EnergyC
 
 
 def level_runs(bench: Workbench, case: StudyCase, variant: Variant) -> dict[str, Trajectory | None]:
-    """A level's runs by the name of their buffer ("0" … "25", "max"), None where it has no use for the buffer."""
+    """A level's runs by the name of their buffer ("0" … "25", "max"), None if it has no use for the buffer."""
     runs: dict[str, Trajectory | None] = {f"{b:g}": bench.run(case, variant, b) for b in BUFFERS_PERCENT}
     return {**runs, MAX: bench.slowest(case, variant).trajectory}
 
@@ -202,7 +202,7 @@ def _draw_forces(axes: Any, bench: Workbench, case: StudyCase, runs: dict[str, T
 
 
 def note_forces_off_scale(axes: Any, runs: list[Trajectory]) -> None:
-    """Add a note of the largest force where it is beyond the end of the axis (L0 REG's runs alternate)."""
+    """Add a note of the largest force if it is beyond the end of the axis (L0 REG's runs alternate)."""
     low_kn, high_kn = axes.get_ylim()
     forces_kn = np.concatenate([run.force_el_n + run.force_friction_n for run in runs]) / KN
     if forces_kn.min() < low_kn:

@@ -27,13 +27,13 @@ from sim.world.service import Service, make_day, prepare_service
 
 SEEDS: Final = tuple(range(20))
 EFFORT_RATIO, BURST_S = 0.1, 4.0
-"""Traction or brakes over this share of the scale for less than this are a burst."""
+"""Traction or brakes over this share of the scale for less than this time (s) are a burst."""
 HAND_S: Final = 1.0
 """A hand takes up to this long to bring the controller back from a brake to 0."""
 SET_S: Final = 3.0
 """After this long an advised effort should be set."""
 BELOW_MPS: Final = 3.0
-"""This far below the speed that the driver may or should reach, only the advice decides what the driver sets."""
+"""This far (m/s) below the speed that the driver may or should reach, only the advice decides what the driver sets."""
 MOVES_MPS: Final = 0.5
 """A train slower than this counts as standing."""
 TRACTION: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
@@ -43,7 +43,7 @@ WITH_MODES: Final = tuple(one for one in Presentation if presenter_of(one).says_
 
 
 class ControllerLook(NamedTuple):
-    """What was set at a look, and the mode and effort of the advice that was followed (mode None: of none).
+    """What was set at a look, and the mode and effort of the advice followed (mode None: none was followed).
 
     `below_mps`: how far the speed is below what the driver may or should reach. `braking`: by the driver's own margins
     a limit or a stop asks for brakes.
@@ -111,7 +111,7 @@ def watched_day(service: Service, presentation: Presentation, seed: int) -> Watc
 
 
 def bursts_s(looks: Sequence[ControllerLook]) -> Iterator[float]:
-    """Duration (s) of each burst: a short stretch of traction or brakes above a tenth. A standing train has none."""
+    """Duration (s) of each burst: a short stretch of traction or brakes over a tenth of the scale, not at a stand."""
 
     def side(look: ControllerLook) -> int:
         return (look.lever_ratio > EFFORT_RATIO) - (look.lever_ratio < -EFFORT_RATIO)
@@ -146,7 +146,7 @@ def braked_under_coast(days: Sequence[WatchedDay]) -> Braked:
 
 
 def set_at_full(days: Sequence[WatchedDay]) -> list[float]:
-    """What was set (−1 … 1) at each look where 100 % had been advised for a while and nothing else decided."""
+    """What was set (−1 … 1) at each look at which 100 % had been advised for a while and nothing else decided."""
     found = []
     for day in days:
         since_s = 0.0

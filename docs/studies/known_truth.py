@@ -40,14 +40,14 @@ DAY: Final = "zug-luzern"
 USUAL_RATIO: Final = 0.40
 """Share of a braking effort asked of the friction brake: the default of the human driver."""
 PLANTED_RATIO: Final = 0.475
-"""With this share the gap is about 1 point larger; the table has the exact figure."""
+"""With this share the gap to the optimum is about 1 point larger; the table has the exact figure."""
 LABELS: Final = {"advice": USUAL_RATIO, "same-advice": USUAL_RATIO, "planted": PLANTED_RATIO}
 DRIVERS: Final = {1: 240, 100_001: 120}
 """Participants: the first one's number in the population → how many from there on."""
 STUDIES: Final = 2000
 SIZES: Final = (24, 48, 76)
 SPLITS: Final = 40
-"""How often the participants are divided at random into those of a pilot and those of studies."""
+"""How often the participants are divided at random into participants of a pilot and of studies."""
 STUDIES_OF_SPLIT: Final = 1000
 NEAR: Final = 0.07
 """A prediction of power is near if it is off by no more than this."""
@@ -106,7 +106,7 @@ def differences(studies: Sequence[RunStudy], label: str) -> Floats:
 
 
 def predictions(values: Floats, size: int, splits: int = SPLITS) -> Predictions:
-    """Divide the drivers (n,) at random, many times: power is predicted from one half, studies are drawn of the other.
+    """Divide the drivers (n,) at random, many times: predict power from one half, and draw studies from the other.
 
     Power is predicted for the mean effect of the half whose studies are drawn.
     """
@@ -169,7 +169,7 @@ def compared(study: RunStudy, label: str) -> PairedTrials:
 
 
 def share_without(values: Floats, size: int, studies: int = STUDIES) -> Share:
-    """The share of studies that find a difference where there is none; studies are drawn with replacement.
+    """The share of studies that find a difference although there is none; studies are drawn with replacement.
 
     Which of a driver's two drives has which label is drawn for every study, because the labels mean nothing.
     """

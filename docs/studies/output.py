@@ -92,7 +92,7 @@ def _cell(value: object) -> str:
 def write_table(page: Path, name: str, lines: Iterable[str]) -> None:
     """Put lines between the marks `<!-- NAME: begin -->` and `<!-- NAME: end -->` of a page; prints each as it comes.
 
-    Raises DasError where the page has no such marks, before the first line is made.
+    Raises DasError if the page has no such marks, before the first line is made.
     """
     marks = re.compile(rf"(<!-- {name}: begin -->\n).*?(<!-- {name}: end -->)", re.DOTALL)
     if not marks.search(page.read_text(encoding="utf-8")):

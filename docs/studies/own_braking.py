@@ -1,4 +1,4 @@
-"""What is gained by planning with the driver's own braking: the same days, planned with the train's and the driver's.
+"""What is gained by planning with the driver's own braking: the same days, with the train's braking and with his.
 
 `python -m docs.studies.own_braking` writes the table into docs/reference/drivers.md again (about a quarter of an hour
 on one core).
@@ -28,7 +28,7 @@ from sim.world.service import Service, make_day, prepare_service
 
 SEEDS: Final = tuple(range(12))
 PERFECT_SEEDS: Final = 3
-"""Number of days that the perfect driver drives as well, whose runs hardly differ from day to day."""
+"""Number of days that the perfect driver drives as well; few, because the runs hardly differ from day to day."""
 
 
 class PlanVariant(NamedTuple):
@@ -105,7 +105,7 @@ class BrakingFigures:
 
 
 def figures(service: Service, seed: int, shown: Presentation, friction: FrictionPolicy | None) -> BrakingFigures:
-    """Drive a day: with a policy of brake blending a human, without one the perfect driver."""
+    """Drive a day: a human with a policy of brake blending, or the perfect driver without one."""
     day = make_day(service, seed)
     if friction is None:
         return _figures(outcome(day, driven(day, day.driver(DriverKind.PERFECT), shown)), float("nan"))

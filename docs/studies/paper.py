@@ -34,7 +34,7 @@ ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
     "beyond": effort.beyond,
     "gradients": table2.gradients,
 }
-"""What makes each item of the study, in the paper's order, then what goes beyond it."""
+"""The function that makes each item of the study: the paper's items in its order, then those beyond the paper."""
 
 
 def study(
@@ -68,7 +68,7 @@ def study(
 
 
 def make(wanted: list[str], output: Output) -> dict[str, Any]:
-    """Make items and summary.json; returns what that holds."""
+    """Make items and summary.json; returns the content of summary.json."""
     bench = Workbench()
     with style():
         items = {name: ITEMS[name](bench, output) for name in shown(wanted)}

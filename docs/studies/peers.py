@@ -77,7 +77,7 @@ class Tight(NamedTuple):
 
     @classmethod
     def of(cls, row: PeerRow) -> Tight:
-        """Prove the tight bound; with constant efficiencies it is the quick one."""
+        """Prove the tight bound; with constant efficiencies it is the quick bound."""
         began = time.process_time()
         found = tightened(row.found, TIGHT_S)
         return cls(found.gap_ratio, time.process_time() - began)

@@ -51,7 +51,7 @@ ENTRY_M: Final = 18_000.0
 LEAST_J: Final = 0.5 * KWH
 """A cause that has less energy than this on every trip has no row."""
 PARTS: Final = (("start", 0.0, 3.0), ("middle", 3.0, 16.0), ("end", 16.0, 20.0))
-"""Parts of the way (km from Kolbäck)."""
+"""Parts of the line (km from Kolbäck)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +63,8 @@ class TripAttribution:
     attribution: Attribution
     likely: LikelyRange
     entry_j: float
-    """Energy (J) above an optimum as slow as the trip from `ENTRY_M` on, so without what a slow entry explains."""
+    """Energy (J) above an optimum as slow as the trip from `ENTRY_M` on, without the part that a slow entry
+    explains."""
 
     @property
     def possible(self) -> bool:
@@ -155,7 +156,7 @@ def _of(one: TripAttribution, cause: EnergyCause) -> float:
 
 
 def place_table(found: Sequence[TripAttribution]) -> Iterator[str]:
-    """The energy lost above the optimum by part of the way, from the least to the most of the assumed trains."""
+    """The energy lost above the optimum by part of the line, from the least to the most of the assumed trains."""
     yield f"| part of the way | {' | '.join(TRIPS)} |"
     yield f"|---|{'---:|' * len(TRIPS)}"
     for name, start_km, end_km in PARTS:

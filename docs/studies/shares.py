@@ -232,11 +232,11 @@ ROUNDS: Final = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Assumed:
-    """What is assumed of the measured trips.
+    """What is assumed about the measured trips.
 
     `idle_w` is lost in the traction chain and its auxiliaries whether the train runs or stands (the paper: up to
-    150 kW); it takes the place of the constant of our map's L2 fit. `time_s` is from departure to arrival with every
-    stand (the paper: less than an hour).
+    150 kW); it takes the place of the constant of our map's L2 fit. `time_s` is from departure to arrival with all
+    stops (the paper: less than an hour).
     """
 
     driver: str = "rms"

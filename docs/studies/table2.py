@@ -41,7 +41,7 @@ from precompute.baselines import strategies as baselines
 
 CSV_COLUMNS = ("trajectory", "level", "printed", "ours", "deviation_ratio")
 FOUR_MODE_LEVELS = (L0_NOREG, L1, L2)
-"""Levels whose optimum on level line is a run of four modes (section 4.5)."""
+"""Levels whose optimum on level track is a run of four modes (section 4.5)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class Cell:
 
     @property
     def deviation_ratio(self) -> float | None:
-        """Our figure over the printed one, − 1; None where none is printed."""
+        """Our figure over the printed one, − 1; None if none is printed."""
         return None if self.printed is None else self.ours / self.printed - 1
 
 
@@ -72,7 +72,7 @@ def trajectories(bench: Workbench, case: StudyCase, buffer_percent: float) -> di
 
 
 def _best_run(bench: Workbench, case: StudyCase, variant: Variant, time_s: float) -> Trajectory:
-    """The solver's run, or a four-mode run where that needs less: the two may differ by the solver's 0.01 to 0.05 %."""
+    """The solver's run, or a four-mode run if that needs less: the two may differ by the solver's 0.01 to 0.05 %."""
     runs = [bench.front(case, variant).trajectory(time_s).trajectory]
     if variant in FOUR_MODE_LEVELS:
         runs.append(baselines.four_modes(bench.section(case, variant), time_s).trajectory)
@@ -121,7 +121,7 @@ def table2(found: list[Cell], output: Output) -> dict[str, Any]:
 
 
 def gains(found: list[Cell], variant: Variant) -> dict[str, Any]:
-    """What the run optimal for an L3 map saves at that map against the second best and against RMS (ratios).
+    """What the run optimal for an L3 map saves with that map against the second best and against RMS (ratios).
 
     The second best is the best run of levels L0 to L2: the paper has no run of the other L3 map in that column.
     """
@@ -170,8 +170,8 @@ COLUMNS: Final = (L0_NOREG.name, L0_REG.name, L1.name, L2.name)
 class Agreement:
     """How near cells come to the printed figures.
 
-    `own`: the largest deviation (ratio) where 100 % is the fastest run's energy at our L3. `scaled`: the largest
-    deviation where all cells are multiplied by the one `scale` that makes it smallest.
+    `own`: the largest deviation (ratio) if 100 % is the fastest run's energy at our L3. `scaled`: the largest deviation
+    if all cells are multiplied by the one `scale` that makes it smallest.
     """
 
     own: float

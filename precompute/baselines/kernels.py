@@ -1,8 +1,8 @@
 """Numba kernels of the baseline strategies, on the integration grid of a section.
 
 Symbols and preconditions as in `das.solver.kernels`. `base` is the run that holds one cruising speed: full traction up
-to min(envelope, cruising speed), then holding, then braking along the envelope; `floor` is what climbing_floor
-gives. A *coasting arc* leaves the base run at a node and comes back to it where the two speeds cross.
+to min(envelope, cruising speed), then holding, then braking along the envelope; `floor` is what climbing_floor returns.
+A *coasting arc* leaves the base run at a node and comes back to it where the two speeds cross.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ from das.solver.kernels.forces import electric_limit, electric_share, loss_power
 from das.solver.tolerances import CREEP_MPS
 
 CROSSINGS = 3
-"""An arc may end at its first, second or third crossing of the base run (below it, above it on a descent, below)."""
+"""A coasting arc may end at its first, second or third crossing of the base run: until the first it lies below the base
+run, then (on a descent) above it, then below it again."""
 
 _STEPS = 60
 _TOLERANCE = 1e-13
 _ON_BASE_MPS = 1e-9
 _EARLY_SHARE = 0.25
-"""An arc may end earlier than planned by this share of its nodes."""
+"""An arc may end early by up to this share of its planned nodes."""
 _NO_FRICTION = 1.0 - 1e-9
-"""Factor on the electric brake's limit, so that rounding brings in no friction brake."""
+"""Factor on the electric brake's limit, so that rounding does not bring in the friction brake."""
 
 
 @kernel
 def electric_envelope(line, envelope, p):
-    """Fastest speed at each node from which motors alone keep the envelope; friction helps where they cannot."""
+    """Fastest speed at each node at which motors alone can brake to the envelope; friction helps where they cannot."""
     step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)
@@ -56,8 +57,8 @@ def electric_envelope(line, envelope, p):
 def cruise_run(cruise, line, bounds, p, v):
     """The run from v[0] that holds one cruising speed; fills v, returns the trip time (s), or -1 after a stall.
 
-    Full effort to min(envelope, cruise), which is held with traction or brakes; full traction where the train is slower
-    in spite of it, or where the floor is above the cruising speed; braking is along the envelope.
+    Full effort up to min(envelope, cruise), then that speed is held with traction or brakes. Full traction where the
+    train falls below it, or where the floor is above the cruising speed. Braking follows the envelope.
     """
     floor, envelope = bounds
     for i in range(line.step_m.size):
@@ -69,11 +70,11 @@ def cruise_run(cruise, line, bounds, p, v):
 
 @kernel
 def coasting_speed(v0, h, g, q, p):
-    """Speed after a step without any wheel force; 0 where the train stops."""
+    """Speed after a step without any wheel force; 0 if the train stops."""
     c2 = p.c2_n_per_mps2 + q
     slope = 2.0 * h / p.inertial_mass_kg
     w0 = v0 * v0
-    # What does not depend on the speed reached: w1·(1 + h·c2/m) = known − slope·c1·v̄.
+    # The part that does not depend on the final speed: w1·(1 + h·c2/m) = known − slope·c1·v̄.
     known = w0 - slope * (p.c0_n + 0.5 * c2 * w0 + g)
     share = 1.0 / (1.0 + 0.5 * slope * c2)
     v1 = v0
@@ -125,9 +126,9 @@ def coasting_arcs(base, base_s, base_j, most_s, line, bounds, p, c, target, extr
     """All coasting arcs of a base run: from every node to up to CROSSINGS places where they meet it again.
 
     count[i] arcs start at node i; arc m ends at node target[i, m] and takes extra_s[i, m] (s) and extra_j[i, m] (J)
-    more than the base run (usually more time, less energy). `base_s`, `base_j` are run_costs of the base run; an arc
-    is given up when it has lost most_s (s). While coasting, the envelope is kept by braking and the floor by full
-    traction.
+    more than the base run (usually more time, less energy). `base_s`, `base_j` are run_costs of the base run; an arc is
+    given up once it is more than most_s (s) behind. While coasting, the envelope is kept by braking and the floor by
+    full traction.
     """
     step, g, q, u = line
     floor, envelope = bounds
@@ -177,8 +178,8 @@ def coasting_arcs(base, base_s, base_j, most_s, line, bounds, p, c, target, extr
 def best_arcs(price, target, extra_s, extra_j, count, choice, cost, time_s):
     """The arcs along a base run that minimise extra energy + price·extra time (Bellman, from the end).
 
-    Fills per node choice (arc taken from there, or -1: on along the base run), cost (J, of what lies ahead) and time_s
-    (extra time of what lies ahead).
+    Fills for each node: choice (the arc taken from there; -1: stay on the base run), cost (J, from there to the end)
+    and time_s (extra time from there to the end).
     """
     n = count.size
     cost[n] = 0.0
@@ -201,8 +202,8 @@ def four_mode_run(cruise, ends, base, line, bounds, p, v, coasting):
     """Drive a base run with coasting arcs; fills v, returns the trip time (s), or -1 after a stall.
 
     ends[i] > 0: an arc starts at node i (unless another is under way) and ends at the first crossing of the base run
-    near node ends[i] or after it; an earlier one, where the arc only grazes the base run, is passed. coasting[i] is set
-    where interval i has no wheel force. Every interval is cut to what the train can do.
+    near node ends[i] or after it; an earlier crossing, where the arc only grazes the base run, is ignored. coasting[i]
+    is true if interval i has no wheel force. Every interval is cut to what the train can do.
     """
     step, g, q, _ = line
     floor, envelope = bounds

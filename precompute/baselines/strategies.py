@@ -1,7 +1,7 @@
 """Baseline strategies: how trains are driven without an optimiser – fastest, reduced maximum speed, four modes.
 
-Each gives a run on the integration grid of any section (gradients, limits, any loss level), as the front does: with
-trajectory, energy balance and how the time was met.
+Like the front, each strategy gives a run on the integration grid of any section (gradients, limits, any loss level),
+with its trajectory, its energy balance and how well it meets the time.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Baseline:
     """A run of a baseline strategy on a section's integration grid.
 
     `fit`, `least_time_s`, `requested_s` and `feasible` as in `das.solver.front.Solution`. `cruise_speed_mps` is the
-    speed held (None for the fastest run, which holds the limits). `coasting_m`: from where to where (route position)
-    the train coasts, in order.
+    speed held (None for the fastest run, which holds the limits). `coasting_m`: begin and end (route position) of each
+    stretch on which the train coasts, in order.
     """
 
     strategy: Strategy
@@ -52,9 +52,9 @@ class Baseline:
 
 
 def baseline(strategy: Strategy, section: Section, time_s: float | None) -> Baseline:
-    """The run of a baseline strategy; only the fastest can do without a time.
+    """The run of a baseline strategy; only the fastest run needs no time.
 
-    Raises DasError for the optimal strategy, which `das.solver.front` finds, or where the time is missing.
+    Raises DasError for the optimal strategy, which `das.solver.front` finds, or if the time is missing.
     """
     if strategy is Strategy.FASTEST:
         return fastest(section, requested_s=time_s)
@@ -75,9 +75,9 @@ def warm_up() -> None:
 
 
 def fastest(section: Section, *, requested_s: float | None = None) -> Baseline:
-    """The fastest run: full effort, the limits, full brake; `requested_s` is only reported (`fit`).
+    """The fastest run: full effort, the limits, full brake; `requested_s` only decides `fit`.
 
-    Raises InfeasibleError where the train stalls, DasError for a requested time that is not positive.
+    Raises InfeasibleError if the train stalls, DasError for a requested time that is not positive.
     """
     if requested_s is not None:
         _check_time(requested_s)
@@ -88,12 +88,13 @@ def fastest(section: Section, *, requested_s: float | None = None) -> Baseline:
 def reduced_maximum_speed(section: Section, time_s: float) -> Baseline:
     """The run of duration `time_s` under one lower maximum speed (Nold & Corman 2024, section 4.1; their ref. 7).
 
-    Full effort to min(limit, v), which is held (traction on climbs, brakes on descents; full traction where the train
-    cannot hold it), full brake along the envelope. v by bisection, so that the time is hit to `TIME_TOLERANCE_S`. It
-    is exceeded only where the end speed or a hill needs a run-up, or where the brakes cannot hold it.
+    Full effort up to min(limit, v); that speed is held (traction on climbs, brakes on descents; full traction where the
+    train cannot hold it); full brake along the envelope. A bisection finds the v that hits the time to
+    `TIME_TOLERANCE_S`. The speed exceeds v only where the end speed or a hill needs a run-up, or where the brakes
+    cannot hold it.
 
-    A time below the least possible gives the fastest run (`Fit.LATE`), one beyond that of `LOWEST_CRUISE_MPS` the run
-    at that speed (`Fit.EARLY`). Raises DasError for a time that is not positive.
+    A time below the least possible gives the fastest run (`Fit.LATE`). A time longer than a run at `LOWEST_CRUISE_MPS`
+    takes gives the run at that speed (`Fit.EARLY`). Raises DasError for a time that is not positive.
     """
     _check_time(time_s)
     quickest = _fastest_mps(section)
@@ -109,14 +110,15 @@ def four_modes(section: Section, time_s: float) -> Baseline:
     For constant efficiency these are the regimes of the optimum (e.g. Howlett & Pudney 1995). One cruising speed v
     holds for the section, as for `reduced_maximum_speed`; from that base run the train may coast at any node of the
     grid, until it meets the base run again: at a brake point, or in between, below it or (on a descent) above it. Full
-    brake is all brakes, or the motors at full effort (friction only to hold): the better one, the same throughout.
+    brake means all brakes, or the motors at full effort (with friction only to hold a speed): whichever is better, for
+    the whole section.
 
-    Best switching points: for a given v, coasting arcs do not depend on each other, so for a price of time the best
-    set is a shortest path along the nodes. The price is found by cutting planes, v by a scan and golden section on
-    the dual value (least energy + price·time − price·time wanted), which varies smoothly although arcs begin at nodes.
-    Where the time jumps with the price, single arcs are exchanged. At last v is moved a little, with the arcs kept,
-    until the time is hit to `TIME_TOLERANCE_S`. The RMS run is a candidate, so the energy is at most its energy. Not
-    tried: another cruising speed per limit, or running up above v before a climb.
+    Best switching points: for a given v, coasting arcs do not depend on each other, so for a price of time the best set
+    is a shortest path along the nodes. The price is found by cutting planes, v by a scan and golden section on the dual
+    value (least energy + price·time − price·time wanted), which varies smoothly although arcs begin at nodes. Where the
+    time jumps with the price, single arcs are exchanged. Finally, v is moved a little, with the arcs kept, until the
+    time is hit to `TIME_TOLERANCE_S`. The RMS run is a candidate, so the result never needs more energy. Not tried:
+    another cruising speed per limit, or running up above v before a climb.
 
     A time below the least possible gives the fastest run (`Fit.LATE`); where a slower run would cost more energy, the
     least-energy run (`Fit.EARLY`). Raises DasError for a time that is not positive.

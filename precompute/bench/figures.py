@@ -26,17 +26,17 @@ from precompute.exact.passes import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL
 from precompute.tables.synthetic import made_up_line
 
 DIVISIONS_PER_TRANSITION = 4
-"""Divisions and roots in vectors, counted in das/solver/kernels/transitions.py: its cost 1, its place on the grid 1,
-and its share of the four landing speeds of its state, each found in four steps of 2."""
+"""Divisions and roots in vectors for a transition, counted in das/solver/kernels/transitions.py: 1 for its cost, 1 for
+its place on the grid, and its share of the four landing speeds of its state, each found in four steps of 2."""
 DIVISIONS_PER_LANDING_TRIED = 5
 """Divisions for each landing that a roll-out tries: step_cost has 3 to 4, locate has 1."""
 POLISHED_LANDINGS = 12
-"""Landings that the golden section of a roll-out tries in each step, beyond those of the sweep."""
+"""Landings that the golden section of a roll-out tries in each step, beyond the landings of the sweep."""
 FLOP_PER_RELAXATION = 6
-"""Operations of a relaxation: three multiplications with addition (kernels.backward_sweep)."""
+"""Operations of a relaxation: three multiply-adds (kernels.backward_sweep)."""
 MILLION, MEGA = 1e6, 1e6
 BUFFERS = (0.005, 0.3)
-"""The trajectories that are timed have buffers from the first to the second, as shares of the least time."""
+"""The trajectories that are timed have buffers from the first to the second value, as shares of the least time."""
 SHORT_STEP_M = 25.0
 RESOLVED_BUFFER = 0.1
 RESOLVED_SPEED_RATIO = 0.9
@@ -44,7 +44,7 @@ RESOLVED_SPEED_RATIO = 0.9
 VEHICLE = "re460-ic"
 EXACT_ROUTE, EXACT_LEVEL = "flat-6km", Level.L1
 SHORT_KM = 30.0
-"""Fronts of lines up to this length are solved in many rounds, those of longer lines in few."""
+"""Fronts of lines up to this length are solved in many rounds, fronts of longer lines in few."""
 FRONT_BOUND = "its divisions and its vector arithmetic, or its result written to fresh memory"
 
 
@@ -159,7 +159,7 @@ def front_of_reference(reference: Reference) -> list[Figure]:
 
 
 def short_steps(reference: Reference) -> list[Figure]:
-    """The price of shorter decision steps, against those that the solver takes by itself."""
+    """The solving time with shorter decision steps, against the time with the solver's own steps."""
     section, threads = reference.section, reference.threads
     options = SectionOptions(
         start_speed_mps=section.start_speed_mps, end_speed_mps=section.end_speed_mps,
@@ -193,7 +193,7 @@ def short_steps(reference: Reference) -> list[Figure]:
 
 
 def all_at_once(section: Section) -> Front:
-    """The front by one thread: first all transitions, then the sweeps."""
+    """Solve the front with one thread: first all transitions, then the sweeps."""
     return solve_front(section, threads=1, block_nodes=len(section.decision))
 
 
@@ -257,7 +257,7 @@ def sweep_rate(reference: Reference) -> list[Figure]:
 
 
 def trajectory(reference: Reference) -> list[Figure]:
-    """One run for one time from a front, over many times."""
+    """The time to get one trajectory from a front, over many trip times."""
     front, load = reference.front, reference.workload
     buffers = np.linspace(*BUFFERS, reference.effort.trajectories)
     wanted, wanted_plainly = (itertools.cycle(front.fastest().time_s * (1 + buffers)) for _ in range(2))
@@ -284,7 +284,7 @@ def trajectory(reference: Reference) -> list[Figure]:
 
 
 def resolve(reference: Reference) -> list[Figure]:
-    """A new section, front and run from half-way, against the run from the front at hand."""
+    """Solving anew from half-way (section, front and run), against a run from the existing front."""
     section = reference.section
     i = len(section.node_m) // 2
     s_m, v_mps = float(section.node_m[i]), RESOLVED_SPEED_RATIO * float(section.envelope_mps[i])
@@ -348,7 +348,7 @@ def exact(reference: Reference) -> list[Figure]:
 
 
 def growth(reference: Reference) -> list[Figure]:
-    """Fronts of made-up lines of growing length, against the shortest one's time per transition."""
+    """Fronts of made-up lines of growing length, against the time per transition of the shortest line."""
     figures: list[Figure] = []
     baseline_s_per_landing = 0.0
     for length_km in reference.effort.lengths_km:

@@ -79,7 +79,7 @@ class Subject:
 
 @dataclass(frozen=True, kw_only=True)
 class Times:
-    """Durations (s) of something and of its baseline, measured in turns."""
+    """Durations (s) of a piece of work and of its baseline, measured in turns."""
 
     seconds: list[float]
     baseline_seconds: list[float]
@@ -123,7 +123,7 @@ def in_turns(
 
 
 def timed(work: Callable[[], object], rounds: int) -> list[float]:
-    """Durations (s) of some calls, after one that is not counted."""
+    """Durations (s) of `rounds` calls of the work, after one that is not counted."""
     work()
     return [seconds_of(work) for _ in range(rounds)]
 
@@ -136,7 +136,7 @@ def seconds_of(work: Callable[[], object]) -> float:
 
 
 def peak_bytes_of(work: Callable[[], object]) -> float | None:
-    """Most memory that a call takes (bytes), beyond what the process had before; None where the system does not say."""
+    """Most memory that a call takes (bytes), beyond what the process had before; None if the system does not say."""
     _give_back_free_memory()
     before = _status_bytes("VmRSS")
     if before is None or not _reset_peak():
@@ -199,12 +199,12 @@ CHAINS = 4
 """Independent chains of divisions, enough to keep the divider busy."""
 DIVISIONS = 1_000_000
 COPIED_BYTES = 64_000_000
-"""The bytes to copy: more than the caches hold."""
+"""Number of bytes to copy: more than the caches hold."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Roofline:
-    """Rates of `threads` threads, the best of a few rounds.
+    """The best rates that `threads` threads reach in a few rounds.
 
     `flops` floating-point operations per s in vectors (fused multiply-add = 2), `divisions_ps` divisions one at a time
     per s, `vector_divisions_ps` divisions in vectors per s, `copy_bps` bytes read and written per s, `fresh_bps`
@@ -240,7 +240,7 @@ class Roofline:
         moved_bytes: float = 0.0,
         fresh_bytes: float = 0.0,
     ) -> float:
-        """Least time of a computation: the longer of its arithmetic and of its memory traffic."""
+        """Least time of a computation: the time of its arithmetic or of its memory traffic, whichever is longer."""
         divisions_s = divisions / self.divisions_ps + vector_divisions / self.vector_divisions_ps
         arithmetic_s = divisions_s + flop / self.flops
         return max(arithmetic_s, moved_bytes / self.copy_bps + fresh_bytes / self.fresh_bps)

@@ -29,13 +29,14 @@ from precompute.tables.writing import Job, TableSettings, make_table, write_tabl
 from precompute.workers import Workers, available_cores
 
 POLICIES_TRIED = 6
-"""First steps that a look-up tries, about: two neighbours of the ladder and what narrows between them."""
+"""Approximate number of first steps that a look-up tries: two neighbours of the ladder, then steps that narrow between
+them."""
 ROLLED_EVERY = 10
-"""One look-up in so many is repeated as a roll-out, the baseline."""
+"""One look-up in this many is repeated as a roll-out, which is the baseline."""
 SEED = 1
 PER_BYTES = 100e6
 NOT_REFINED = TableSettings(refine_s=0.0, proven=0)
-"""What a table must have for a node: its trajectories are not refined, and no gap is proven."""
+"""The least that a node needs from a table: its trajectories are not refined, and no gap is proven."""
 
 
 def look_up(reference: Reference) -> list[Figure]:
@@ -73,7 +74,7 @@ def _written(section: Section, folder: Path) -> Table:
 
 
 def _states(front: Front, count: int) -> list[tuple[float, float, float]]:
-    """Positions, speeds and times left over the section, where a run is on its way; half a second to 30 % to spare."""
+    """Random states along the section: position, speed, and time left, up to about 30 % above the least time."""
     section, random, states = front.section, np.random.default_rng(SEED), []
     for i in random.integers(1, len(section.node_m) - 2, count):
         v_mps = float(section.envelope_mps[i] * random.uniform(0.5, 0.99))
@@ -110,7 +111,7 @@ def open_and_verify(reference: Reference) -> list[Figure]:
 
 
 def build(reference: Reference) -> list[Figure]:
-    """Sections of a synthetic network solved into tables per second, with one worker and with all cores."""
+    """Tables built per second for the sections of a synthetic network, with one worker and with all cores."""
     jobs = _jobs(reference.effort.built_sections)
     workers = min(available_cores(), reference.threads)
     alone_s, together_s = _build_s(jobs, 1), _build_s(jobs, workers)
@@ -140,7 +141,7 @@ def _jobs(sections: int) -> list[Job]:
 
 
 def _build_s(jobs: list[Job], workers: int) -> float:
-    """Seconds from the first table to the last: the start of the workers, once a build, is left out."""
+    """Seconds from the first table to the last: the start of the workers, once per build, is not counted."""
     with tempfile.TemporaryDirectory(prefix="das-bench-") as folder:
         finished = [time.perf_counter() for _ in solve_jobs(jobs, Path(folder), Workers(count=workers))]
     return (finished[-1] - finished[0]) * len(jobs) / max(len(jobs) - 1, 1)

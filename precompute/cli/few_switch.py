@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 BUFFERS_PERCENT = "7"
 PRICES_S = "0,0.01,0.03,0.08,0.3,1"
 MOST_S = 100.0
-"""Largest price of a change (s) that is accepted; for more than this no change is ever worth making."""
+"""Largest price of a change (s) that is accepted; at a higher price no change is ever worth making."""
 OPTIMUM, FOUR_MODES = "optimum", "four modes"
 LEGEND = {
     "price": "of a change, as seconds of the train's full power",
@@ -42,8 +42,8 @@ LEGEND = {
 class FewSwitchRow:
     """A run and what its few changes cost; `price_s` is None for the optimum and for four modes.
 
-    `shortest_s` is the shortest time between two changes in which the train does not brake, NaN where there is none.
-    `more_j` is the energy above the optimum of the same time.
+    `shortest_s` is the shortest time between two changes in which the train does not brake, NaN if there is none.
+    `more_j` is the energy above the optimum for the same time.
     """
 
     name: str
@@ -126,7 +126,7 @@ def few_switch_rows(
 ) -> Iterator[FewSwitchRow]:
     """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes.
 
-    `fronts` are those of `few_switch_fronts`.
+    `fronts` comes from `few_switch_fronts`.
     """
     from precompute.baselines.strategies import four_modes
 
@@ -138,7 +138,7 @@ def few_switch_rows(
 
 
 def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_s: float) -> FewSwitchRow:
-    """The row of the schedule for a price, which is made as the coach makes it."""
+    """The row for a price of a change; its schedule is made as the coach makes it."""
     from das.solver.few_switch.phases import BRAKES
     from das.solver.few_switch.scheduling import polished, scheduled
     from das.solver.solution import trajectory_on
@@ -215,5 +215,5 @@ def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
 
 
 def two_digits(value: float) -> str:
-    """A difference with two digits, never as −0.00."""
+    """A difference with two decimals, never as −0.00."""
     return f"{round(value, 2) + 0.0:.2f}"

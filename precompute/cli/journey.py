@@ -27,7 +27,7 @@ DWELL_S = 30.0
 
 @dataclass(frozen=True, kw_only=True)
 class StopsOptions:
-    """Times of a journey over all stops of the route; a journey that has times of its own does not take them."""
+    """Times of a journey over all stops of the route; they do not apply to a journey that has its own times."""
 
     time_s: Annotated[
         float | None,

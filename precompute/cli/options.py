@@ -73,7 +73,7 @@ BoundOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class LineOptions:
-    """Which line is driven, and which way; `reverse`: from its end to its start."""
+    """Which line is driven, and in which direction; `reverse`: from its end to its start."""
 
     route: RouteArgument
     reverse: ReverseOption = False
@@ -83,8 +83,8 @@ class LineOptions:
 class EndsOptions:
     """Where a section begins and ends, and how fast the train is there (m/s).
 
-    A stop that is None is the first or last of the route; a start or end speed that is None is `boundary_speed_mps`.
-    Raises DasError for an impossible speed.
+    A stop of None is the first or last of the route; a start or end speed of None is `boundary_speed_mps`. Raises
+    DasError for an impossible speed.
     """
 
     from_stop: FromOption = None
@@ -170,13 +170,13 @@ class TripTime:
     buffer_percent: BufferOption = None
 
     def check(self, *, needed: bool) -> None:
-        """Refuse both at once, and neither where a time is `needed`."""
+        """Raise DasError if both are given, or if neither is given although a time is `needed`."""
         given = (self.time_s is not None) + (self.buffer_percent is not None)
         if given > 1 or (needed and not given):
             raise DasError("give either --time (s) or --buffer (%)")
 
     def wanted_s(self, min_time_s: float) -> float | None:
-        """The trip time (s) for a least time; None where none is asked for. DasError for an impossible buffer."""
+        """The trip time (s) asked for, given the least time; None if none was. DasError for an impossible buffer."""
         return self.time_s if self.buffer_percent is None else buffered(min_time_s, self.buffer_percent)
 
 
@@ -195,7 +195,7 @@ class TableFiles:
         check_outputs(self.out, self.plot, inputs=inputs, overwrite=self.overwrite)
 
     def tell(self) -> None:
-        """Say what was written."""
+        """Print which files were written."""
         for path in (self.out, self.plot):
             if path is not None:
                 tell(f"written: {path}")
@@ -226,12 +226,12 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
 
 
 def refine_seconds(text: str) -> float:
-    """The seconds that `--refine` allows: 0 for off, inf for on; DasError for what is neither nor a time."""
+    """The seconds that `--refine` allows: 0 for off, inf for on; DasError for any text that is none of these."""
     return _seconds("--refine", text, "off", "on")
 
 
 def bound_seconds(text: str) -> float:
-    """The seconds that `--bound` allows: 0 for quick, inf for tight; DasError for what is neither nor a time."""
+    """The seconds that `--bound` allows: 0 for quick, inf for tight; DasError for any text that is none of these."""
     return _seconds("--bound", text, "quick", "tight")
 
 
@@ -249,7 +249,7 @@ def _seconds(option: str, text: str, none: str, unlimited: str) -> float:
 
 
 def numbers(option: str, text: str) -> list[float]:
-    """The numbers of a list with commas between, as an option takes it; DasError for what is no number."""
+    """The numbers of an option's comma-separated list; DasError for anything that is not a number."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
@@ -257,7 +257,7 @@ def numbers(option: str, text: str) -> list[float]:
 
 
 def buffer_numbers(text: str) -> list[float]:
-    """The buffers (%) that `--buffers` lists; DasError for what is no number or an impossible buffer."""
+    """The buffers (%) that `--buffers` lists; DasError for an impossible buffer or anything that is not a number."""
     values = numbers("--buffers", text)
     for value in values:
         buffered(1.0, value)
@@ -265,9 +265,9 @@ def buffer_numbers(text: str) -> list[float]:
 
 
 def chosen(only: str | None, names: Collection[str], kind: str) -> list[str]:
-    """The names that `--only` lists, each once and in the order of `names`; all of them where it is not given.
+    """The names that `--only` lists, each once and in the order of `names`; all of them if it is not given.
 
-    Raises DasError for an unknown name; its message calls what is named a `kind`.
+    Raises DasError for an unknown name; `kind` is the word for such a name in the message.
     """
     if only is None:
         return list(names)
@@ -291,11 +291,11 @@ class TrainOnLine:
     world: WorldOptions
 
     def inputs(self) -> tuple[str | Path | None, ...]:
-        """Names of bundled files, or paths, of all that is read: no output may replace one of them."""
+        """All files that are read, by bundled name or path: no output may replace one of them."""
         return self.where.route, self.driven.vehicle, self.driven.loss_map
 
     def conditions(self) -> Conditions:
-        """What differs from the files; raises DasError where it is impossible."""
+        """What differs from the files; raises DasError if it is impossible."""
         from das.domain.conditions import Conditions
 
         world = self.world
@@ -315,7 +315,7 @@ class TrainOnLine:
     def vehicle(self, conditions: Conditions | None = None) -> Vehicle:
         """The loaded vehicle with the overrides, under given conditions (default: the user's).
 
-        A loss map changes its losses and nothing else.
+        A loss map changes the vehicle's losses and nothing else.
         """
         from das.domain.files.vehicles import read_loss_map
         from das.domain.vehicle import BrakePolicy

@@ -179,7 +179,7 @@ def _price(result: dict[str, Any]) -> str:
 
 
 def print_parameters(result: dict[str, Any]) -> None:
-    """Print the cruising speed and the switching points of a baseline, where it has some."""
+    """Print the cruising speed and the switching points of a baseline, if it has any."""
     if result["cruise_speed_mps"] is not None:
         print(f"holds {result['cruise_speed_mps'] / KMH:.1f} km/h")
     for start_m, end_m in result["coasting_m"] or ():
@@ -198,7 +198,7 @@ _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: 
 
 
 def journey_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) -> dict[str, Any]:
-    """The plan as `--json` prints it; `others_j` is the energy of other ways to keep the same windows, by name."""
+    """The plan as `--json` prints it; `others_j` is the energy of other plans that keep the same windows, by name."""
     return {
         "journey": plan.journey.id,
         "time_s": plan.time_s,
@@ -265,7 +265,7 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> Non
 
 
 def _shown(timing: PlannedTime) -> str:
-    """A time as text, with a mark where it is held at a bound of its window."""
+    """A time as text, with a mark if a bound of its window decides it."""
     return f"{_MARKS[timing.held]} {clock(timing.time_s)}"
 
 

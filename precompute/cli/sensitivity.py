@@ -75,7 +75,7 @@ def sensitivity(
 
 
 def _variations(pose: Pose, vary: str | None) -> tuple[list[Variation], list[str]]:
-    """The variations, and a line for each that the default leaves out."""
+    """The variations, and a note about each default variation that is left out."""
     from precompute.sensitivity import Parameter, parse_variations
 
     plan, vehicle = pose.conditions(), pose.vehicle()
@@ -83,7 +83,7 @@ def _variations(pose: Pose, vary: str | None) -> tuple[list[Variation], list[str
     if vary is not None:
         for variation in variations:
             if variation.parameter is Parameter.ADHESION:
-                variation.conditions.train(vehicle)  # raises where the train has no data of it
+                variation.conditions.train(vehicle)  # raises if the train has no data on it
         return variations, []
     variations = [x for x in variations if x.conditions != plan]
     if math.isfinite(vehicle.adhesive_mass_kg):
@@ -192,20 +192,20 @@ def _figure(row: dict[str, Any], name: str, scale: float, form: str) -> str:
 
 
 MORE, LESS = "#d55e00", "#0072b2"
-"""Colours of more and of less than planned (Okabe and Ito's, told apart by the colour-blind)."""
+"""Colours of more and of less than planned (from Okabe and Ito, distinguishable for the colour-blind)."""
 MARK = "0.1"
 """Colour of the mark of a new plan."""
 BAR_HEIGHT = 0.36
 """Height of a bar; each row has a height of 1 and two bars."""
 ROOM = 0.16
-"""Share of the bars' span that the axis goes on beyond them, for the figures at their ends."""
+"""The axis extends beyond the bars by this share of their span, so that the figures at their ends fit."""
 
 SHOWN = 0.05
 """A number below this is printed as 0.0."""
 
 
 class _Bar(NamedTuple):
-    """A bar at height y, of a parameter below or above the plan's; None: nothing to draw."""
+    """A bar at height y, for a parameter below or above the plan's value; None: nothing to draw."""
 
     y: float
     below: bool
@@ -214,7 +214,7 @@ class _Bar(NamedTuple):
 
 
 def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[VariationOutcome]]) -> None:
-    """Write bars of time and energy against the plan as a picture, a row to each pair of variations."""
+    """Write bars of time and energy against the plan as a picture, one row for each pair of variations."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 1.8 + 0.5 * len(pairs)), layout="constrained")

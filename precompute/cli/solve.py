@@ -266,7 +266,7 @@ def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float
 
 
 def _refined(runs: list[Solution], budget_s: float) -> tuple[list[Solution], list[float]]:
-    """The runs, refined for at most so many seconds, and the seconds that each took."""
+    """The runs, refined for at most `budget_s` (s), and the seconds that each took."""
     with loading_solver():
         from das.solver.refinement import refined_runs, warm_up_refinement
 

@@ -23,12 +23,12 @@ from das.solver.section import Section
 from precompute.exact.front import STATES, ExactFront, Limits, passes, solve_exact
 
 RECENT = 6
-"""Number of the latest layers that show how much slower a pass is than the one before it."""
+"""How much slower a pass is than the one before is estimated from this many of its latest layers."""
 MOST_GROWTH, MOST_MULTIPLE = 1.15, 12.0
-"""By how much a layer's time, as a multiple of that of the pass before, may grow from layer to layer; the largest
-multiple."""
+"""A layer's time is forecast as a multiple of its time in the pass before. That multiple may grow by this factor from
+layer to layer, up to this value."""
 FACTORS = ((0.2, 1.5), (0.9, 2.0), (1.8, 6.0))
-"""Range of the time of the second, third and fourth pass, as a multiple of that of the pass before."""
+"""Range of the time of the second, third and fourth pass, each as a multiple of the time of the pass before it."""
 
 
 @dataclass
@@ -80,14 +80,14 @@ def _rest_of_pass(before: Sequence[float], now: Sequence[float], factors: tuple[
     if not left or not known:
         return least * sum(left), most * sum(left)
     multiple = sum(now[i] for i in known) / max(sum(before[i] for i in known), 1e-9)
-    # In the beginning the layers are small and tell little, so the pass is thought of as a whole.
+    # The first layers are small and show little, so the pass is also estimated as a whole.
     high_s = sum(min(multiple * MOST_GROWTH**i, max(multiple, MOST_MULTIPLE)) * one for i, one in enumerate(left, 1))
     whole_s = most * sum(before)
     return min(multiple * sum(left), whole_s), max(multiple * sum(left), min(high_s, whole_s))
 
 
 def in_words(left_s: tuple[float, float] | None) -> str:
-    """A range of time (s) as people say it; empty while nothing is known."""
+    """A range of time (s) in everyday words; empty while nothing is known."""
     if left_s is None:
         return ""
     low, high = (_rounded(one) for one in left_s)
@@ -194,7 +194,7 @@ def _point(exact: ExactFront, fast: Front, buffer_percent: float) -> dict[str, f
 
 
 def _peak_memory_gb() -> float | None:
-    """The most memory that this process has had (GB); None where the system does not say."""
+    """The most memory that this process has had (GB); None if the system does not say."""
     try:
         import resource
     except ImportError:

@@ -6,11 +6,11 @@ where a bound proves that it cannot lead to the front:
 
 - *time*: the least time from and to every node, against the largest time asked for;
 - *dual bounds*: V(λ, node), the least energy + λ·time from the node to the other end, bounds every completion of a
-  label from below; known runs bound the front from above. A label goes on where, for the λ that watches some stretch
-  of the front, its energy + λ·time + V is not above what the known runs leave open there.
+  label from below; known runs bound the front from above. A label is kept if, for at least one λ that watches a stretch
+  of the front, its energy + λ·time + V does not exceed what the known runs still allow there.
 
-The known runs come from the sweeps (supported points and switches between neighbours) and from quick passes that keep
-one label per state and bucket of time; each pass makes the next one's bounds tighter.
+The known runs come from the sweeps (supported points, and switches between neighbouring λ) and from quick passes that
+keep one label per state and bucket of time; each pass tightens the bounds of the next.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ class ExactFront:
 
     `time_s` rises and `energy_j` (at the current collector) falls. `supported_j` is the supported front, the lower
     convex hull, at the same times. `swept_time_s` and `swept_energy_j` are the runs that the fast solver's method finds
-    on this grid: one multiplier, or one up to a node and its neighbour from there. `labels` counts all partial runs
-    that were kept in the last pass. `bound_j` is the dual bound: no run on the grid needs less in the same time. Where
-    `bucket_ms` is not 0, the last pass kept one partial run per state and bucket of time, and the runs are the best of
-    those and of the swept ones.
+    on this grid: with one multiplier, or with one up to a node and the neighbouring one from there on. `labels` counts
+    all partial runs that were kept in the last pass. `bound_j` is the dual bound: no run on the grid needs less in the
+    same time. If `bucket_ms` is not 0, the last pass kept one partial run per state and bucket of time, and the runs
+    are the best of these and of the swept ones.
     """
 
     section: Section
@@ -83,7 +83,7 @@ class ExactFront:
         return (self.swept_energy_j - front_j) / np.maximum(np.abs(front_j), 1.0)
 
     def index_at(self, time_s: float) -> int:
-        """Index of the least-energy run that takes at most this time; DasError where there is none."""
+        """Index of the least-energy run that takes at most this time; DasError if there is none."""
         index = int(np.searchsorted(self.time_s, time_s + 1e-9, side="right")) - 1
         if index < 0:
             raise DasError(f"time {time_s:.3f} s: expected at least {self.least_time_s:.3f} s on this grid")
@@ -118,7 +118,7 @@ def solve_exact(
 ) -> ExactFront:
     """All Pareto-optimal runs of a section that take at most (1 + max_buffer_ratio) times the least time of the grid.
 
-    Raises InfeasibleError where no run exists on the grid, DasError where a boundary speed is not on it or the labels
+    Raises InfeasibleError if no run exists on the grid, DasError if a boundary speed is not on it or the labels
     need more memory than `limits` allow.
     """
     graph = Graph.of(section, grid or Grid())
@@ -176,9 +176,9 @@ def passes(bucket_ms: float) -> tuple[int, ...]:
 def _swept(
     graph: Graph, layers: list[Layer], latest_ns: int, threads: int, layer_done: Callable[[], None]
 ) -> tuple[Duals, Known, Ints]:
-    """Bounds for multipliers that spread over the times asked for, and the runs that a sweep for each of them finds.
+    """Bounds for multipliers that cover the times asked for, and the runs that a sweep for each multiplier finds.
 
-    The runs come as times with energies, and as speeds at the nodes (runs, nodes).
+    The runs are returned as times with energies, and as speeds at the nodes (runs, nodes).
     """
     fastest = fastest_run(graph, layers)[np.newaxis]
     least_ns = int(totals(graph, fastest)[0][0])
@@ -205,7 +205,7 @@ def default_memory_bytes() -> float:
 
 
 class _States:
-    """Counts the intervals that come before the passes: two sweeps for the states, three for the bounds."""
+    """Counts the intervals of the sweeps before the passes: two sweeps for the states, three for the bounds."""
 
     SWEEPS = 5
 

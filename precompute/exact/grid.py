@@ -1,4 +1,4 @@
-"""The paper's grid over a section, and which of its states lie on a run within the time."""
+"""The paper's grid over a section, and which of its states lie on a run that is fast enough."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 class Grid:
     """The paper's grid: nodes every `step_m`, speeds in steps of `speed_kmh`, coasting in steps of `coast_kmh`.
 
-    Between the ends no speed is below `lowest_kmh` (or the limit, where that is lower).
+    Between the ends no speed is below `lowest_kmh` (or the limit, if that is lower).
     """
 
     step_m: float = 100.0
@@ -100,12 +100,12 @@ class Graph:
         return float(self.line.step_m[k]), float(self.line.constant_n[k]), float(self.line.tunnel_n_per_mps2[k])
 
     def train(self, k: int) -> TrainParams:
-        """The train as the supply of interval k lets it run."""
+        """The train with the efforts that the supply on interval k allows."""
         result: TrainParams = on_supply(self.section.train, float(self.line.supply[k]))
         return result
 
     def spans(self, k: int, speed: Ints) -> tuple[Ints, Ints, Ints]:
-        """The speeds that states of node k can reach: first and last coarse one (in coarse steps), and by coasting."""
+        """What states of node k can reach: first and last coarse speed (in coarse steps), and the speed by coasting."""
         first, last, coast = (np.empty(len(speed), np.int64) for _ in range(3))
         kernels.spans(
             speed, self.unit_mps, self.ratio, *self.interval(k), int(self.lowest[k + 1]), int(self.highest[k + 1]),
@@ -116,7 +116,7 @@ class Graph:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layer:
-    """The states of a node that lie on some run within the time, and how each may go on.
+    """The states of a node that lie on some run that is fast enough, and what each can reach next.
 
     Per state: `speed` (grid units, rising), earliest arrival and least time to go (ns), the coarse speeds `first` …
     `last` it can reach at the next node (in coarse steps) and the speed it coasts to (-1: none). `row[speed − lowest]`
@@ -134,12 +134,12 @@ class Layer:
 
 
 def onward_arcs(graph: Graph, here: Layer, there: Layer) -> Arcs:
-    """The arcs from the states of a node to those of the next node, given by their rows."""
+    """The arcs from the states of a node to the states of the next node, given by their rows."""
     return Arcs(*kernels.arcs(here.first, here.last, here.coast, graph.ratio, there.lowest, there.row))
 
 
 class Arcs(NamedTuple):
-    """Neighbours of states: other[start[i]] … other[start[i + 1] − 1] are the rows of those of state i."""
+    """Neighbours of states: other[start[i]] … other[start[i + 1] − 1] are the rows of the neighbours of state i."""
 
     start: Ints
     other: NDArray[np.int32]
@@ -157,8 +157,8 @@ def viable_layers(
 ) -> tuple[list[Layer], int]:
     """Layers of the states that lie on a run of at most (1 + buffer) times the least time, and that time (ns).
 
-    `layer_done` is called after each interval, on the way there and on the way back. Raises InfeasibleError where the
-    grid has no run at all.
+    `layer_done` is called after each interval, in the forward sweep and in the backward sweep. Raises InfeasibleError
+    if the grid has no run at all.
     """
     reached, moves = _reached(graph, layer_done)
     least_ns = int(reached[-1][1][0])

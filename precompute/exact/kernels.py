@@ -1,4 +1,4 @@
-"""Numba kernels of the exact front: segments of the paper's grid, what its states lead to, and bounds.
+"""Numba kernels of the exact front: segments of the paper's grid, the arcs between its states, and bounds.
 
 Speeds are whole numbers u of the coasting sub-grid (0.01 km/h); those divisible by `ratio` are on the coarse grid.
 A state of an inner node is its index u − lowest. Times are integers of ns and energies of mJ: sums do not depend on
@@ -64,7 +64,7 @@ def spans(u, unit, ratio, h, g, q, lowest, highest, p, first, last, coast):
                 break
             up -= 1
         low = (lowest + ratio - 1) // ratio
-        # A start below the hardest braking: the power limit holds at the mean speed, which is not known yet.
+        # Start below the speed after the hardest braking: power is limited at the mean speed, which is not known yet.
         brake = p.electric_force_n + p.friction_force_n
         slowest = landing_under(-brake, v0, h, g, q, p)
         down = max(int(slowest / unit) // ratio - 1, low)
@@ -81,7 +81,7 @@ def spans(u, unit, ratio, h, g, q, lowest, highest, p, first, last, coast):
 
 @kernel
 def earliest(u, time, first, last, coast, unit, ratio, h, lowest, result):
-    """Forward: earliest arrival (ns) at the next node's states; result is filled with NEVER outside."""
+    """Forward: earliest arrival (ns) at the next node's states; states that cannot be reached get NEVER."""
     result[:] = NEVER
     for i in range(u.size):
         v0 = u[i] * unit
@@ -99,7 +99,7 @@ def earliest(u, time, first, last, coast, unit, ratio, h, lowest, result):
 
 @kernel
 def least_time_to_go(u, first, last, coast, unit, ratio, h, lowest, ahead, result):
-    """Backward: least time to go (ns) of the states u, from that of the next node's states."""
+    """Backward: least time to go (ns) of the states u, from the least times `ahead` of the next node's states."""
     for i in range(u.size):
         v0 = u[i] * unit
         best = NEVER
@@ -148,8 +148,9 @@ def arcs(first, last, coast, ratio, lowest, row):
 def dual_values(begin, stop, start, other, u, other_u, onward, unit, h, g, q, p, c, lam, beyond, value, choice):
     """value[i, l] = least energy + lam·time (J) to the far end, for states begin … stop − 1; choice: the row it takes.
 
-    `other` are the rows of the neighbours of each state, whose values are `beyond`. `onward`: they lie ahead, and the
-    far end is that of the section; else they lie behind, and the far end is its start. A choice of −1: there is none.
+    `other` are the rows of the neighbours of each state, whose values are `beyond`. `onward`: the neighbours lie ahead,
+    and the far end is the end of the section; else they lie behind, and the far end is its start. A choice of −1: no
+    row.
     """
     m = lam.size
     best = np.empty(m)

@@ -16,12 +16,13 @@ from precompute.exact.kernels import MJ, NEVER, NS, grown, segment
 STRIDE = 16
 """Number of labels that are examined together when halves are joined."""
 ROOM = 1 << 18
-"""After half as many joined runs `join_labels` returns, so that its caller may drop the dominated ones."""
+"""`join_labels` has room for this many runs, and returns once half is used, so that its caller can drop dominated
+runs."""
 
 
 @kernel
 def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_energy, new_parent):
-    """Merge two undominated lists (time rising, energy falling) into an undominated one from `out` on; its end."""
+    """Merge two undominated lists (time rising, energy falling) into an undominated one at `out`; returns its end."""
     lowest = NEVER
     while a < a_end or b < b_end:
         if b >= b_end:
@@ -46,9 +47,10 @@ def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_ene
 
 @kernel
 def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_parent):
-    """Merge `count` undominated lists that lie one after the other; length, times, energies and parents of the result.
+    """Merge `count` undominated lists stored in sequence; returns length, times, energies and parents of the result.
 
-    Neighbours are merged in rounds, so that what is dominated leaves early. Either set of arrays may hold the result.
+    Neighbours are merged in rounds, so that dominated labels are dropped early. Either set of arrays may hold the
+    result.
     """
     while count > 1:
         merged = 0
@@ -70,9 +72,9 @@ def _merge_segments(end, count, time, energy, parent, new_time, new_energy, new_
 
 @kernel
 def _envelope(lam, height, line, until):
-    """The upper envelope of the lines height[l] − lam[l]·t (lam rises): its lines as t rises, and until which t each.
+    """The upper envelope of the lines height[l] − lam[l]·t (lam rises): its lines by t, and the last t of each.
 
-    Returns how many lines it has.
+    Returns the number of its lines.
     """
     n = 0
     for l in range(lam.size - 1, -1, -1):
@@ -111,14 +113,14 @@ def merge_labels(
     latest,
     bucket_ns,
 ):
-    """Labels of a block of states u from those of their neighbours: what is not dominated and not excluded by bounds.
+    """Labels of a block of states u from their neighbours' labels, without those dominated or excluded by bounds.
 
     other[start[d]] … other[start[d + 1] − 1] are the rows of the neighbours of state d. `onward`: the labels go towards
-    the end of the section, and the neighbours lie behind; else the labels come from the end, and they lie ahead. A
-    neighbour i has the labels offset[i] … offset[i + 1] − 1 (time rising, energy falling) and node_cost[i, l], the
-    least energy + lam·time among them. A label is kept where, for some l, its energy + lam·time + beyond[d, l] does not
-    exceed allowed[l], and its time not latest[d]. `lam` rises. `bucket_ns` > 0 keeps at most one label per bucket of
-    time (a heuristic that makes upper bounds quickly); 0 keeps all.
+    the end of the section, and the neighbours lie behind; else the labels come from the end, and the neighbours lie
+    ahead. A neighbour i has the labels offset[i] … offset[i + 1] − 1 (time rising, energy falling) and node_cost[i, l],
+    the least energy + lam·time among them. A label is kept if, for some l, its energy + lam·time + beyond[d, l] does
+    not exceed allowed[l], and if its time does not exceed latest[d]. `lam` rises. `bucket_ns` > 0 keeps at most one
+    label per bucket of time (a heuristic that makes upper bounds quickly); 0 keeps all.
 
     Returns times, energies, parents (label index) and the number of labels of each state.
     """
@@ -209,7 +211,8 @@ def merge_labels(
 def least_costs(begin, stop, offset, time, energy, lam, result):
     """result[i, l] = least energy + lam·time (J) among the labels of states begin … stop − 1; `lam` rises.
 
-    It is that of a corner of the lower convex hull of the labels, which the rising multipliers pass from late to early.
+    The least lies at a corner of the labels' lower convex hull; the rising multipliers pass the corners from late to
+    early.
     """
     largest = 0
     for i in range(begin, stop):
@@ -244,10 +247,10 @@ def least_costs(begin, stop, offset, time, energy, lam, result):
 def join_labels(begin, stop, a_offset, a_time, a_energy, b_offset, b_time, b_energy, latest, known, origin, width):
     """Runs made of a label from the start and one from the end that meet in one of the states begin … stop − 1.
 
-    known[x] is the least energy of a known run that takes at most origin + x·width. A run is left out where a known one
-    takes less energy and no more time, or where it takes longer than `latest`.
+    known[x] is the least energy of a known run that takes at most origin + x·width. A run is left out if a known run
+    takes less energy and no more time, or if it takes longer than `latest`.
 
-    Returns times, energies, the two labels of each run, and the state to go on with once many runs are joined.
+    Returns times, energies, the two labels of each run, and the state from which the next call goes on.
     """
     size = ROOM
     time = np.empty(size, np.int64)

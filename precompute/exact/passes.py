@@ -31,7 +31,7 @@ BLOCKS = 24
 LADDER = 90
 FIRST_LADDER = 40
 FIRST_RATIOS = (0.01, 30.0)
-"""The first multipliers run between these multiples of the train's power."""
+"""The first multipliers lie between these multiples of the train's power."""
 STEEPER = tuple(2.0**i for i in range(1, 11))
 """Multiples of the refined ladder's largest multiplier that are added to it: the front is very steep near the least
 time."""
@@ -40,13 +40,14 @@ ROUNDING_J = 1.0
 ROUNDING_RATIO = 1e-12
 BYTES_PER_LABEL = 4
 BYTES_PER_OPEN_LABEL = 72
-"""Bytes that a label takes for good (its parent), and while its layer is merged (times, energies, parents, sorting)."""
+"""Bytes of a label: kept to the end (its parent), and held only while its layer is merged (times, energies, parents,
+sorting)."""
 KNOWN_STEPS = 1 << 18
-"""Number of time steps in the table of the known runs' energies: of 80 µs where runs may take 21 s longer."""
+"""Number of time steps in the table of the known runs' energies: steps of 80 µs if runs may take 21 s longer."""
 
 
 def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
-    """Indices of the runs that no other beats, by rising time; of equal ones the first."""
+    """Indices of the runs that no other run beats, by rising time; the first of several equal runs."""
     order = np.lexsort((energy_mj, time_ns))
     energy = energy_mj[order]
     before = np.concatenate(([kernels.NEVER], np.minimum.accumulate(energy)[:-1]))
@@ -62,7 +63,7 @@ class Known:
     energy_mj: Ints
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
-        """These runs and others, without those that another one beats."""
+        """These runs and the given ones, without those that another run beats."""
         time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
         keep = undominated(time, energy)
         return Known(time_ns=time[keep], energy_mj=energy[keep])
@@ -71,7 +72,7 @@ class Known:
 class Duals:
     """Least energy + λ·time (J) from every state to one end of the section, per node an array (states, multipliers).
 
-    That end is the section's end, or its start with `onward=False`. `layer_done` is called after each interval.
+    This is the section's end or, with `onward=False`, its start. `layer_done` is called after each interval.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class Duals:
         self._choice.reverse()
 
     def _step(self, graph: Graph, pool: ThreadPoolExecutor, k: int, *, onward: bool) -> NDArray[np.int32]:
-        """The values at one end of interval k from those at its other end; the rows that they lead to."""
+        """Find the values at one end of interval k from the values at its other end; returns the rows chosen there."""
         arcs = onward_arcs(graph, self._layers[k], self._layers[k + 1])
         at, beyond = (k, k + 1) if onward else (k + 1, k)
         speed, other = self._layers[at].speed, self._layers[beyond].speed
@@ -221,7 +222,8 @@ class Bounds:
 class Half:
     """The labels from one end of the section: from its start (`onward`), or from its end.
 
-    `node` is where they are. The parents of all labels are kept, so that their runs can be traced back.
+    `node` is the node that the labels have reached. The parents of all labels are kept, so that their runs can be
+    traced back.
     """
 
     def __init__(self, search: Search, bounds: Bounds, bucket_ns: int, *, onward: bool) -> None:
@@ -282,7 +284,7 @@ class Half:
 
     @property
     def bytes_needed(self) -> int:
-        """Memory of the labels (bytes), with those of the next node while they are made."""
+        """Memory of the labels (bytes), with the labels of the next node while they are made."""
         return self.count * BYTES_PER_LABEL + len(self.labels) * BYTES_PER_OPEN_LABEL
 
     def run(self, label: int) -> list[int]:
@@ -299,7 +301,7 @@ class Half:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Joined:
-    """Runs of two halves, time rising and energy falling: the labels of both halves that each is made of."""
+    """Runs joined from two halves, time rising and energy falling, with the two labels that each is made of."""
 
     time_ns: Ints
     energy_mj: Ints
@@ -307,7 +309,7 @@ class Joined:
     second: Labels32
 
     def with_runs(self, time_ns: Ints, energy_mj: Ints, first: Labels32, second: Labels32) -> Joined:
-        """These runs and others, without those that another one beats."""
+        """These runs and the given ones, without those that another run beats."""
         time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
         keep = undominated(time, energy)
         first = np.concatenate((self.first, first))[keep]
@@ -316,7 +318,7 @@ class Joined:
 
 
 class Pass:
-    """One pass over all intervals; `runs` are the undominated ones that its labels make."""
+    """One pass over all intervals; `runs` are the undominated runs that its joined labels make."""
 
     def __init__(self, search: Search, known: Known, bucket_ns: int, progress: Progress | None) -> None:
         self._search = search
@@ -383,7 +385,7 @@ class Pass:
 
 
 def _least_mj(time_ns: Ints, energy_mj: Ints, until_ns: Ints) -> Ints:
-    """Least energy (mJ) of the runs that take at most each of some times; NEVER where there is none."""
+    """Least energy (mJ) of the runs that take at most each of the times `until_ns`; NEVER if there is none."""
     count = np.searchsorted(time_ns, until_ns, side="right")
     return np.concatenate(([kernels.NEVER], energy_mj))[count]
 

@@ -28,7 +28,7 @@ REPORT_VERSION = 1
 
 
 class BuildStatus(StrEnum):
-    """How a section of a build stands."""
+    """The status of a section in a build."""
 
     BUILT = "built"
     KEPT = "kept"
@@ -44,7 +44,7 @@ class Outcome:
     """What became of a job.
 
     `reason`: why it failed, else empty. `seconds`: how long its last attempt took. `attempts`: how many it took.
-    `size_bytes`: the size of its table, None where it has none.
+    `size_bytes`: the size of its table, None if it has none.
     """
 
     name: str
@@ -74,7 +74,7 @@ def finished(folder: Path, job: Job) -> int | None:
 
 
 def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:
-    """Remove tables of former inputs where the table of the present inputs is done; returns the removed names."""
+    """Remove tables of former inputs if the table of the present inputs is done; returns the removed names."""
     wanted = {job.name for job in done}
     labels = {job.label for job in done}
     removed = []
@@ -89,7 +89,7 @@ def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:
 def table_folders(folder: Path) -> list[Path]:
     """The folders of tables in a folder, sorted by name; the folder itself if it is a table.
 
-    Raises DasError where there is no such folder.
+    Raises DasError if there is no such folder.
     """
     if not folder.is_dir():
         raise DasError(f"{folder}: no such folder")
@@ -99,7 +99,7 @@ def table_folders(folder: Path) -> list[Path]:
 
 
 def read_report(folder: Path) -> dict[str, Any]:
-    """The report of the last build; empty where there is none that can be read."""
+    """The report of the last build; empty if there is none that can be read."""
     try:
         report = json.loads((folder / REPORT).read_bytes())
     except (OSError, ValueError):
@@ -127,7 +127,7 @@ def missing_tables(folder: Path) -> list[str]:
 
 
 def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Write build.json; returns what it holds."""
+    """Write build.json; returns its content."""
     counts = {str(status): sum(outcome.status is status for outcome in outcomes) for status in BuildStatus}
     report = {
         "schema_version": REPORT_VERSION,
@@ -140,14 +140,14 @@ def write_report(folder: Path, facts: Mapping[str, Any], outcomes: Sequence[Outc
 
 
 REPORT_EVERY_S = 5.0
-"""While a build runs, an outcome later than this after the last report writes the report again."""
+"""While a build runs, the first outcome later than this (s) after the last report makes it write the report again."""
 
 
 def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outcome], None]) -> dict[str, Any]:
     """Build a plan into a folder; returns the report, which is written to build.json.
 
-    `watch` is called with every outcome. Whatever ends the build, the report says how far it came. Raises DasError
-    where another build has the folder.
+    `watch` is called with every outcome. However the build ends, the report shows how far it came. Raises DasError if
+    another build uses the folder.
     """
     with folder_held(folder, "another build is writing to it"):
         remove_unfinished(folder)
@@ -170,8 +170,8 @@ def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outc
 def solve_jobs(jobs: Sequence[Job], folder: Path, workers: Workers) -> Generator[Outcome]:
     """Solve jobs into tables in a folder; yields the outcome of each as it comes.
 
-    A worker of this machine writes its tables itself; those of a cluster are written here. Closing the iterator stops
-    the workers. Raises DasError as `Workers.made` does.
+    A worker of this machine writes its tables itself; this process writes the tables of a cluster. Closing the iterator
+    stops the workers. Raises DasError as `Workers.made` does.
     """
     make = partial(solved, folder=folder if workers.scheduler is None else None)
     with closing(workers.made(make, jobs, prepare=warm_up)) as coming:
@@ -244,14 +244,14 @@ class _State:
             self.report()
 
     def look_again(self) -> None:
-        """Count the tables that workers put into place while the build was stopping, before it heard of them."""
+        """Count the tables that workers put into place while the build was stopping, before their outcomes arrived."""
         for job in self.jobs_that_are(BuildStatus.PENDING):
             size = finished(self._folder, job)
             if size is not None:
                 self._outcomes[job.name] = Outcome(name=job.name, status=BuildStatus.BUILT, attempts=1, size_bytes=size)
 
     def report(self) -> dict[str, Any]:
-        """Write build.json; returns what it holds."""
+        """Write build.json; returns its content."""
         self._reported_s = time.perf_counter()
         facts = {
             "plan": str(self._plan.source),

@@ -137,7 +137,7 @@ def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
 
 
 def _checked(path: Path) -> Table | str:
-    """A table that is whole and made by this solver, or what is wrong with it."""
+    """The table in a folder if it is whole and made by this solver; else a text that says what is wrong with it."""
     from das.table.format import TableError
     from das.table.reading import Table
 

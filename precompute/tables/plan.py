@@ -119,7 +119,7 @@ def _slug(text: str) -> str:
 
 
 def _entries(fields: Fields, key: str) -> Iterator[Fields]:
-    """The tables of an array of tables; none where the key is missing."""
+    """The tables of an array of tables; none if the key is missing."""
     entries = fields.data.get(key, [])
     if not isinstance(entries, list):
         raise fields.error(key, entries, f"[[{key}]] tables")
@@ -223,7 +223,7 @@ def _buffers(fields: Fields) -> tuple[float, ...]:
 
 
 def _texts(fields: Fields, key: str) -> list[str]:
-    """A list of different texts; empty where the key is missing."""
+    """A list of different texts; empty if the key is missing."""
     value = fields.data.get(key, [])
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value) or len(set(value)) < len(value):
         raise fields.error(key, value, "a list of different texts")
@@ -241,7 +241,7 @@ def _beside(fields: Fields, name: str) -> str:
 
 
 def _in_plan(fields: Fields, key: str, value: str, read: Callable[[Any], _T]) -> _T:
-    """What `read` makes of a value; its DasError with the place in the plan in front."""
+    """What `read` makes of a value; its DasError is raised again with the place in the plan in front."""
     try:
         return read(value)
     except DasError as error:

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 SECTIONS_PER_LINE = 10
 SHORTEST_SECTION_M, LONGEST_SECTION_M = 1.0 * KM, 40.0 * KM
-"""The logarithm of a section's length is drawn uniformly between those of these two."""
+"""A section's length is drawn between these two, with a uniform logarithm."""
 ROUNDING_M = 10.0
 LIMITS_KMH = (80.0, 90.0, 100.0, 110.0, 120.0, 125.0, 140.0, 160.0)
 TOWN_LIMITS_KMH = (60.0, 70.0, 80.0, 90.0)
@@ -73,7 +73,7 @@ def _limits(rng: np.random.Generator, stops_m: Floats, length_m: float) -> Stret
 
 
 def _gradients(rng: np.random.Generator, length_m: float) -> Stretches:
-    """Gradients that lean back towards level, so that a line does not climb for ever."""
+    """Random gradients that tend back towards level, so that a line does not climb for ever."""
     starts = np.concatenate(([0.0], _places(rng, length_m, GRADIENT_EVERY_M)))
     drawn = rng.normal(0.0, GRADIENT_SPREAD_RATIO, len(starts))
     drawn[1:] -= 0.3 * drawn[:-1]

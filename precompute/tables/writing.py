@@ -33,14 +33,14 @@ from das.table.hashes import REFINEMENT, Course, combined, hashes_of, refinement
 Floats = NDArray[np.float64]
 
 MULTIPLIERS = 28
-"""Number of multipliers that a table keeps, of the 64 that a front is solved with: fewer cost energy, more take space
-(docs/reference/tables.md)."""
+"""Number of multipliers that a table keeps, of the 64 that a front is solved with: fewer would cost energy, more would
+take space (docs/reference/tables.md)."""
 FEWEST_MULTIPLIERS = 8
 PROVEN = 5
 """Number of a table's trajectories whose gap is proven: each takes 0.05 s, or 0.5 s with a loss map."""
 LONGEST_BUFFER_RATIO = 1.0
 SHORTEST_BUFFER_RATIO = 0.0003
-"""A table's multipliers form a geometric series between those of these two buffers; a few more lie beyond."""
+"""A table's multipliers form a geometric series between the multipliers of these two buffers; a few more lie beyond."""
 NOT_PROVEN = "not proven when the table was built"
 UNBOUNDED_S = 1e9
 """A trip time longer than any run needs, for which the solver gives the run of least energy."""
@@ -81,7 +81,7 @@ def table_key(hashes: Mapping[str, str], settings: TableSettings) -> str:
 
 
 def table_hashes(hashes: Mapping[str, str], settings: TableSettings) -> dict[str, str]:
-    """The hashes of a section together with those of the code that solves it and refines its trajectories."""
+    """The hashes of a section and of the code that solves it and refines its trajectories."""
     refining = {REFINEMENT: refinement_code_sha256()} if settings.refine_s > 0 else {}
     return {**with_code(hashes), **refining}
 
@@ -97,7 +97,7 @@ def make_table(
 
     The trajectories come from the full front and are refined. The policies come from a second sweep, with the
     multipliers that a table keeps. The `stopwatch` (s) measures the time that the settings allow for the
-    refinement. Raises InfeasibleError where the section cannot be driven.
+    refinement. Raises InfeasibleError if the section cannot be driven.
     """
     settings = settings or TableSettings()
     front = solve_front(section, threads=threads)
@@ -132,8 +132,8 @@ def make_table(
 def table_ladder(front: Front, size: int) -> Floats:
     """The multipliers (W) that a table keeps of a section.
 
-    0 and the smallest of the front (very slow runs), its largest, and a geometric ladder between those whose buffers on
-    the whole section are `LONGEST_BUFFER_RATIO` and `SHORTEST_BUFFER_RATIO`.
+    They are 0 and the front's smallest multiplier (for very slow runs), its largest, and a geometric ladder between the
+    multipliers whose runs have the buffers `LONGEST_BUFFER_RATIO` and `SHORTEST_BUFFER_RATIO` on the whole section.
     """
     lambda_w = front.lambda_w[1:]
     times_s = np.maximum.accumulate(front.ladder_times_s()[:0:-1])  # rising from the largest multiplier on
@@ -145,7 +145,7 @@ def table_ladder(front: Front, size: int) -> Floats:
 
 
 def write_table(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Put the files of a table into place, all or none; DasError where that fails."""
+    """Put the files of a table into place, all or none; DasError if that fails."""
     write_folder_whole(folder, files)
 
 
@@ -250,7 +250,7 @@ class Job:
 
     @classmethod
     def of(cls, label: str, route: Route, vehicle: Vehicle, course: Course, settings: TableSettings) -> Job:
-        """A job with its hash; raises DasError where the vehicle has no such level or our source is not installed."""
+        """A job with its hash; raises DasError if the vehicle has no such level or our source is not installed."""
         hashes = table_hashes(section_hashes(route, vehicle, course), settings)
         return cls(
             label=label,
@@ -267,7 +267,7 @@ class Job:
         return f"{self.label}_{self.key[:HASH_DIGITS]}"
 
     def solve(self) -> dict[str, bytes]:
-        """The files of the table; raises DasError with the reason where the section cannot be solved."""
+        """The files of the table; raises DasError with the reason if the section cannot be solved."""
         warm_up()
         course = self.course
         section = build_section(

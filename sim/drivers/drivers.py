@@ -43,7 +43,7 @@ class FastDriver:
 
 
 class RmsDriver(FastDriver):
-    """Keeps to one top speed: the display's, or his own estimate at departure of what keeps the timetable.
+    """Keeps to one top speed: the display's or, without one, his own estimate at departure of what keeps time.
 
     When the top speed is lowered, the train rolls down to it, unless a limit or a stop ahead asks for brakes.
     """
@@ -60,7 +60,7 @@ class RmsDriver(FastDriver):
         rolled_mps = self._roll_off.speed_mps(top_mps, cab.speed_mps)
         if rolled_mps is None:
             return self._drive(cab, outlook, top_mps)
-        # The speed that the train has come down to is the top speed now: braked for downhill, without traction.
+        # The lowest speed reached is now the top speed: no traction, and brakes only against gaining speed downhill.
         return self._drive(cab, outlook, rolled_mps)._replace(high_n=0.0)
 
 
@@ -105,7 +105,7 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """The follower of a presentation, the same one until the next departure; None where it says too little."""
+        """The follower of a presentation, the same one until the next departure; None if it says too little."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]
@@ -136,7 +136,7 @@ def make_driver(
     """Make a driver for a line.
 
     Only the human driver uses the parameters, the friction policy and the stream (the number of the driver's own random
-    numbers); he and a class of the user's are given the seed. Raises DasError for a class that cannot be used.
+    numbers); the seed goes to him and to a class of the user's. Raises DasError for a class that cannot be used.
     """
     if isinstance(kind, OwnClass):
         return OwnDriver(kind, line, seed)

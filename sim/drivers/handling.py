@@ -34,7 +34,7 @@ class HumanSettings:
     settled_mps: float = 0.1
     """Braking for a limit ends when the train is no more than this (m/s) above the limit."""
     regained_s: float = 10.0
-    """A driver keeps the brakes applied on a descent where the train would gain the dead band again within this time
+    """A driver keeps the brakes applied on a descent on which the train would gain the dead band within this time
     (s)."""
     eased_s: float = 6.0
     """A driver brakes away the excess over a limit within about this time (s)."""
@@ -52,17 +52,17 @@ class HeedingSettings:
     warning_mps: float = 1.5
     """The train warns its driver when it is this much (m/s) above the braking curve; the warning ends any lapse."""
     watched_mps: float = 1.5
-    """Within this margin (m/s) below the highest allowed speed the driver minds that speed, whatever is advised."""
+    """A driver within this margin (m/s) below the highest allowed speed minds that speed, whatever is advised."""
     eased_off_s: float = 1.5
     """A driver who accelerates to a speed eases off this much (s) before the train reaches it."""
     expected_within_s: float = 5.0
-    """A change of the advice within this time (s) of an announced one counts as announced."""
+    """A change of the advice within this time (s) of an announced change counts as announced."""
     made_good_s: float = 20.0
-    """A driver who is shown to be this much (s) late drives as fast as allowed; this much early, he drives just in
-    time."""
+    """A driver who is shown to be this much (s) late drives as fast as allowed; one who is shown to be this much early
+    drives just in time."""
     least_effort_s: float = 4.0
-    """A driver does not begin an acceleration that would be over within this time (s), but holds the speed; he does not
-    begin a brake as short as that, but lets the train roll."""
+    """A driver does not begin an acceleration that would be over within this time (s), but holds the speed. Instead of
+    braking for so short a time he lets the train roll."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +73,8 @@ class HandSettings:
     """A driver who has set the controller waits this long (s) to see the effect before he makes a small change. The
     effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
     waits_ratio: float = 0.3
-    """A change by this share of the controller's scale is not small: it is a step and a half of effort as a display
-    shows it."""
+    """A change by this share of the controller's scale is not small: it is one and a half steps of the effort on a
+    display."""
     end_stop_ratio: float = 0.99
     """An effort above this share of the controller's scale is set at the end of the scale, where the hand feels a
     stop."""
@@ -111,12 +111,12 @@ class Errors:
 
     @property
     def speed_mps(self) -> float:
-        """By how much (m/s) the speed that he drives at is above the one that he means to drive at."""
+        """By how much (m/s) the speed that he drives at is above the speed that he intends."""
         return self._human.speed_error_mps * self._speed.value
 
     @property
     def force_ratio(self) -> float:
-        """The effort that he sets as a share of the one that he means to set (1: no error; never below 0)."""
+        """The effort that he sets as a share of the effort that he intends (1: no error; never below 0)."""
         return max(1.0 + self._human.force_error_ratio * self._force.value, 0.0)
 
 
@@ -146,13 +146,14 @@ class SpeedHold:
         self._correcting = self._restraining = False
 
     def stand(self) -> None:
-        """The train stands: nothing is being corrected."""
+        """Note that the train stands: nothing is being corrected."""
         self._correcting = False
 
     def push_n(self, error_mps: float, mass_kg: float) -> float:
         """The wheel force (N) that corrects an error of the speed (wanted − actual, m/s).
 
-        A new error within the dead band is left; a correction that has begun goes on until the error is nearly gone.
+        A new error within the dead band is not corrected; a correction that has begun goes on until the error is nearly
+        gone.
         """
         human, settings = self._human, self._settings
         if abs(error_mps) > human.dead_band_mps:
@@ -162,9 +163,9 @@ class SpeedHold:
         return settings.gain_per_s * mass_kg * error_mps if self._correcting else 0.0
 
     def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
-        """The wheel force (N) for an error of the speed (wanted − actual, m/s); the speed itself needs `needed_n`.
+        """The wheel force (N) for an error of the speed (wanted − actual, m/s); holding the speed needs `needed_n`.
 
-        For a small excess he lets the train roll. `crawls`: the train is about to stop.
+        If the train is only a little too fast, he lets it roll. `crawls`: the train is about to stop.
         """
         settings = self._settings
         force_n = needed_n + self.push_n(error_mps, mass_kg)
@@ -205,7 +206,7 @@ class Handling:
         return self._braking
 
     def stand(self) -> None:
-        """The train stands: nothing is being corrected and the driver is not braking for anything."""
+        """Note that the train stands: nothing is being corrected and the driver is not braking for anything."""
         self._braking = False
         self._hold.stand()
         self._ceiling.stand()
@@ -227,7 +228,7 @@ class Handling:
         return min(self.held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
 
     def held(self, cab: CabView, outlook: Outlook, speed_mps: float, *, ceiling: bool = False) -> float:
-        """The setting that holds a speed: the one that he means to drive at, or a `ceiling` above advice on effort."""
+        """The setting that holds a speed: the one that he intends, or a `ceiling` over advice on effort."""
         error = speed_mps + min(self._errors.speed_mps, self._human.below_limit_mps) - cab.speed_mps
         needed_n, mass_kg = outlook.resisting_n(cab.s_m, cab.speed_mps), outlook.train.inertial_mass_kg
         crawls = cab.speed_mps <= TRACKING.stopping_mps
@@ -242,7 +243,7 @@ class Handling:
         return self.efforts.lever_ratio(self._hold.push_n(error, outlook.train.inertial_mass_kg))
 
     def needed_braking(self, cab: CabView, outlook: Outlook, reach_s: float) -> float | None:
-        """The deceleration (m/s²) for the limits and stops ahead; None while he does not brake for any.
+        """The deceleration (m/s²) for the limits and stops ahead; None while he brakes for none of them.
 
         `reach_s` is the time in which the hand gets the controller back from traction.
         """

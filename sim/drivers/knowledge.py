@@ -1,4 +1,4 @@
-"""What a driver knows by heart: line and train, and what they mean for the way to the next halt.
+"""What a driver knows by heart: line and train, and what follows from them up to the next halt.
 
 The kernels work on grids of even cells; w is v² at the nodes between them.
 """
@@ -53,9 +53,9 @@ def ceiling(step, limit, line_n, tunnel, supply, braking, reserve, p):  # type: 
 
 @kernel
 def needed_braking(step, first, w, s, v, least_way):  # type: ignore[no-untyped-def]
-    """The least steady deceleration (m/s²) from v at s that keeps under w everywhere ahead; negative: none is needed.
+    """The least steady deceleration (m/s²) from v at s that stays below w everywhere ahead; negative: none is needed.
 
-    It is reckoned over a way of at least `least_way` (m). `first` is the position of the first node of w.
+    The distance to brake over is taken as at least `least_way` (m). `first` is the position of the first node of w.
     """
     needed = -math.inf
     i = max(int((s - first) / step) + 1, 0)
@@ -70,7 +70,7 @@ def needed_braking(step, first, w, s, v, least_way):  # type: ignore[no-untyped-
 
 @kernel
 def run_time(step, top, cap, line_n, tunnel, supply, start, w0, p):  # type: ignore[no-untyped-def]
-    """Time (s) of the fastest trajectory from node `start`, where w is w0, under a ceiling `top` and a cap of w."""
+    """Time (s) of the fastest trajectory from node `start`, where w is w0, under the ceiling `top` and `cap`."""
     w = min(w0, top[start], cap)
     v = math.sqrt(w)
     total = 0.0
@@ -87,7 +87,7 @@ def run_time(step, top, cap, line_n, tunnel, supply, start, w0, p):  # type: ign
 
 @kernel
 def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_mps, slowest_mps, halvings, p):  # type: ignore[no-untyped-def]
-    """The one top speed (m/s) with which the way from node `start` takes the wanted time (s), by bisection."""
+    """The top speed (m/s) with which the trip from node `start` takes the wanted time (s), by bisection."""
     low = slowest_mps
     high = fastest_mps
     for _ in range(halvings):
@@ -101,7 +101,7 @@ def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_m
 
 @dataclass(frozen=True, kw_only=True)
 class Habit:
-    """How close to what is allowed a driver drives.
+    """How closely a driver approaches the allowed speeds.
 
     He plans to brake with `braking_mps2`, and with at most `reserve_ratio` of what the brakes can do. He keeps
     `below_mps` below limits, but at most a tenth of them.
@@ -114,7 +114,7 @@ class Habit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LineKnowledge:
-    """Route and train as the driver learned them: those of the plan, not of the day."""
+    """Route and train as the driver knows them: as planned, not as on the day."""
 
     route: Route
     vehicle: Vehicle
@@ -146,9 +146,10 @@ class _Lists(NamedTuple):
 
 
 class Outlook:
-    """The way to the next halt as a driver with a certain habit of braking foresees it.
+    """The line up to the next halt as a driver with a certain habit of braking foresees it.
 
-    It holds for positions up to the halt. Before the first cell and beyond the last, the values of those cells hold.
+    It holds for positions up to the halt. Before the first cell and beyond the last, the values of these two cells
+    hold.
     """
 
     def __init__(self, line: LineKnowledge, cab: CabView, habit: Habit) -> None:
@@ -167,17 +168,17 @@ class Outlook:
             habit.reserve_ratio, self.train,
         )  # fmt: skip
         self.top_mps = math.sqrt(self._top.max())
-        """The highest speed anywhere on the way."""
+        """The highest speed anywhere up to the halt."""
         self._lists = _Lists(self._top.tolist(), self._line_n.tolist(), self._tunnel.tolist())
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) from which the driver keeps everything that he knows of ahead, braking as planned."""
+        """The highest speed (m/s) from which planned braking keeps all that the driver knows to lie ahead."""
         if s_m >= self.halt_m:
             return 0.0
         return self._root(self._lists.allowed_w, s_m)
 
     def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
-        """The steady deceleration (m/s²) that keeps the speeds allowed ahead, over a way of at least `least_way_m`."""
+        """The steady deceleration (m/s²) that keeps the speeds allowed ahead, over at least `least_way_m`."""
         return float(needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
 
     def resisting_n(self, s_m: float, speed_mps: float) -> float:
@@ -188,7 +189,7 @@ class Outlook:
         return self._lists.line_n[i] + train.c0_n + speed_mps * (train.c1_n_per_mps + quadratic * speed_mps)
 
     def cap_for(self, time_s: float, s_m: float, speed_mps: float) -> float:
-        """The top speed (m/s) with which the train reaches the halt in a time (s) from here."""
+        """The top speed (m/s) with which the train reaches the halt `time_s` after now."""
         return float(
             cap_for_time(
                 CELL_M, self._top, self._line_n, self._tunnel, self._supply, self._cell(s_m)[0], speed_mps**2, time_s,

@@ -27,7 +27,7 @@ _FIELDS: Final = {
     **{name: name for name in ("valid_until_s", "display_speed_mps", "next_change_s", "next_speed_mps")},
     **{name: name for name in ("next_effort_ratio", "due_s", "target_way_m", "deviation_s")},
 }
-"""The figures of `AdviceView` with their names in the message, where they are NaN while nothing is shown."""
+"""The figures of `AdviceView` with their names in the message, which has NaN for them while nothing is shown."""
 _WORDS: Final = ("mode", "next_mode", "reason")
 """The fields of `AdviceView` other than figures; the message has them under the same names."""
 
@@ -35,7 +35,7 @@ _WORDS: Final = ("mode", "next_mode", "reason")
 class CabLook(NamedTuple):
     """A look of the driver: its time (ns since 1970), the cab, the command in force, and the number of the look.
 
-    The number is 0 where the look does not ask an external driver.
+    The number is 0 if the look does not ask an external driver.
     """
 
     time_ns: int
@@ -45,7 +45,7 @@ class CabLook(NamedTuple):
 
 
 def cab_message(look: CabLook, line: LineKnowledge) -> Message:
-    """The message `Cab` of a look; only one that asks an external driver contains horizons and the limits ahead."""
+    """The message `Cab` of a look; it has horizons and the limits ahead only if the look asks an external driver."""
     cab, asked = look.cab, look.number > 0
     message = das_pb2.Cab(
         time_ns=look.time_ns,
@@ -88,7 +88,7 @@ def cab_view(message: Any) -> CabView:
 
 
 def recorded_view(message: Any) -> AdviceView | None:
-    """The advice that a recorded cab showed; None where it showed none, or a presentation that is not known."""
+    """The advice that a recorded cab showed; None if it showed none or its presentation is unknown."""
     view = _advice_view(message)
     # In a recording older than the fields of shown speed and stop, both are 0.
     older = view is not None and not view.display_speed_mps and not message.stop_m
@@ -112,7 +112,7 @@ def controls_message(look: int, command: Command) -> Message:
 def command_of(message: Any, time_s: float) -> Command:
     """The command that a message `Controls` asks for at a moment (s on the cab's clock).
 
-    Raises DasError where it asks for nothing, or where a number is NaN or out of range.
+    Raises DasError if it asks for nothing, or if a number is NaN or out of range.
     """
     who, law = "--driver external", message.WhichOneof("set")
     if law is None:

@@ -50,7 +50,7 @@ class OwnDriver:
 
 
 def load_class(own: OwnClass) -> type:
-    """The class that the user named; raises DasError where it does not exist or is no driver.
+    """The class that the user named; raises DasError if it does not exist or is no driver.
 
     Its module may be in an installed package or in the current folder.
     """
@@ -70,7 +70,7 @@ def load_class(own: OwnClass) -> type:
 def driver_versions(driver: DriverName) -> dict[str, str]:
     """The hash of the source file of a user's class, as `driver_sha256`; empty for other drivers.
 
-    Raises DasError where the class does not exist or is no driver.
+    Raises DasError if the class does not exist or is no driver.
     """
     if not isinstance(driver, OwnClass):
         return {}
@@ -79,7 +79,7 @@ def driver_versions(driver: DriverName) -> dict[str, str]:
 
 
 def source_of(own: OwnClass) -> Path:
-    """The file of the module that has the class; DasError where the module has no file."""
+    """The file of the module that has the class; DasError if the module has no file."""
     module = _module(own)
     if not getattr(module, "__file__", None):
         raise DasError(f"--driver {own}: {own.module} is not a module with a file")
@@ -193,7 +193,7 @@ def _within(value: Any, where: str, name: str, limits: tuple[float, float, str])
 
 
 def _short(value: Any) -> str:
-    """The repr of a value, shortened; the name of its type where the repr of a user's type fails."""
+    """The repr of a value, shortened; the name of its type if the repr of a user's type fails."""
     try:
         text = repr(value)
     except Exception:

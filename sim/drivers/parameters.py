@@ -124,7 +124,7 @@ class HumanParameters:
             raise InputError("human driver", "glance_mean_s", self.glance_mean_s, "at least glance_least_s")
 
     def after(self, trips: float) -> HumanParameters:
-        """The same driver after n trips with this train, line and display: x·(l + (1 − l)·exp(−n/n₀))."""
+        """The driver after n trips with this train, line and display: l + (1 − l)·exp(−n/n₀) of each fault is left."""
         if not trips >= 0:
             raise InputError("human driver", "trips", trips, "a number >= 0")
         left = self.learned_ratio + (1.0 - self.learned_ratio) * math.exp(-trips / self.learning_trips)
@@ -163,7 +163,7 @@ MOST_CERTAIN: Final = 1e-12
 
 
 class Shape(StrEnum):
-    """The distribution of a parameter: what of it is normally distributed."""
+    """The distribution of a parameter, by what is normally distributed: the value, its logarithm or its logit."""
 
     FIXED = "fixed"
     NORMAL = "normal"
@@ -184,7 +184,7 @@ KEYS: Final = {
 class Spread:
     """How one parameter differs from driver to driver: a distribution within `low` and `high`, and its source.
 
-    `middle` is the median (of NORMAL the mean), in the parameter's unit; `sd` is the standard deviation of the value,
+    `middle` is the median (for NORMAL, the mean), in the parameter's unit; `sd` is the standard deviation of the value,
     of its logarithm or of its logit.
     """
 
@@ -210,7 +210,7 @@ class Spread:
         return (self._straight(value) - self._straight(self.middle)) / self.sd
 
     def _straight(self, value: float) -> float:
-        """The value, its logarithm or its logit: what is normally distributed."""
+        """What is normally distributed: the value, its logarithm or its logit."""
         if self.shape is Shape.LOGNORMAL:
             return math.log(value) if value > 0 else -math.inf
         if self.shape is Shape.LOGIT_NORMAL:

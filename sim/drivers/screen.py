@@ -43,7 +43,7 @@ class ScreenSettings:
 
 
 class Screen:
-    """What is on the display, tick by tick; `show` is to be called in the order of time.
+    """What is on the display, tick by tick; call `show` in the order of time.
 
     Withdrawn advice leaves the display at once. While the train stands, the display shows everything at once, because
     old advice would otherwise still be there at the departure. Likewise, advice to depart does not stay on the display
@@ -71,7 +71,7 @@ class Screen:
         return self._shown
 
     def _may_change(self, view: AdviceView, now_s: float) -> bool:
-        """Whether new advice may be shown: it reads as before, it is to brake, or the old was shown long enough."""
+        """Whether new advice may be shown: it reads as before, it says to brake, or the old was shown long enough."""
         assert self._shown is not None
         stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
         reading = Shown.of(view)
@@ -102,7 +102,7 @@ class Screen:
 
 
 ALL: Final = "all"
-"""How the metadata write an unlimited preview."""
+"""The text for an unlimited preview in the metadata."""
 SHOWN: Final = "shown"
 HIDDEN: Final = "hidden"
 

@@ -36,13 +36,13 @@ class TrackingSettings:
     """How drivers keep to a speed and stop at a mark; chosen so that trains neither hunt nor creep."""
 
     ahead_s: float = 0.2
-    """The slope of a ceiling is taken over the way of this time (s): one look."""
+    """The slope of a ceiling is taken over the distance covered in this time (s), which is one look."""
     gain_per_s: float = 0.5
     """This share of a speed error is corrected per second."""
     stopping_mps: float = 10.0
-    """Below this speed (m/s) a train brakes for its halt with the deceleration that the rest of the way needs."""
+    """Below this speed (m/s) a train brakes for its halt with the deceleration that the distance left needs."""
     stopping_ratio: float = 0.85
-    """Such braking begins when the rest of the way needs this share of the planned deceleration."""
+    """Such braking begins when the distance left needs this share of the planned deceleration."""
     last_m: float = 0.05
     """Nearer to the halt (m) than this, and beyond it, the planned deceleration is used."""
     last_mps: float = 0.02
@@ -57,18 +57,18 @@ class FollowingSettings:
     stopping_s: float = 10.0
     """When the advice ends in a standstill within this time (s), the driver brakes for the mark by himself."""
     minded_mps: float = 1.0
-    """This near (m/s) to the speed that a restriction or a signal allows, the driver leaves the advice."""
+    """This close (m/s) to the speed that a restriction or a signal allows, the driver no longer follows the advice."""
     least_braking_mps2: float = 0.05
     """A halt that needs less deceleration (m/s²) than this is still far away: the driver drives on by himself."""
     creeping_mps: float = 0.3
-    """A speed to brake to that is lower than this is a halt."""
+    """Advice to brake to a speed below this (m/s) is advice to halt."""
     rolling_mps: float = 0.3
     """A coasting train may roll above a limit by up to this (m/s), the precision to which the display is read."""
     motors_ratio: float = 1.08
     """The friction brake stays off while the braking needs no more than this times the force of the motors: it releases
     slowly, and at a lower speed the motors give more."""
     release_s: float = 0.4
-    """An effort is given up this much (s) before it is due: half the time it takes to fall."""
+    """An effort is released this much (s) before it is due to end: half the time that it takes to fall."""
 
 
 RULE: Final = RuleSettings()
@@ -79,7 +79,7 @@ FOLLOWING: Final = FollowingSettings()
 class RollOff:
     """Lets a train roll down to a top speed that was lowered: no traction, and no brakes for that speed.
 
-    `speed_mps` is to be called at every look.
+    Call `speed_mps` at every look.
     """
 
     def __init__(self) -> None:
@@ -96,7 +96,7 @@ class RollOff:
 
 
 class TimeRule:
-    """Experience with the line: the one top speed with which the rest of the way takes the time that is left."""
+    """Experience with the line: the one top speed with which the rest of the section takes the time that is left."""
 
     def __init__(self, every_s: float = math.inf) -> None:
         self._every_s = every_s
@@ -125,13 +125,13 @@ def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n:
 
 
 def hold(cab: CabView, outlook: Outlook, speed_mps: float, rate_mps2: float = 0.0, high_n: float = math.inf) -> Command:
-    """Hold a speed that may change by `rate_mps2`, with the force that it is known to need here."""
+    """Hold a speed that may change by `rate_mps2`, with the force that this is known to need here."""
     needed_n = outlook.train.inertial_mass_kg * rate_mps2 + outlook.resisting_n(cab.s_m, cab.speed_mps)
     return speed(speed_mps, rate_mps2=rate_mps2, force_n=needed_n, gain_per_s=TRACKING.gain_per_s, high_n=high_n)
 
 
 def needed_braking_mps2(cab: CabView, mark_m: float) -> float:
-    """The deceleration (m/s²) that ends at the mark: v²/(2·way); inf beyond the mark."""
+    """The deceleration (m/s²) that ends at the mark: v²/(2·distance); inf beyond the mark."""
     way_m = mark_m - cab.s_m
     return cab.speed_mps**2 / (2.0 * way_m) if way_m > 0 else math.inf
 
@@ -139,7 +139,7 @@ def needed_braking_mps2(cab: CabView, mark_m: float) -> float:
 def stop_at(cab: CabView, outlook: Outlook, mark_m: float, planned_mps2: float) -> Command | None:
     """The command that stops the train at the mark; None while it is too early for that.
 
-    To be called at every look, so that errors in force and resistance are corrected until the train stands.
+    Call it at every look, so that errors in force and resistance are corrected until the train stands.
     """
     if cab.speed_mps <= 0 or cab.speed_mps > TRACKING.stopping_mps:
         return None

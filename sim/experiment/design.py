@@ -340,9 +340,9 @@ def design_files(design: Design) -> dict[str, str]:
 
 
 def freeze(design: Design, folder: Path) -> dict[str, Any]:
-    """Write the design into a study's folder, which is made where needed, and return its resolved form.
+    """Write the design into a study's folder, which is made if needed, and return its resolved form.
 
-    Raises DasError where the folder holds another frozen design.
+    Raises DasError if the folder holds another frozen design.
     """
     found = resolved(design)
     make_folder(folder)
@@ -356,7 +356,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
 
 
 def check_frozen(design: Design, folder: Path, own_sha256: str) -> None:
-    """Raise DasError where the frozen design of a folder is not this one, or was altered."""
+    """Raise DasError if the frozen design of a folder is not this one, or was altered."""
     kept = read_json(folder / DESIGN_JSON)
     text = kept.text("hash")
     if text != design_sha256(kept.data):

@@ -35,12 +35,12 @@ _services = ServiceMemory(most=LINES_KEPT)
 
 @dataclass(frozen=True, kw_only=True)
 class StudyTrial:
-    """One trial. `person` is the participant's number in the population, `who` that in the study (from 1).
+    """One trial. `person` is the participant's number in the population, `who` the number in the study (from 1).
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
-    factors' levels in the order of the design. `seed` is that of the day, `chance` differs between trials of a
-    participant that draw different random numbers. `trips` is how many trips the participant has made before; None
-    where practice does not count.
+    factors' levels in the order of the design. `seed` is the seed of the day, `chance` differs between trials of a
+    participant that draw different random numbers. `trips` is how many trips the participant has made before; None if
+    practice does not count.
     """
 
     number: int
@@ -79,7 +79,7 @@ class StudyTrial:
 class DriverLook(NamedTuple):
     """One look of the driver: time (s), position (m), speed and limit (m/s), the display, and what the driver asks for.
 
-    `shown` is None where the display shows no advice.
+    `shown` is None if the display shows no advice.
     """
 
     time_s: float
@@ -91,14 +91,14 @@ class DriverLook(NamedTuple):
 
     @property
     def lever_ratio(self) -> float:
-        """The controller's setting (−1 … 1); NaN where the driver asks for a speed or a force instead of a setting."""
+        """The controller's setting (−1 … 1); NaN if the driver asks for a speed or a force instead of a setting."""
         if self.command.law == kernels.LEVER:
             return self.command.value
         return 0.0 if self.command == (kernels.FORCE, 0.0, *self.command[2:]) else math.nan
 
 
 class WatchedDriver:
-    """Drives as the driver that it is given, and keeps every look in `looks`."""
+    """Drives exactly as a given driver, and keeps every look in `looks`."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
@@ -147,7 +147,7 @@ class Driven:
 
     @property
     def equal_arrival_j(self) -> float:
-        """The energy (J) at equal arrival: driven − optimum for the times as driven + optimum for the timetable's."""
+        """The energy (J) at equal arrival: driven − optimum for the driven times + optimum for the timetable."""
         energies, service = self.outcome.energies, self.day.service
         planned_s = [service.clock_s(one.arrival_ns) - service.clock_s(one.departure_ns) for one in service.timetables]
         fronts = zip(true_fronts(self.day), planned_s, strict=True)
@@ -156,9 +156,9 @@ class Driven:
 
 
 def drive(trial: StudyTrial, population: str, record: JobRecording | None = None) -> Driven:
-    """Drive a trial with a participant of a population, and record it where `record` says.
+    """Drive a trial with a participant of a population, and record it as `record` says.
 
-    Raises DasError for files that cannot be used, and where the train does not arrive.
+    Raises DasError for files that cannot be used, and if the train does not arrive.
     """
     day = _day(trial, Participant(population=_population(population), number=trial.person))
     setting = trial.setting
@@ -179,7 +179,7 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
 def service_of(setting: Setting) -> Service:
     """The service of a setting: its line, train, timetable and solved sections.
 
-    Timetable and optimum are those of the true train, whichever losses the advice is planned with. Raises DasError for
+    Timetable and optimum belong to the true train, whichever losses the advice is planned with. Raises DasError for
     files that cannot be used.
     """
     scenario = setting.read_scenario()

@@ -38,9 +38,9 @@ def day_of(name_or_path: str) -> Scenario:
 class Setting:
     """How a trial is driven.
 
-    `loss_level` is the level of losses that the advice is planned with (None: that of the train); the losses of the
-    true train do not change with it. `scenario` and `train` are names of bundled files or paths; `train` None is the
-    scenario's train. Times are in s; `preview_s` is infinite where the display shows everything that comes.
+    `loss_level` is the level of losses that the advice is planned with (None: the train's own); the losses of the true
+    train do not change with it. `scenario` and `train` are names of bundled files or paths; `train` None is the
+    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything that comes.
     """
 
     scenario: str = "clear-day"
@@ -98,7 +98,7 @@ class FactorLevel:
 class KnownFactor:
     """A factor that experiments may vary: its name, what it means, its unit, and what its levels may be.
 
-    `read` makes a level of a table, a key and the value under it, and raises InputError for a value that is not
+    `read` makes a level from a table, a key and the value under it, and raises InputError for a value that is not
     allowed.
     """
 

@@ -32,7 +32,7 @@ OWN: Final = "own definition"
 class Measure:
     """A measure of a trial: its column (which ends in its unit), its title, unit, formula and source, and its function.
 
-    `of` gives a number, or None where a trial has none (no advice was shown, or the driver keeps no diary).
+    `of` gives a number, or None if a trial has none (no advice was shown, or the driver keeps no diary).
     """
 
     name: str
@@ -44,35 +44,35 @@ class Measure:
 
 
 def stop_error_m(driven: Driven) -> float | None:
-    """Mean distance (m) of where the train stood from where it should have, over the stops after the first."""
+    """Mean distance (m) between where the train stood and where it should stand, over the stops after the first."""
     missed = [abs(call.missed_m) for call in driven.run.calls[1:]]
     return float(np.mean(missed)) if missed else None
 
 
 def speed_rmse_mps(driven: Driven) -> float | None:
-    """Root mean square of the speed's error (m/s) against what was shown; None where no speed was shown."""
+    """Root mean square of the speed's error (m/s) against what was shown; None if no speed was shown."""
     return _root_mean_square(_speed_errors(driven))
 
 
 def speed_in_band_ratio(driven: Driven) -> float | None:
-    """Share of the seconds with a shown speed with the train within 3 km/h of it; None without such seconds."""
+    """Share of the seconds with a shown speed in which the train is within 3 km/h of it; None without such seconds."""
     errors = np.abs(_speed_errors(driven))
     return float(np.mean(errors <= BAND_MPS)) if len(errors) else None
 
 
 def effort_rmse_ratio(driven: Driven) -> float | None:
-    """Root mean square of the controller's error against the effort shown (1: full scale); None without one."""
+    """Root mean square of the controller's error against the effort shown (1: full scale); None if none was shown."""
     errors = [look.lever_ratio - look.shown.lever_ratio for _, look in driven.moving if look.shown is not None]
     return _root_mean_square([error for error in errors if not math.isnan(error)])
 
 
 def reaction_s(driven: Driven) -> float | None:
-    """Median time (s) from noticing advice to acting on it; None where the driver never acted on any."""
+    """Median time (s) from noticing advice to acting on it; None if the driver never acted on any."""
     return _median([acted - noticed for noticed, acted in _acted_on(driven.run.decisions)])
 
 
 def response_s(driven: Driven) -> float | None:
-    """Median time (s) from when advice was first shown to acting on it; None where the driver never acted on any."""
+    """Median time (s) from when advice was first shown to acting on it; None if the driver never acted on any."""
     since = _shown_since(driven)
     times = np.array([time_s for time_s, _ in since])
     found = []
@@ -84,13 +84,13 @@ def response_s(driven: Driven) -> float | None:
 
 
 def compliance_ratio(driven: Driven) -> float | None:
-    """Share of the noticed advice that was followed; None where none was noticed."""
+    """Share of the noticed advice that was followed; None if none was noticed."""
     followed, refused = (_count(driven, what) for what in ("followed", "refused"))
     return followed / (followed + refused) if followed + refused else None
 
 
 def control_movements_per_min(driven: Driven) -> float | None:
-    """Movements of the controller per minute in which the train moved; None where the driver sets no controller."""
+    """Movements of the controller per minute in which the train moved; None if the driver sets no controller."""
     settings = [look.lever_ratio for look in driven.looks if look.speed_mps > 0]
     if not settings or any(math.isnan(one) for one in settings):
         return None
@@ -153,7 +153,7 @@ def _speed_is(view: AdviceView) -> SpeedIs:
 
 
 def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]:
-    """When advice was noticed and when it was acted on (s), for all advice that was followed, but no departures."""
+    """When advice was noticed and when it was acted on (s), for all advice followed, except advice to depart."""
     noticed_s = math.nan
     for event in decisions:
         if event.what == "noticed":

@@ -56,7 +56,7 @@ ORDER_STREAM: Final = 1
 DAY_STREAM: Final = 2
 """Number of the stream of a design's seed from which the seeds of days are drawn."""
 EVERYBODY: Final = 2**32 - 1
-"""Takes the place of the participant's number where all participants drive the same days."""
+"""Takes the place of the participant's number if all participants drive the same days."""
 
 
 def trials_of(design: Design) -> list[StudyTrial]:
@@ -125,9 +125,9 @@ def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
 
 
 def order_count(order: ConditionOrder, conditions: int) -> int | None:
-    """After how many participants the orders begin again; None where each participant's order is drawn.
+    """After how many participants the orders begin again; None if each participant's order is drawn.
 
-    Raises DasError where all permutations would be too many.
+    Raises DasError if all permutations would be too many.
     """
     if order is ConditionOrder.FULL and conditions > MOST_PERMUTED:
         most = f"at most {MOST_PERMUTED} conditions, whose {factorial(MOST_PERMUTED)} orders can be used"
@@ -143,8 +143,8 @@ def order_count(order: ConditionOrder, conditions: int) -> int | None:
 def order_of(order: ConditionOrder, conditions: int, row: int, seed: Sequence[int]) -> list[int]:
     """The order of a participant: the numbers of the conditions, from 0.
 
-    `row` counts all orders before it: those of other participants and of earlier repetitions. `seed` decides an order
-    that is drawn. Raises DasError as `order_count` does.
+    `row` counts all orders before it: the orders of other participants and of earlier repetitions. `seed` decides an
+    order that is drawn. Raises DasError as `order_count` does.
     """
     if order is ConditionOrder.RANDOM:
         return [int(one) for one in np.random.default_rng([*seed, ORDER_STREAM]).permutation(conditions)]
@@ -224,7 +224,7 @@ class TrialJob:
 
     @property
     def recording(self) -> JobRecording | None:
-        """Where the trial is recorded; None where it is not."""
+        """Where the trial is recorded; None if it is not."""
         if self.keep is not Keep.RECORDINGS:
             return None
         command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
@@ -255,7 +255,7 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
 
 
 def make_trial(job: TrialJob) -> JobResult:
-    """Drive a trial, find its measures and make its files; raises DasError where it cannot be driven.
+    """Drive a trial, find its measures and make its files; raises DasError if it cannot be driven.
 
     DasError is also raised if a file of the trial is not the one with which the jobs were made: it was changed
     afterwards, or this is another machine with another file at the same path.
@@ -312,7 +312,7 @@ class StudyRun:
 def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: Workers) -> StudyRun:
     """Drive all trials that are not finished, and write the study's files, even if the run is interrupted.
 
-    Raises DasError where files cannot be written, a worker is killed or a cluster cannot be used.
+    Raises DasError if files cannot be written, a worker is killed or a cluster cannot be used.
     """
     write_files(folder, study_files(design, [job.trial for job in jobs]))
     began = datetime.now(UTC)

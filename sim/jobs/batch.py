@@ -94,12 +94,12 @@ class BatchJob:
 
     @property
     def recording(self) -> JobRecording | None:
-        """Where the run is recorded; None where it is not."""
+        """Where the run is recorded; None if it is not."""
         return None if self.record is None else JobRecording(self.record, self.command)
 
     @property
     def command(self) -> str:
-        """The command that a recording of the run names as the one that made it."""
+        """The command that a recording of the run names as its origin."""
         return f"das-sim batch: {self.name}, inputs {self.inputs_sha256}"
 
 
@@ -172,7 +172,7 @@ def parse_seeds(text: str, option: str = "--seeds") -> list[int]:
 
 
 def make_run(job: BatchJob) -> JobResult:
-    """Make a run; returns the row of its figures, raises DasError where the run cannot be made."""
+    """Make a run; returns the row of its figures, raises DasError if the run cannot be made."""
     day = make_day(_services.of(read_scenario(job.scenario), job.level), job.seed, job.participant)
     how = How(driver=job.driver, friction=job.friction, advice=job.advice, train="train-1", command=job.command)
     run = whole_run(drive_day(day, day.driver(job.driver, job.friction), how, job.record), job.record)

@@ -50,12 +50,13 @@ SPLIT_LEGEND: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class SplitSaving:
-    """What a presentation saves against no advice, in kWh: means over the seeds that both have.
+    """What a presentation saves against no advice, in kWh: means over the seeds that have runs with both.
 
-    `time_shift`: the optimum of the baseline's times is higher. `blending`: less friction where the motors could brake.
-    `profile`: a better speed profile, as it was driven; where a perfect driver, who follows vector and coach, drove the
-    same days, it is the profile of the advice alone, and `tracking` (mostly < 0) is what the driver lost by not keeping
-    to it. The parts sum to `saved`, whose 95 % interval over the pairs is ± `interval` (normal).
+    `time_shift`: the optimum for the baseline's running times is higher. `blending`: less friction braking where the
+    motors could brake. `profile`: a better speed profile, as it was driven. If a perfect driver followed the same
+    advice on the same days (vector and coach only), `profile` is what that driver saved by it, and `tracking` (mostly
+    < 0) is what this driver lost by not keeping to the advice. The parts sum to `saved`, whose 95 % interval over the
+    pairs is ± `interval` (normal).
     """
 
     scenario: str
@@ -76,9 +77,9 @@ class SplitSaving:
 
 
 def savings(rows: Sequence[Row]) -> list[SplitSaving]:
-    """The savings of every presentation over none, for each scenario and driver with both; without failed runs.
+    """The savings of every presentation against no advice, by scenario and driver; failed runs are left out.
 
-    A pair is the same day with the same person (column `participant`, where there is one).
+    A pair is the same day with the same person (column `participant`, if there is one).
     """
     good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
     for row in rows:
@@ -99,7 +100,7 @@ class _Pair(NamedTuple):
 def _saving(
     good: Mapping[tuple[str, str, str], Mapping[_Pair, Row]], scenario: str, driver: str, advice: str
 ) -> SplitSaving | None:
-    """The saving of one presentation; None where no day was driven without advice as well."""
+    """The saving of one presentation; None if no day was driven without advice as well."""
     advised, alone = good[scenario, driver, advice], good.get((scenario, driver, Presentation.NONE), {})
     pairs = [pair for pair in advised if pair in alone]
     if not pairs:
@@ -178,7 +179,7 @@ def _table(title: str, names: Sequence[str]) -> Table:
 
 
 def print_savings(found: Sequence[SplitSaving]) -> None:
-    """Print what advice saved, split into its causes; nothing where no run was without advice."""
+    """Print what advice saved, split into its causes; nothing if no run was without advice."""
     if not found:
         return
     table = _table("saved against no advice, split (kWh)", ("n", *SPLIT_LEGEND))

@@ -72,7 +72,7 @@ class RunnerJob(Protocol):
 
     @property
     def recording(self) -> JobRecording | None:
-        """Where the job's drive is recorded; None where it is not."""
+        """Where the job's drive is recorded; None if it is not."""
 
 
 Job = TypeVar("Job", bound=RunnerJob)
@@ -98,8 +98,8 @@ class JobWords(NamedTuple):
 class Journal:
     """The finished rows in a folder, by the hash of their inputs; use with `with`.
 
-    Only one command may use a folder at a time; the error of a second one names the first by `holds`. Every line has
-    the hash of its row, so that a row that was cut off or altered is not taken for a result.
+    Only one command may use a folder at a time; a second one gets an error that names the first by `holds`. Every line
+    has the hash of its row, so that a row that was cut off or altered is not taken for a result.
     """
 
     def __init__(self, folder: Path, *, holds: str = "another batch") -> None:
@@ -175,10 +175,10 @@ class Runner(Generic[Job]):
     words: JobWords
 
     def run(self, jobs: Sequence[Job], write: Callable[[Rows, int], None]) -> int:
-        """Make the jobs that are not finished, in their order; returns how many these were.
+        """Make the jobs that are not finished, in their order; returns the number of these.
 
         `write` is called at the end, even after an interruption, with the journal's rows and that number. Raises
-        DasError where another command has the folder, where files cannot be written, and as `Workers.made` does.
+        DasError if another command has the folder, if files cannot be written, and as `Workers.made` does.
         """
         words = self.words
         with Journal(self.folder, holds=f"another {words.command}") as journal:
@@ -261,7 +261,7 @@ def is_finished(job: RunnerJob, folder: Path, rows: Rows) -> bool:
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files by their paths within a folder, each whole or not at all; DasError where that fails."""
+    """Write files by their paths within a folder, each whole or not at all; DasError if that fails."""
     for name, content in files.items():
         path = folder / name
         make_folder(path.parent)
@@ -278,7 +278,7 @@ class ServiceMemory:
     def of(self, scenario: Scenario, level: Level | None) -> Service:
         """The scenario's service, planned with a level of losses (None: the vehicle's default).
 
-        Raises DasError for anything unusable, InfeasibleError where the train cannot run.
+        Raises DasError for anything unusable, InfeasibleError if the train cannot run.
         """
         for i, (kept_level, service) in enumerate(self._kept):
             if kept_level == level and service.plans(scenario):
@@ -290,7 +290,7 @@ class ServiceMemory:
 
 
 def whole_run(driven: DayRun, out: Path | None) -> Run:
-    """The run of a job; DasError where its recording lacks messages."""
+    """The run of a job; DasError if its recording lacks messages."""
     if driven.traffic is not None and driven.traffic.lost:
         raise DasError(f"{out}: {driven.traffic.lost} messages were lost")
     return driven.run

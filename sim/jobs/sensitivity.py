@@ -31,8 +31,8 @@ _services = ServiceMemory()
 class VariedParameter:
     """The values of a parameter one standard deviation below and above its middle, in its own unit.
 
-    `drawn` tells whether the population draws the parameter; otherwise its standard deviation is a fifth of the
-    default. `source` is the source of the middle.
+    `drawn`: whether the population draws the parameter; otherwise its standard deviation is a fifth of the default.
+    `source` is the source of the middle.
     """
 
     name: str
@@ -101,7 +101,7 @@ def middle_driver(population: Population) -> HumanParameters:
 
 
 def variations(population: Population, names: Sequence[str] | None = None) -> tuple[VariedParameter, ...]:
-    """The named parameters, or all that have an effect, with their values one standard deviation apart.
+    """The named parameters, or all that have an effect, with their values one standard deviation from the middle.
 
     Raises DasError for a name that cannot be varied.
     """
@@ -158,7 +158,7 @@ class Study:
 
 
 def drive(job: SensitivityJob) -> SensitivityRun:
-    """Drive a run in this process; raises DasError where it cannot be driven or has no optimum to compare with."""
+    """Drive a run in this process; raises DasError if it cannot be driven or has no optimum to compare with."""
     day = replace(make_day(_services.of(read_scenario(job.scenario), job.level), job.seed), human=job.human)
     how = How(driver=DriverKind.HUMAN, friction=job.friction, advice=job.advice, train="train-1", command="")
     run = drive_day(day, day.driver(DriverKind.HUMAN, job.friction), how, None).run
@@ -213,5 +213,5 @@ def sensitivity_markdown(found: Sequence[Sensitivity]) -> str:
 
 
 def shown_points(one: Sensitivity) -> str:
-    """The points of a sensitivity as text, with their interval where there is one."""
+    """The points of a sensitivity as text, with their interval if there is one."""
     return f"{one.points:+.2f}" + ("" if np.isnan(one.interval_points) else f" ± {one.interval_points:.2f}")

@@ -1,4 +1,4 @@
-"""Numba kernels of the simulated train: the line under it, one step, and many. They check nothing.
+"""Numba kernels of the simulated train: the line under it, one step, and many. They check no inputs.
 
 Symbols: x state, u command, p the train's numbers, a its actuators, c its losses, line and supply arrays of the route,
 weather patches (see `sim.plant.plant`), s position of the head (m), v speed (m/s), dt step (s), f wheel force (N).
@@ -25,10 +25,10 @@ FORCE, LEVER, SPEED = 0, 1, 2
 class Command(NamedTuple):
     """What the controller asks of the train until the next command; make one with `force`, `lever` or `speed`.
 
-    By `law`, `value` is FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all brakes
-    (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, which changes by `rate_mps2`, with
-    `force_n` + `gain_per_s` × inertial mass × (wanted − actual speed). The force stays within `low_n` and `high_n`.
-    The friction brake gives at least the share `friction_ratio` of a braking force.
+    `law` says what `value` is. FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all
+    brakes (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, which changes by `rate_mps2`, with
+    `force_n` + `gain_per_s` × inertial mass × (wanted − actual speed). The force stays within `low_n` and `high_n`. The
+    friction brake gives at least the share `friction_ratio` of a braking force.
     """
 
     law: int
@@ -125,8 +125,8 @@ class LossNumbers(NamedTuple):
 class LineNumbers(NamedTuple):
     """A route under one train as the kernels take it.
 
-    `node_m` (n,) and `profile` (n, 9): for gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²), each averaged
-    over the train with its head at s, value and slope from the node on and the integral up to the node.
+    `node_m` (n,) and `profile` (n, 9): gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²) as means over the train
+    with its head at s. Each has its value and slope from the node on, and its integral up to the node.
     `supply_start_m`, `supply` (k,): see `das.domain.route.Route.supply`.
     `weather` (w, 6): from and to (m), from and to (s), adhesion ratio, head wind (m/s).
     """
@@ -178,7 +178,7 @@ def line_means(line, s, way):
 
 @kernel
 def weather_at(line, s, t, length):
-    """State of the rail (1 = dry) and head wind (m/s) over a train with its head at s; a patch counts by its share."""
+    """State of the rail (1 = dry) and head wind (m/s) over a train with its head at s, by share of the train."""
     rail, wind = 1.0, 0.0
     for k in range(line.weather.shape[0]):
         patch = line.weather[k]
@@ -217,7 +217,7 @@ def _hyperbola(v, force, power):
 
 @kernel
 def traction_effort(v, rail, p):
-    """Largest traction force (N) at a speed on a rail in a state (1 = dry)."""
+    """Largest traction force (N) at a speed, for a state of the rail (1 = dry)."""
     adhesive = rail * p.adhesive_force_n * adhesion_coefficient(v)
     return min(_hyperbola(v, p.traction_force_n, p.traction_power_w), adhesive)
 
@@ -291,7 +291,7 @@ def _built_up(before, target, waited, dead, rise, fall, dt):
 
 @kernel
 def _shared(asked, friction_ratio, v, rail, supply, p):
-    """Magnitudes (N) of traction, electric brake and friction brake that share an asked force: electric first."""
+    """Magnitudes (N) of traction, electric brake and friction brake that share a force: electric brake first."""
     pulls = min(max(asked, 0.0), 0.0 if supply == NEUTRAL else traction_effort(v, rail, p))
     brakes = min(max(-asked, 0.0), brake_effort(v, rail, p))
     electric = min((1.0 - friction_ratio) * brakes, electric_effort(v, rail, p) if supply >= 0.0 else 0.0)
@@ -302,16 +302,16 @@ def _shared(asked, friction_ratio, v, rail, supply, p):
 def step(x, u, began, into, dt, line, p, a, c):
     """The state a step later, `into` s after the command was given at time `began`.
 
-    Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over train
-    and way. Supply and weather are those at the start of the step; a neutral section counts from the step that reaches
-    it. Braking energy is booked where it goes, so that the energy balance closes.
+    Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
+    train and the step's distance. Supply and weather are those at the start of the step; a neutral section counts from
+    the step that reaches it. Braking energy is counted where it goes, so that the energy balance closes.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)
     rail *= p.rail_ratio
     supply = supply_at(line, x.s_m, v0 * dt)
 
-    # Forces that can still be held at the start of the step, and where they would lead.
+    # Forces that can still be held at the start of the step, and the motion that they would cause.
     el0 = min(x.force_el_n, 0.0 if supply == NEUTRAL else traction_effort(v0, rail, p))
     el0 = max(el0, -electric_effort(v0, rail, p) if supply >= 0.0 else 0.0)
     fr0 = max(x.force_friction_n, min(-brake_effort(v0, rail, p) - el0, 0.0))
@@ -330,7 +330,7 @@ def step(x, u, began, into, dt, line, p, a, c):
     asked = max(asked, min(-p.inertial_mass_kg * p.max_deceleration_mps2 + resistance + weight, 0.0))
     pulls, electric, rubs = _shared(asked, u.friction_ratio, ahead, rail, supply, p)
 
-    # How far each has got: the motors pull or brake, never both.
+    # How far each force has built up: the motors pull or brake, never both.
     pulled = _built_up(
         max(el0, 0.0), pulls if el0 >= 0.0 else 0.0, x.traction_waited_s, a.traction_dead_s,
         a.traction_rise_n_per_s, a.traction_fall_n_per_s, dt,

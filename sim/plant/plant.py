@@ -26,11 +26,12 @@ from sim.plant.kernels import NO_LIMIT_N, Actuators, Command, LineNumbers, LossN
 __all__ = ["COAST", "Command", "Dynamics", "Patch", "Plant", "PlantState", "force", "lever", "speed", "train_numbers"]
 
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.02, 0.1
-"""Range of the integration's step (s): within it the results do not depend on it."""
+"""Range of the integration's step (s): within this range the results do not depend on the step."""
 NO_LIMIT_MPS2 = 1e6
 """An acceleration no train reaches (finite, so that products stay defined)."""
 DRAWN_AT_MPS = 1.0
-"""At this speed (m/s) the power without effort, less the losses of the traction chain, is that of the auxiliaries."""
+"""At this speed (m/s) the power without effort, less the losses of the traction chain, is the power of the
+auxiliaries."""
 
 
 def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
@@ -138,16 +139,17 @@ class Patch:
         for first, last in (("from_m", "to_m"), ("from_s", "to_s")):
             if not getattr(self, first) < getattr(self, last):
                 raise InputError("patch", last, getattr(self, last), f"more than {first} = {getattr(self, first):g}")
-        # The ranges are those of conditions over the whole line.
+        # The ranges are the same as for conditions over the whole line.
         Conditions(adhesion_ratio=self.adhesion_ratio, head_wind_mps=self.head_wind_mps)
 
 
 class Plant:
     """A train on a route, stepped under commands.
 
-    `conditions` and `patches` tell how the truth differs from the files of route and vehicle, which a plan need not
-    know. A wind belongs there and not into the vehicle's resistance. A train with the brake policy FRICTION has only a
-    friction brake, of the whole braking force; any other train uses the electric brake first, friction for the rest.
+    `conditions` and `patches` say how the true train and line differ from the files of route and vehicle; a plan need
+    not know this. A wind belongs there and not in the vehicle's resistance. A train with the brake policy FRICTION has
+    only a friction brake, which gives the whole braking force; any other train uses the electric brake first, friction
+    for the rest.
 
     Raises DasError for losses that do not cover what the train can do here, and for conditions without data.
     """
@@ -191,7 +193,7 @@ class Plant:
         return after
 
     def advance(self, state: PlantState, command: Command, duration_s: float = 1.0) -> PlantState:
-        """The state after a time under one command; DasError where the time is not a whole number of steps."""
+        """The state after a time under one command; DasError if the time is not a whole number of steps."""
         steps = round(duration_s / self.step_s)
         if steps < 1 or abs(steps * self.step_s - duration_s) > 1e-9:
             raise DasError(f"plant: {duration_s} s is not a whole number of steps of {self.step_s} s")
@@ -296,7 +298,8 @@ def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> L
 def _under_train(quantity: Stretches, node_m: Floats, length_m: float) -> Floats:
     """Value, slope and integral (n, 3) of the mean of a quantity over a train with its head at each node.
 
-    The mean of a piecewise constant quantity over a fixed length is linear between the breaks and the breaks + length.
+    The mean of a piecewise constant quantity over a fixed length is piecewise linear: it bends at the breaks and at
+    breaks + length.
     """
     if length_m == 0:
         value, slope = quantity.at(node_m), np.zeros(len(node_m))

@@ -15,7 +15,7 @@ from sim.world.service import Day
 
 
 class Calls:
-    """Follows a train from stop to stop; its methods are to be called in the order of time."""
+    """Follows a train from stop to stop; call its methods in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._service = day, day.service
@@ -24,7 +24,7 @@ class Calls:
 
     @property
     def section(self) -> int:
-        """Index of the train's section: at a stop that of the next section, at the last stop that of the last one."""
+        """Index of the train's section: at a stop, the next section's; at the last stop, the last section's."""
         return min(len(self.arrivals), len(self._service.fronts) - 1)
 
     @property
@@ -98,7 +98,7 @@ class Calls:
 
 
 class Watch:
-    """Watches the states of a run for violations; its methods are to be called in the order of time."""
+    """Watches the states of a run for violations; call its methods in the order of time."""
 
     def __init__(self, length_m: float) -> None:
         self._length_m = length_m

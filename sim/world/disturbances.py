@@ -38,7 +38,7 @@ class DwellOverrun(DepartureDelay):
 
 @dataclass(frozen=True, kw_only=True)
 class DelayOnTheWay:
-    """Between `from_m` and `to_m` the driver may not go faster than `speed_mps`; the node is not told."""
+    """Between `from_m` and `to_m` the driver may not go faster than `speed_mps`; the node does not know."""
 
     from_m: float
     to_m: float
@@ -78,7 +78,8 @@ class SignalStop:
 class TrainAhead:
     """A signal at danger at `at_m`, visible `seen_m` before it, that clears at `clears_s` on the run's clock.
 
-    Traffic management knows: `told_m` before the signal, it tells the node not to come into its sight before that time.
+    Traffic management knows this time: when the train is `told_m` before the signal, it gives the node a target, not to
+    come within sight of the signal before then.
     """
 
     at_m: float
@@ -172,7 +173,7 @@ def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:
-    """One line that tells people what happens, with speeds in km/h and places in km."""
+    """One line for people about what happens, with speeds in km/h and places in km."""
     return "; ".join(map(_described, disturbances)) or NOTHING
 
 

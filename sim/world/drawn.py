@@ -66,7 +66,7 @@ def read_quantity(table: Fields, name: str, dimension: str, default: float | Non
 
 
 def key_of(table: Fields, name: str, dimension: str) -> str:
-    """The key under which the file gives a quantity; the bare name of the quantity where it does not."""
+    """The key under which the file gives a quantity; the bare name of the quantity if it does not."""
     return next((key for key in table.quantity_keys({name: dimension}) if key in table.data), name)
 
 
@@ -93,13 +93,13 @@ class Truth:
 
     @property
     def changes_adhesion(self) -> bool:
-        """Whether the adhesion can differ from that of a dry rail."""
+        """Whether the adhesion can differ from the adhesion of a dry rail."""
         adhesion = self.conditions["adhesion_ratio"]
         return (adhesion.low, adhesion.high) != (1.0, 1.0)
 
     @property
     def is_as_planned(self) -> bool:
-        """Whether train, load and losses are those of the plan; the conditions of a day may still differ."""
+        """Whether train, load and losses are as in the plan; the conditions of a day may still differ."""
         others = (self.adhesive_mass_kg, self.vehicle, self.load, self.level, self.loss_map)
         return all(one is None for one in others)
 
@@ -181,7 +181,7 @@ COUNTED = ("notches",)
 
 @dataclass(frozen=True, kw_only=True)
 class HumanRange:
-    """What a scenario gives of human drivers: parameters by name, and `trips`, the trips already made.
+    """What a scenario says about human drivers: parameters by name, and `trips`, the trips already made.
 
     Parameters that are not given have their defaults.
     """
@@ -195,14 +195,14 @@ class HumanRange:
         return _driver(drawn), drawn
 
     def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
+        """The parameters of the participant, or of the seed's driver if there is none, and their source values."""
         return self.draw(seed) if who is None else self.participant(who, source)
 
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of a participant, and the values behind them.
+        """The parameters of a participant, and their source values.
 
-        Values of the scenario (`source`) replace those of the population. Raises DasError where the values contradict
-        each other, or where the scenario gives a range, because each seed would then draw another driver.
+        Values of the scenario (`source`) replace those of the population. Raises DasError if the values contradict each
+        other, or if the scenario gives a range, because each seed would then draw another driver.
         """
         for name, figure in self.given.items():
             if figure.low != figure.high:

@@ -69,11 +69,11 @@ BRAKES: Final = lever(-1.0)
 
 
 class ExternalDriver:
-    """Asks a process on the bus what the controller is set to, five times a second of the run.
+    """Asks a process on the bus for the controller's setting, five times per second of the run.
 
-    Without `times_real` (as fast as possible) the run waits for each answer, so that it does not depend on how fast the
-    machine is. With it, a look lasts as long as the pace allows, and the newest answer counts. `clock` (s) may be any
-    clock that does not go back. If the driver is silent, `DeadMan` brakes the train.
+    Without `times_real` (as fast as possible) the run waits for each answer, so that its result does not depend on the
+    speed of the machine. With `times_real`, a look lasts as long as the pace allows, and the newest answer counts.
+    `clock` (s) may be any clock that does not go back. If the driver is silent, `DeadMan` brakes the train.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class ExternalDriver:
         self._crowded = False
 
     def begin(self, lockstep: Lockstep) -> None:
-        """Wait until the driver has published something; DasError where it does not within `AWAITED_S`."""
+        """Wait until the driver has published something; DasError if it does not within `AWAITED_S`."""
         answers = lockstep.answers
         if not lockstep.hear(lambda: answers.controls is not None, AWAITED_S):
             raise DasError(
@@ -129,7 +129,7 @@ class ExternalDriver:
             self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
 
     def _answer(self, lockstep: Lockstep, cab: CabView) -> Any | None:
-        """The answer to this look; None where none comes in time, DasError where the driver is gone for good."""
+        """The answer to this look; None if none comes in time, DasError if the driver is gone for good."""
         answers = lockstep.answers
         if self._dead_man.braking and cab.speed_mps <= 0:
             if not lockstep.hear(lambda: answers.answered(self._look), GIVEN_UP_S):
@@ -154,7 +154,7 @@ class ExternalDriver:
 
 
 HEARD = (CAB, CONTROL)
-"""Topics that the process of an external driver must hear."""
+"""Topics that the process of an external driver must receive."""
 CALLED_EVERY_S: Final = 0.2
 """Until the run begins, the driver's process announces itself at this interval (s)."""
 LOST_S: Final = 60.0
@@ -164,7 +164,7 @@ LOST_S: Final = 60.0
 def answer_looks(bus: Bus, driver: Driver, begun: Callable[[], None] = lambda: None) -> int:
     """Answer every look of a run until the run is over; returns the number of looks.
 
-    `begun` is called at the first look. Raises DasError where the run falls silent.
+    `begun` is called at the first look. Raises DasError if the run falls silent.
     """
     looks, heard_s = 0, time.monotonic()
     _say_it_is_there(bus)

@@ -33,8 +33,8 @@ from sim.world.surroundings import Surroundings
 class Tick(NamedTuple):
     """A tick of the simulation: its number, its time (ns since 1970), and the messages to the on-board system.
 
-    The messages contain all restrictions in force at the first tick that gets through, even if there are none, and
-    whenever they change; and all targets in force whenever they change.
+    At the first tick that gets through, and whenever the restrictions change, the messages contain all restrictions in
+    force, even if there are none. Whenever the targets change, the messages contain all targets in force.
     """
 
     number: int
@@ -57,7 +57,7 @@ class Told(NamedTuple):
 
 
 class Link(Protocol):
-    """The way to the advice and to the recording."""
+    """The connection to the on-board system and to the recording."""
 
     def exchange(self, tick: Tick) -> Any:
         """The advice for a tick (`das.advice.advice.Advice` or the bus's message)."""
@@ -78,12 +78,12 @@ LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
 """A run may take this many times the time of its timetable, and this much (s) more."""
 
 Progress = Callable[[float, float], None]
-"""Called at every tick with the way driven so far and the whole way (m)."""
+"""Called at every tick with the distance driven so far and the whole distance (m)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Counts:
-    """Numbers of ticks with advice given, withdrawn or not heard; and with advice above the limit."""
+    """Numbers of ticks with advice given, withdrawn or not received, and with advice above the limit."""
 
     advised: int = 0
     withdrawn: int = 0
@@ -91,7 +91,7 @@ class Counts:
     above_limit: int = 0
 
     def plus(self, advice: Any | None) -> Counts:
-        """The counts with one more tick, and its advice (None: not heard)."""
+        """The counts with one more tick, and its advice (None: not received)."""
         if advice is None:
             return replace(self, unheard=self.unheard + 1)
         if advice.mode == Regime.NONE:
@@ -137,7 +137,7 @@ class World:
         self._screen = Screen(screen)
 
     def run(self, progress: Progress | None = None) -> Run:
-        """Drive from before the departure to after the last arrival; DasError where the train does not arrive."""
+        """Drive from before the departure to after the last arrival; DasError if the train does not arrive."""
         service, calls = self.day.service, self._around.calls
         first_m, last_m = service.stops[0].position_m, service.stops[-1].position_m
         state = self.day.plant.at(first_m, time_s=-BEFORE_S)
@@ -215,19 +215,19 @@ TRAIN = "train"
 
 
 class InProcess:
-    """The link to a cab in this process, which receives what the bus would carry; nothing is recorded."""
+    """The link to an on-board system in this process, which receives what the bus would carry; nothing is recorded."""
 
     def __init__(self, service: Service, *, coach: bool = False) -> None:
         self._service, self._coach = service, coach
         self._kept: dict[Kind, Heard] = {}
         self._judged_ns = 0
         self.said: list[Output] = []
-        """The cab's other outputs at the last tick."""
+        """The on-board system's other outputs at the last tick."""
         self.restart()
         self._hear(service.journey(TRAIN, service.moment_ns(-BEFORE_S)))
 
     def restart(self) -> None:
-        """Start a new cab that receives only what the bus keeps: journey, restrictions, targets."""
+        """Start a new on-board system that receives only what the bus keeps: journey, restrictions, targets."""
         service = self._service
         situation = Situation(
             route=service.route,

@@ -30,7 +30,7 @@ from sim.world.service import Day
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
-    """The least-energy trajectory of each section for the time it took; the fastest one where it took even less."""
+    """The least-energy trajectory of each section for the time that it took; the fastest one if it took even less."""
     return tuple(
         front.trajectory(arrived.time_s - departed.time_s)
         for front, (departed, arrived) in zip(fronts, run.legs, strict=True)
@@ -38,7 +38,7 @@ def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]
 
 
 def above_optimum(day: Day, run: Run) -> AboveOptimum:
-    """The energy above the optimum of the true train, by section; raises DasError where `true_fronts` does."""
+    """The energy above the optimum of the true train, by section; raises DasError if `true_fronts` does."""
     sections = zip(pairwise(day.service.stops), run.legs, optimum_as_driven(true_fronts(day), run), strict=True)
     return AboveOptimum.measured_on(
         [
@@ -51,7 +51,7 @@ def above_optimum(day: Day, run: Run) -> AboveOptimum:
 
 
 def true_fronts(day: Day) -> tuple[Front, ...]:
-    """The fronts of the sections for the true train under the day's conditions; the plan's where both are as planned.
+    """The fronts of the sections for the true train under the day's conditions; the plan's if both are as planned.
 
     These fronts ignore what happens on the way: signals, restrictions, slippery rail and wind on a part of the line.
     Raises DasError for losses that do not cover what the train can do.
@@ -88,14 +88,15 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
 
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
-"""The ways in which energy is lost for good, as in the paper's figure; `unreturned` is what the line did not take."""
+"""The ways in which energy is lost for good, as in the paper's figure; `unreturned` is braking energy that the line did
+not take."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunEnergies:
     """Energies of a run at the current collector, and the optima beside them (J).
 
-    `above` has the energy from departure to arrival of every section, and the least energy of the true train for the
+    `above` has the energy from departure to arrival for every section, and the least energy of the true train for the
     times that the sections took. `at_stops_j` is drawn at stops in between. `planned_j` is the plan's least energy for
     the timetable. Both optima ignore what happened on the way.
 
@@ -148,7 +149,7 @@ class DayOutcome:
     `drive` has the figures that a recording of the run also gives: stops, energy above the optimum, violations, and how
     often the advice on the display changed. `running_time_s` is the time between departures and arrivals, `simulated_s`
     the whole time of the run. `balance` is where the energy went from the first departure to the last arrival (J),
-    comfort systems included. `counts` tells on how many ticks advice was given, withdrawn or not heard.
+    comfort systems included. `counts` has the numbers of ticks at which advice was given, withdrawn or not received.
     """
 
     scenario: str
@@ -279,7 +280,7 @@ class DayResult:
 
     @property
     def warnings(self) -> list[str]:
-        """What is wrong with the advice of the run; empty where nothing is wrong."""
+        """What is wrong with the advice of the run; empty if nothing is wrong."""
         warning = self.outcome.drive.stability.warning
         return [] if warning is None else [warning]
 

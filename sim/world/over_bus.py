@@ -38,7 +38,7 @@ from sim.world.service import Day, Service, scenario_files
 class OverBus:
     """The link to a node and a recorder in lockstep with the simulation.
 
-    `shows_cab` is False where an external driver drives, because the cab is then sent at every look.
+    `shows_cab` is False if an external driver drives, because the cab is then sent at every look.
     """
 
     def __init__(self, day: Day, lockstep: Lockstep, *, shows_cab: bool = True) -> None:
@@ -76,7 +76,7 @@ class OverBus:
 
 @dataclass(frozen=True, kw_only=True)
 class How:
-    """How a day is driven, as its recording tells.
+    """How a day is driven, as its recording states.
 
     `bus` is the folder of bus files (None: free ports of this machine), `driver_at` an external driver's endpoint.
     """
@@ -90,7 +90,7 @@ class How:
     driver_at: str | None = None
     screen: ScreenSettings = field(default_factory=ScreenSettings)
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """What else the recording says of the run, for example what a what-if changed."""
+    """What else the recording states about the run, for example what a what-if changed."""
 
 
 class DayRun(NamedTuple):
@@ -101,9 +101,9 @@ class DayRun(NamedTuple):
 
 
 def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None) -> DayRun:
-    """Drive a day: in this process, or with node and recorder as processes where it is recorded in the file `out`.
+    """Drive a day: in this process, or with node and recorder as processes if it is recorded in the file `out`.
 
-    Raises DasError where a process fails or the train does not arrive.
+    Raises DasError if a process fails or the train does not arrive.
     """
     if out is None:
         link = InProcess(day.service, coach=presenter_of(how.advice).needs_coach)
@@ -125,7 +125,7 @@ def drive_day(day: Day, driver: Driver, how: How, out: Path | None, progress: Pr
 
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:
-    """Node and recorder for a day; the recording says how it was made and holds the files it was made from."""
+    """Node and recorder for a day; the recording states how it was made and contains the files it was made from."""
     service, scenario = day.service, day.service.scenario
     files = scenario_files(scenario)
     metadata = {

@@ -31,7 +31,7 @@ from sim.world.drawn import Drawn, HumanRange, Truth, beside, key_of, read_human
 SCHEMA_VERSION = 1
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
-"""Times on the bus are ns since 1970 in 63 bits: they end in 2262."""
+"""Latest departure in a scenario: times on the bus are ns since 1970 in 63 bits, which end in 2262."""
 LONGEST_DWELL_S = 86_400.0
 _ID = re.compile(r"\w[\w.-]{0,63}")
 """The form of an id, which becomes part of file names."""

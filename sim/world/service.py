@@ -52,7 +52,7 @@ PLANNED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: the `stops` in the order of the way, and each section's front, timetable and best trajectory.
+    """What is planned: the `stops` in the order of travel, and each section's front, timetable and best trajectory.
 
     `onboard` keeps the fronts with which the on-board system plans in runs without a bus.
     """
@@ -112,7 +112,7 @@ class Service:
 def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Service:
     """Read the files, solve the sections and make the timetable.
 
-    Raises DasError for anything unusable, InfeasibleError where the train cannot run.
+    Raises DasError for anything unusable, InfeasibleError if the train cannot run.
     """
     route, vehicle, stops = lay_out(scenario, level=level)
     options = SectionOptions(point_mass=scenario.point_mass)
@@ -152,7 +152,7 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
 
 
 def scenario_files(scenario: Scenario) -> dict[str, Path]:
-    """The files that a scenario is made from, itself included, by what they are; raises DasError if one is missing."""
+    """The files that a scenario uses, itself included, by what they are; raises DasError if one is missing."""
     try:
         return {
             "scenario": scenario.source,
@@ -171,7 +171,7 @@ def _true_files(truth: Truth) -> dict[str, Path]:
 
 
 def _there(key: str, path: Path) -> Path:
-    """The file that a scenario names under a key; DasError where there is none."""
+    """The file that a scenario names under a key; DasError if there is none."""
     if not path.is_file():
         raise DasError(f"{key} = {str(path)!r}: no such file")
     return path
@@ -237,10 +237,10 @@ _Kind = TypeVar("_Kind")
 class Day:
     """Plan and truth of the day that belongs to one seed.
 
-    `conditions` are those of the true train and line, without what happens on the way. `held_s` is by how much the
-    departure from each stop is delayed. `human` are the parameters of a human driver, and `stream` is the number of his
-    random numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances, the truth,
-    and the human.
+    `conditions` are those of the true train and line, without what happens on the way. `held_s` is the delay (s) of the
+    departure from each stop. `human` are the parameters of a human driver, and `stream` is the number of his random
+    numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances, the truth, and the
+    human.
     """
 
     service: Service
@@ -254,7 +254,7 @@ class Day:
     stream: int = 0
 
     def driver(self, kind: DriverKind | OwnClass, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
-        """Make a driver of a kind, or of a class of the user's, for this day; DasError where it cannot be made.
+        """Make a driver of a kind, or of a class of the user's, for this day; DasError if it cannot be made.
 
         Only a human driver uses the friction policy.
         """

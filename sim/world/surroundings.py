@@ -43,11 +43,11 @@ from sim.world.service import Day
 
 DELAY_EVERY_S = 10
 COMPARED_EVERY_S = 35.0
-"""Interval (s) at which a display of the deviation alone is renewed; that of SBB is renewed every 30 to 40 s."""
+"""Interval (s) at which a display of the deviation alone is renewed; the display of SBB is renewed every 30 to 40 s."""
 
 
 class Surroundings:
-    """The surroundings of a train on a day; its methods are to be called in the order of time."""
+    """The surroundings of a train on a day; call its methods in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service
@@ -57,7 +57,7 @@ class Surroundings:
         self._line_limits = _LimitSteps(day.service.line.line_limits_mps)
         self._watch = Watch(day.plant.vehicle.train_length_m)
         self._compared_s, self._deviation_s = -math.inf, math.nan
-        # The node is sent an empty list of restrictions where there are none: until then it must not advise.
+        # Without restrictions the node is sent an empty list, because it must not advise before it has a list.
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
 
     @property
@@ -143,7 +143,7 @@ NODE_DOWN_S = 2.0
 
 
 class DayNews:
-    """What driver and node have been told by now; its methods are to be called once a second, in the order of time."""
+    """The news that driver and node have by now; call its methods once a second, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._length_m = day, day.service.vehicle.train_length_m
@@ -160,10 +160,10 @@ class DayNews:
         self.told: tuple[Restriction, ...] = ()
         """Announced restrictions, until the tail has left them; `holding` returns those that hold."""
         self.shown: tuple[Restriction, ...] = ()
-        """Restrictions that the driver keeps to: those of `told` that count now, and those known to him alone."""
+        """Restrictions that the driver keeps to: those announced that count now, and those known to him alone."""
 
     def update(self, state: PlantState) -> list[str]:
-        """Update the news for a state; returns a sentence about each thing that is new."""
+        """Update the news for a state; returns a sentence about each new item."""
         return [
             *self._signals(state),
             *self._traffic(state),
@@ -208,7 +208,7 @@ class DayNews:
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
 
     def _traffic(self, state: PlantState) -> list[str]:
-        """Update the targets, by which the train would see signals clear; returns a sentence about each new one."""
+        """Update the targets, with which the train sees only clear signals; returns a sentence for each new one."""
         before = self.targets
         self.targets = tuple(
             Target(
@@ -259,7 +259,7 @@ STREAM, FORCE_STREAM = 2, 3
 
 
 class SimulatedLocalisation:
-    """The localisation of a day; `measure` is to be called once a tick, in the order of time."""
+    """The localisation of a day; call `measure` once a tick, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._sensors, self._faults = day.service.scenario.sensors, day.of(SensorOutage)
@@ -306,7 +306,7 @@ class SimulatedLocalisation:
 
 
 class TrainControl:
-    """The efforts that the train's own control measures on a day; `measure` is to be called once a tick."""
+    """The efforts that the train's own control measures on a day; call `measure` once a tick."""
 
     def __init__(self, day: Day) -> None:
         self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio

@@ -76,14 +76,14 @@ def _effort_steps(view: AdviceView) -> int:
 
 
 def _lever_ratio(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
-    """The controller's setting for the coach's instruction; an acceleration keeps its share up to its speed."""
+    """The controller's setting for the coach's instruction; an acceleration keeps its effort up to its speed."""
     now = coach.now
     accelerates = now.effort_ratio > 0.0 and now.mode != Regime.DEPART
     return float(now.effort_ratio) if accelerates else lever_ratio(coach.force_n, speed_mps, train)
 
 
 def _departure(now: Any) -> Instruction:
-    """The instruction that is due as soon as a train that the coach tells to depart is cleared."""
+    """The instruction for a train that is to depart by the coach's advice, due as soon as the train is cleared."""
     mode = departure_regime(now.effort_ratio)
     return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
 

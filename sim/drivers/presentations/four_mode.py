@@ -15,7 +15,7 @@ from sim.plant.kernels import TrainNumbers
 
 
 class FourModePresenter(Presenter):
-    """Shows a mode, a speed if it is to be held, and which mode begins next and when."""
+    """Shows a mode, a speed if the mode holds one, and which mode begins next and when."""
 
     number = 2
     phrase = "four modes"
@@ -44,7 +44,7 @@ class FourModePresenter(Presenter):
         return Shown(mode=mode, speed_kmh=whole(view.shown_speed_mps / KMH) if mode is Regime.CRUISE else None)
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """Full traction, nothing, or what holds the speed; advice to brake is followed with the motors alone."""
+        """Full traction, no effort, or what holds the speed; advice to brake is followed with the motors alone."""
         view, handling = view.departure, hands.handling
         if view.mode == Regime.CRUISE:
             return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))

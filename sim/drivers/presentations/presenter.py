@@ -1,7 +1,7 @@
 """What belongs to a presentation of the advice, and how to find a presentation by name or number.
 
-A new presentation is a line in `sim.drivers.kinds.Presentation` and a module in this package, named as it is (with `_`
-for `-`), whose `PRESENTER` is a `Presenter`.
+A new presentation needs a line in `sim.drivers.kinds.Presentation`, and a module in this package that has its name
+(with `_` for `-`) and whose `PRESENTER` is a `Presenter`.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from sim.plant.kernels import Command, TrainNumbers
 EFFORT_STEP_RATIO: Final = 0.2
 """A driver reads effort in steps of this share of the controller's scale: nobody reads or sets it more closely."""
 DEPART: Final = "depart when cleared"
-"""What a display tells a standing train that may depart when it is cleared."""
+"""What a display shows to a standing train that may depart when it is cleared."""
 
 
 class SpeedIs(Enum):
-    """What the speed on a display means: to have it now, not to exceed it, or to reach it."""
+    """What the speed on a display means: a speed to have now, not to exceed, or to reach."""
 
     TO_HAVE = "to have now"
     HIGHEST = "not to be exceeded"
@@ -38,7 +38,8 @@ class SpeedIs(Enum):
 class LaneState(NamedTuple):
     """What pictures write in the lane "shown" for a display without modes: a text and its colour "#rrggbb".
 
-    `standing`: the lane has this text for a standing train too; otherwise it then has the mode (stop or depart).
+    `standing`: the lane has this text for a standing train too; otherwise a standing train has the mode (stop or
+    depart).
     """
 
     text: str
@@ -47,7 +48,7 @@ class LaneState(NamedTuple):
 
 
 class ShownRegime(NamedTuple):
-    """The mode, the speed (m/s) and the reason that a display shows of a recorded advice."""
+    """The mode, the speed (m/s) and the reason that a display shows for recorded advice."""
 
     mode: Regime
     speed_mps: float
@@ -86,7 +87,7 @@ class Follower(Protocol):
     """Does exactly what a presentation says, from one departure to the next."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for a moving train; None where the driver should drive as without advice."""
+        """The command for a moving train; None if the driver should drive as without advice."""
 
 
 class Presenter(ABC):
@@ -104,15 +105,15 @@ class Presenter(ABC):
     needs_coach: ClassVar[bool] = False
     """Whether the on-board system must have its coach enabled."""
     says_mode: ClassVar[bool] = True
-    """Whether the display says how to drive; one that does not shows a top speed at most."""
+    """Whether the display says how to drive; a display that does not say this shows at most a top speed."""
     says_effort: ClassVar[bool] = True
     """Whether the display says with what effort to drive."""
     lane: ClassVar[LaneState | None] = None
-    """The lane of a display that shows no mode; None where the lane shows the modes."""
+    """The lane of a display that shows no mode; None if the lane shows the modes."""
 
     @abstractmethod
     def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
-        """What the display shows of an advice (`Advice`, or its message); None for nothing.
+        """What the display shows of advice (`Advice`, or its message); None for nothing.
 
         `blank` has the times and the mode of the advice, and nothing else. `deviation_s` is how late the train is.
         """
@@ -126,7 +127,7 @@ class Presenter(ABC):
         return SpeedIs.TO_HAVE
 
     def read(self, view: AdviceView) -> Shown:
-        """What a driver reads off the display; a speed without a form of its own is rounded to km/h."""
+        """What a driver reads off the display; the speed is in whole km/h."""
         effort = whole(view.lever_ratio / EFFORT_STEP_RATIO)
         return Shown(mode=Regime(view.mode), speed_kmh=whole(view.shown_speed_mps / KMH), effort=effort)
 
@@ -176,7 +177,7 @@ def present(
     clock_zero_ns: int = 0,
     deviation_s: float = math.nan,
 ) -> AdviceView | None:
-    """What the display shows of an advice; None if it shows nothing.
+    """What the display shows of advice; None if it shows nothing.
 
     `advice` is a `das.advice.advice.Advice` or the message of the bus. `clock_zero_ns` is the moment (ns since 1970) at
     which the cab's clock shows 0. `deviation_s` is how late the train is, for a display that shows only this.

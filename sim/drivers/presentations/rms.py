@@ -14,7 +14,7 @@ from sim.plant.kernels import TrainNumbers
 
 
 class RmsPresenter(Presenter):
-    """Shows a top speed, and tells a standing train that it may depart when it is cleared."""
+    """Shows a top speed, and, to a standing train, that it may depart when it is cleared."""
 
     number = 1
     phrase = "one maximum speed"

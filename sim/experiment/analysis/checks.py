@@ -14,18 +14,18 @@ from sim.experiment.analysis.reading import SAME, Floats, Ints, RunStudy, ShownM
 from sim.experiment.plan import PlannedComparison
 
 SURE: Final = 0.01
-"""An assumption counts as broken where the p value of its test is below this."""
+"""An assumption counts as broken if the p value of its test is below this."""
 ENOUGH: Final = 5
-"""So many participants are enough for a statistical test, and so many days are enough to stand for other days."""
+"""This many participants are enough for a statistical test, and this many days are enough to stand for other days."""
 EVEN_NOISE: Final = 2.0
 """Conditions count as equally noisy if their standard deviations differ by at most this factor."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AssumptionCheck:
-    """One assumption: what was found, and what follows from it; `holds` is None where the trials cannot tell.
+    """One assumption: what was found, and what follows from it; `holds` is None if the trials cannot tell.
 
-    `needed` is False where the first interval, of resampled drivers, does not need the assumption.
+    `needed` is False if the first interval, made by resampling drivers, does not need the assumption.
     """
 
     name: str
@@ -98,7 +98,7 @@ def _single_driver_of_groups(groups: TwoGroups, shown: ShownMeasure) -> Assumpti
 
 
 def _single_driver(names: Sequence[str], mean: float, without: Floats, shown: ShownMeasure) -> AssumptionCheck:
-    """Whether the difference keeps its sign whichever driver is left out; `without[i]` is the one without driver i."""
+    """Whether the difference keeps its sign whichever driver is left out; `without[i]` is the mean without driver i."""
     name = "No single driver makes the result"
     if len(names) < 3:
         return AssumptionCheck.untold(name, "Too few drivers.")
@@ -205,7 +205,7 @@ def _means(values: Floats, names: Texts) -> Floats:
 
 
 def _carried(study: RunStudy, comparison: PlannedComparison, driver: str, position: Ints, rest: Floats) -> float:
-    """The mean remainder of one driver after trials at level a minus that after level b; NaN if either is missing."""
+    """The mean remainder of one driver after trials at level a, less the mean after b; NaN if either is missing."""
     trials = study.trials
     mine = trials.participant == driver
     before = dict(zip(trials.position[mine].tolist(), trials.levels[comparison.factor][mine].tolist(), strict=True))
@@ -240,7 +240,7 @@ def _days(pairs: PairedTrials, shown: ShownMeasure) -> AssumptionCheck:
 
 
 def _compared_words(shown: ShownMeasure, difference: float, tail: str) -> str:
-    """A difference in words with what it is compared with: `2.1 points lower than …`, or `the same as …`."""
+    """A difference in words, then `tail` for the other side: `2.1 points lower than …`, or `the same as …`."""
     changed = shown.changed(difference)
     return changed + (tail.replace(" than ", " as ", 1) if changed == SAME else tail)
 
@@ -248,7 +248,7 @@ def _compared_words(shown: ShownMeasure, difference: float, tail: str) -> str:
 def _against_chance(
     name: str, follows: str, values: Floats, shown: ShownMeasure, what: tuple[str, str]
 ) -> AssumptionCheck:
-    """Check whether a figure of the participants, one each, differs from 0 only by chance (Student's t).
+    """Check whether a figure, one for each participant, differs from 0 only by chance (Student's t).
 
     `what` are the words before and after the finding.
     """

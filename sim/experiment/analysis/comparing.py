@@ -30,7 +30,7 @@ from sim.experiment.plan import PlannedComparison
 
 WANTED_POWER: Final = 0.8
 ASKED_POINTS: Final = (0.005, 0.01, 0.02)
-"""Differences of a ratio for which the report says how many participants would show them."""
+"""Differences of a ratio for which the report says how many participants it takes to find them."""
 ASKED: Final = "asked for"
 PART_RESAMPLES: Final = 4999
 """Resamples for a difference at one level of another factor: fewer, because it is shown but not tested."""
@@ -38,11 +38,11 @@ PART_RESAMPLES: Final = 4999
 
 @dataclass(frozen=True, kw_only=True)
 class NeededParticipants:
-    """How many participants find a difference of `effect` in 80 % of studies.
+    """How many participants it takes for 80 % of studies to find a difference of `effect`.
 
     `interval` is the range of that number, because the spread of participants is not known exactly. In a comparison of
-    two groups, the numbers are those of each group. None stands for more than a million. `given` is False where the
-    difference came out of the study. `reason` says in words why it is listed.
+    two groups, the numbers are for each group. None stands for more than a million. `given` is False if the difference
+    came out of the study. `reason` says in words why it is listed.
     """
 
     effect: float
@@ -78,17 +78,17 @@ class FoundDifference:
 
     @property
     def pairs(self) -> PairedTrials | None:
-        """The pairs; None where two groups were compared."""
+        """The pairs; None if two groups were compared."""
         return self.trials if isinstance(self.trials, PairedTrials) else None
 
     @property
     def groups(self) -> TwoGroups | None:
-        """The two groups; None where every participant drove both conditions."""
+        """The two groups; None if every participant drove both conditions."""
         return self.trials if isinstance(self.trials, TwoGroups) else None
 
     @property
     def title(self) -> str:
-        """The name of the comparison; the measure and the contrast where the design gave it no name of its own."""
+        """The name of the comparison; the measure and the contrast if the design gave it no name."""
         short = self.comparison.title
         return short if short == self.comparison.name else f"{self.shown.name}: {short}"
 
@@ -195,7 +195,7 @@ def _difference(
 
 
 def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> Iterator[DifferencePart]:
-    """The difference at each level of the other factors that the comparison leaves open, as far as it can be made."""
+    """The difference at each level of the other factors that the comparison leaves open, if it can be computed."""
     for factor in study.plan.factors:
         if factor.name == comparison.factor or factor.name in comparison.where:
             continue
@@ -210,7 +210,7 @@ def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> It
 def _needed(
     found: FoundDifference, asked: tuple[float, ...], alpha: float, spread: tuple[float, float]
 ) -> Iterator[NeededParticipants]:
-    """How many participants find the difference that was found here, half of it, and others.
+    """How many participants it takes to find the difference that was found here, half of it, and others.
 
     The others are those `asked` for, in the unit of the report, and `ASKED_POINTS`. `spread` is the interval of the
     standard deviation between participants.

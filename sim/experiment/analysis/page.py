@@ -34,12 +34,12 @@ from sim.review.colors import LIGHT, SEVERAL
 
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
-"""Columns of the table of measures that belong to no comparison."""
+"""Number of columns of the table of measures that belong to no comparison."""
 BLUE, ORANGE = SEVERAL[0], SEVERAL[1]
 FAINT: Final = "#9aa0a6"
 ROW_IN: Final = 0.5
 SCATTER: Final = 0.16
-"""Points of drivers lie at most this far (rows) beside their row, so that equal ones do not hide each other."""
+"""Points of drivers lie at most this far (rows) beside their row, so that equal values do not hide each other."""
 
 
 def page(found: StudyFindings) -> str:
@@ -74,7 +74,7 @@ def page(found: StudyFindings) -> str:
 
 
 def _signed(*values: float) -> str:
-    """Numbers with their signs as text, a range with "to" between its ends; empty where they are not known."""
+    """Numbers with their signs as text, a range with "to" between its ends; empty if they are not known."""
     return "" if math.isnan(values[0]) else " to ".join(f"{one:+.2f}".replace("-", "−") for one in values)
 
 

@@ -1,8 +1,8 @@
 """How many participants an experiment needs, by simulating it: the same test as the analysis, on many made-up studies.
 
-The differences of made-up participants come from those of a pilot study, drawn again with replacement (the part between
-participants and the part between trials apart: Carpenter, Goldstein and Rasbash, Applied Statistics 52 (2003) 431–443),
-or from bell curves of given standard deviations. `answer` is what `das-sim experiment power` does.
+The differences of made-up participants come from the differences of a pilot study, drawn again with replacement
+(separately between participants and between trials: Carpenter, Goldstein and Rasbash, Applied Statistics 52 (2003)
+431–443), or from bell curves of given standard deviations. `answer` is what `das-sim experiment power` does.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ AT_ONCE: Final = 250
 class MadeUpDifferences(Protocol):
     """Where the differences of made-up participants come from; their true mean is 0.
 
-    With `groups` each participant drives one of two conditions. What is drawn are then their values, those of the first
-    group before those of the second.
+    With `groups` each participant drives one of two conditions. `draw` then gives their values, the first group before
+    the second.
     """
 
     @property
@@ -65,9 +65,9 @@ class BellCurves:
 
 @dataclass(frozen=True, kw_only=True)
 class PilotDifferences:
-    """Differences of a pilot's participants, drawn again: `between` one each, `within` those of their single pairs.
+    """Differences of a pilot's participants, drawn again: `between` has one for each, `within` one for each pair.
 
-    Both have mean 0 and the estimated standard deviation of their part. `within` is empty where each participant of the
+    Both have mean 0 and the estimated standard deviation of their part. `within` is empty if each participant of the
     pilot drove one pair: `between` then has the differences as they are.
     """
 
@@ -88,7 +88,7 @@ class PilotDifferences:
 
 @dataclass(frozen=True, kw_only=True)
 class PilotGroups:
-    """The values of a pilot's participants of two groups, drawn again: each group's have mean 0."""
+    """The values of a pilot's participants of two groups, drawn again: those of each group have mean 0."""
 
     a: Floats
     b: Floats
@@ -134,7 +134,7 @@ def of_pilot(pairs: PairedTrials, pairs_each: int | None) -> PilotDifferences:
 
 
 def _scaled(values: Floats, sd: float) -> Floats:
-    """Values of mean 0 with this standard deviation; all 0 where they have no spread."""
+    """Values of mean 0 with this standard deviation; all 0 if they have no spread."""
     found = float(values.std())
     return values * (sd / found) if found > 0 else np.zeros_like(values)
 
@@ -160,7 +160,7 @@ class PowerPoint:
 
 
 def power_of(question: PowerQuestion, participants: int) -> PowerPoint:
-    """The power of an experiment with this many participants, in each group where there are two."""
+    """The power of an experiment with this many participants, in each group if there are two."""
     if not LEAST_PARTICIPANTS <= participants <= MOST_PARTICIPANTS:
         raise DasError(f"{participants} participants: expected {LEAST_PARTICIPANTS} to {MOST_PARTICIPANTS}")
     rng = np.random.default_rng([question.seed, participants])
@@ -207,8 +207,8 @@ def share_interval(found: int, whole: int) -> tuple[float, float]:
 def normal_power(size: float, participants: int, alpha: float, *, groups: bool = False) -> float:
     """Power of a t test on bell curves, for an effect in standard deviations between participants.
 
-    The test is paired, or with `groups` of two groups of so many participants each. The distribution is the noncentral
-    t (Cohen, Statistical Power Analysis, 1988, chapter 2).
+    The test is paired or, with `groups`, compares two groups of this many participants each. The distribution is the
+    noncentral t (Cohen, Statistical Power Analysis, 1988, chapter 2).
     """
     from scipy import stats
 
@@ -219,7 +219,7 @@ def normal_power(size: float, participants: int, alpha: float, *, groups: bool =
 
 
 def normal_participants(size: float, alpha: float, wanted: float, *, groups: bool = False) -> int | None:
-    """Fewest participants for a wanted power of a t test on bell curves, in each group where there are two.
+    """Fewest participants for a wanted power of a t test on bell curves, in each group if there are two.
 
     None stands for more than a million.
     """
@@ -258,7 +258,7 @@ class Asked:
 class PowerAnswer:
     """The power for each number of participants, alone and with corrected p, and how many are needed.
 
-    `strict` and `needed_strict` are empty and None where only one comparison is planned, or p is not corrected.
+    `strict` and `needed_strict` are empty and None if only one comparison is planned, or p is not corrected.
     """
 
     about: str
@@ -296,7 +296,7 @@ class PowerAnswer:
 
 
 def answer(asked: Asked) -> PowerAnswer:
-    """Simulate the experiments that were asked for; DasError where something that is needed is missing."""
+    """Simulate the experiments that were asked for; DasError if something that is needed is missing."""
     _check(asked)
     plan, study = _source(asked.source)
     source, effect, about = _made_up(asked, plan, study)
@@ -330,7 +330,7 @@ def _check(asked: Asked) -> None:
 
 
 def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
-    """The plan of a design or of a study's folder, and the study of a folder; None for each that there is not."""
+    """The plan of a design or of a study's folder, and the study of a folder; None for whichever is missing."""
     if path is None:
         return None, None
     if path.is_dir():
@@ -393,5 +393,5 @@ def _of_study(asked: Asked, study: RunStudy, comparison: PlannedComparison) -> t
         f"True difference {asked.effect:g} {shown.difference_unit} of {shown.name} in the pilot's direction "
         f"({comparison.name}); {drawn}"
     )
-    # Differences may be skewed: power is not the same both ways.
+    # Differences may be skewed: power depends on their sign.
     return source, (-1.0 if falls else 1.0) * asked.effect / shown.factor, about

@@ -39,7 +39,7 @@ Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
 NAMED: Final = ("trial", "participant", "position", "practice", "seed")
-"""Columns that the table of trials must have besides those of the factors and of the measures."""
+"""Columns that the table of trials must have besides the columns of the factors and of the measures."""
 RATIOS: Final = frozenset({"ratio", "1", "share"})
 SPEEDS: Final = frozenset({"m/s", "mps"})
 SHOWN_UNITS: Final = {
@@ -51,7 +51,7 @@ SHOWN_UNITS: Final = {
     "1/min": "per minute",
     "min": "per minute",
 }
-"""How the report names the units of columns, where it uses another name; a ratio is shown in percent."""
+"""The report's names for units of columns, if they differ; a ratio is shown in percent."""
 SAME: Final = "the same"
 PERCENT: Final = 100.0
 
@@ -69,7 +69,7 @@ class MeaningOfColumn:
 class ShownMeasure:
     """A measure as the report shows it: values times `factor`, in `unit`; differences are in `difference_unit`.
 
-    A ratio is shown in percent, its difference in points. `digits` are those after the decimal point.
+    A ratio is shown in percent, its difference in points. `digits` is the number of digits after the decimal point.
     """
 
     column: str
@@ -109,11 +109,11 @@ class ShownMeasure:
         return f"{rounded:+.{self.digits}f}".replace("-", "−") if rounded else f"{0:.{self.digits}f}"
 
     def range(self, interval: tuple[float, float]) -> str:
-        """An interval of differences, without its unit; empty where it is not known."""
+        """An interval of differences, without its unit; empty if it is not known."""
         return f"{self.difference(interval[0])} to {self.difference(interval[1])}" if math.isfinite(interval[0]) else ""
 
     def changed(self, difference: float) -> str:
-        """A difference in words: `2.1 points lower`, or `SAME` where it is smaller than what is printed."""
+        """A difference in words: `2.1 points lower`, or `SAME` if it is too small for the printed digits."""
         if float(self.value(abs(difference))) == 0:
             return SAME
         return f"{self.with_unit(difference)} {'lower' if difference < 0 else 'higher'}"
@@ -134,7 +134,7 @@ def probability(value: float) -> str:
 class FinishedTrials:
     """The trials of a study, practice among them: each array has one entry for each trial.
 
-    `levels` has the level of each factor as text. `values` has the measures in the units of their columns; NaN where
+    `levels` has the level of each factor as text. `values` has the measures in the units of their columns; NaN if
     the table has none. `position` counts the trials of one participant.
     """
 
@@ -155,7 +155,7 @@ class RunStudy:
 
     `failed` has a sentence for each trial that failed: who drove it, its condition and why. `people` has the numbers of
     participants.tsv, by participant and column; empty without that file. `level_words` says what the levels of each
-    factor mean, and `made` when and how the data were made; both are empty where the folder does not say it.
+    factor mean, and `made` when and how the data were made; both are empty if the folder does not say it.
     """
 
     folder: Path
@@ -168,7 +168,7 @@ class RunStudy:
     made: Mapping[str, str] = field(default_factory=dict)
 
     def chosen(self, comparison: PlannedComparison) -> Bools:
-        """Which trials belong to a comparison: none of the practice, at its levels, with its measure."""
+        """Which trials belong to a comparison: no practice, at its levels, with a value of its measure."""
         trials = self.trials
         kept = ~trials.practice & np.isfinite(trials.values[comparison.measure])
         kept &= np.isin(trials.levels[comparison.factor], (comparison.a, comparison.b))
@@ -189,7 +189,7 @@ class RunStudy:
 def read_study(folder: Path) -> RunStudy:
     """Read a study's folder: `design.json`, `trials.csv` and, if there, `trials.json` and `failed.csv`.
 
-    DasError where one of them cannot be used, or where a table does not have its hash in `checksums.json`.
+    DasError if one of them cannot be used, or if a table differs from its hash in `checksums.json`.
     """
     if not folder.is_dir():
         raise DasError(f"{folder}: expected the folder of a study that was run")
@@ -208,7 +208,7 @@ def read_study(folder: Path) -> RunStudy:
 
 
 def _check_sums(folder: Path) -> None:
-    """InputError where a table is not the one that the run wrote; a study of an older version has no checksums."""
+    """InputError if a table is not the one that the run wrote; a study of an older version has no checksums."""
     kept = folder / CHECKSUMS
     if not kept.is_file():
         return
@@ -262,7 +262,7 @@ def _is_number(text: object) -> bool:
 
 
 def _failed(path: Path) -> tuple[str, ...]:
-    """The trials that failed, each in a sentence; none where there is no such file."""
+    """The trials that failed, each in a sentence; none if there is no such file."""
     if not path.is_file():
         return ()
     rows = csv.DictReader(io.StringIO(read_text(path)))
@@ -300,7 +300,7 @@ def _trials(path: Path, plan: StudyPlan) -> FinishedTrials:
 
 
 def _check_once(path: Path, trials: list[str]) -> None:
-    """InputError where two rows are of one trial."""
+    """InputError if two rows are of one trial."""
     seen: set[str] = set()
     for line, trial in enumerate(trials, start=2):
         if trial in seen:
@@ -339,7 +339,7 @@ def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
 
 
 def _meanings(path: Path, plan: StudyPlan) -> dict[str, MeaningOfColumn]:
-    """What each measure means: from the table's sidecar, or from the column's name where the sidecar lacks it."""
+    """What each measure means: from the table's sidecar, or from the column's name if the sidecar lacks it."""
     fields = read_json(path) if path.is_file() else None
     found = {}
     for name in plan.measures:

@@ -1,10 +1,10 @@
 """Drawing the participants of a study again, with replacement: means and standard deviations without a bell curve.
 
 The method is the studentized bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5).
-Each resample gives the distance of its mean from that of the study, in standard errors of the resample. The quantiles
-of that distance take the place of those of Student's t. Participants are drawn, not trials, because trials of one
-person are not independent. The functions for means work on many studies at once: one row for each study, one column
-for each participant.
+Each resample gives the distance of its mean from the study's mean, in standard errors of the resample. The quantiles of
+that distance take the place of the quantiles of Student's t. Participants are drawn, not trials, because trials of one
+person are not independent. The functions for means work on many studies at once: one row for each study, one column for
+each participant.
 
 How far drivers differ from each other, apart from how far one driver differs from day to day, is estimated by moments
 (analysis of variance): Searle, Casella and McCulloch, Variance Components, 1992, chapters 3 and 4.
@@ -41,7 +41,7 @@ def weights(participants: int, resamples: int, rng: np.random.Generator) -> Floa
 
 
 class ResampledStudies(NamedTuple):
-    """Mean and standard error of each study, (studies,), and distances of its resamples in errors of their own."""
+    """Mean and standard error of each study, (studies,), and distances of its resamples in their own errors."""
 
     means: Floats
     errors: Floats
@@ -49,10 +49,10 @@ class ResampledStudies(NamedTuple):
 
     @property
     def probabilities(self) -> Floats:
-        """Two-sided probability of a mean at least this far from 0 where the truth is 0, (studies,).
+        """Two-sided probability of a mean at least this far from 0 if the true mean is 0, (studies,).
 
-        It is below a level where, and only where, the interval of that level does not hold 0. A study without any
-        spread has 1 for a mean of 0, and else NaN: nothing is known about chance there.
+        It is below a level if, and only if, the interval of that level does not contain 0. A study without any spread
+        has 1 for a mean of 0, and otherwise NaN, because nothing is known about chance.
         """
         resamples = self.distances.shape[1]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -66,7 +66,7 @@ class ResampledStudies(NamedTuple):
 def resampled(groups: Sequence[Floats], drawn: Sequence[Floats]) -> ResampledStudies:
     """Resample studies, each group by weights of its own.
 
-    One group (studies, participants) has paired differences; of two groups the means are compared, first less second.
+    One group (studies, participants) has paired differences; two groups have their means compared, first less second.
     """
     moments = [_moments(one, weight) for one, weight in zip(groups, drawn, strict=True)]
 
@@ -105,7 +105,7 @@ def _studentized(means: Floats, errors: Floats) -> Floats:
 class DriverSpread:
     """Standard deviations in the unit of the measure: between drivers, and of one driver from day to day.
 
-    `separate` is False where each driver drove once: `between` then holds both, and `within` is NaN.
+    `separate` is False if each driver drove once: `between` then holds both, and `within` is NaN.
     """
 
     drivers: int
@@ -117,7 +117,7 @@ class DriverSpread:
 
 
 def spread_of(values: Floats, driver: Texts, cell: Texts, rng: np.random.Generator) -> DriverSpread:
-    """The spread of values by driver, where a cell (day and other conditions) may move all drivers alike."""
+    """The spread of values by driver; a cell (day and other conditions) may move all drivers alike."""
     table, shared = as_table(values, driver, cell)
     removed = table.shape[1] - 1 if shared else 0
     between, within = (float(one[0]) for one in components(table[None], removed))
@@ -160,10 +160,10 @@ def _log_variance(values: Floats) -> tuple[Floats, Floats]:
 
 
 def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
-    """Values by driver and cell, (drivers, cells), NaN where there are none; and whether drivers share cells.
+    """Values by driver and cell, (drivers, cells), NaN if there are none; and whether drivers share cells.
 
-    Where they share cells, what all drivers have in common in a cell (a hard day) is subtracted. Where each driver has
-    days of his own, the columns are his first, second, … value.
+    If they share cells, what all drivers have in common in a cell (a hard day) is subtracted. If each driver has days
+    of his own, the columns are his first, second, … value.
     """
     _, row = np.unique(driver, return_inverse=True)
     names, column = np.unique(cell, return_inverse=True)
@@ -182,10 +182,10 @@ def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
 
 
 def components(tables: Floats, removed: int = 0) -> tuple[Floats, Floats]:
-    """Standard deviations between the rows and within them, of tables (studies, drivers, cells), NaN where missing.
+    """Standard deviations between the rows and within them, of tables (studies, drivers, cells), NaN if missing.
 
     `removed` is how many differences between cells were taken out of the table. A negative variance between drivers is
-    0. Where no driver has two values, the first holds the spread of both kinds, and the second is NaN.
+    0. If no driver has two values, the first holds the spread of both kinds, and the second is NaN.
     """
     there = np.isfinite(tables)
     counts = there.sum(axis=2)
