@@ -1,4 +1,4 @@
-"""Cleaning a record: what is looked for, how it is found, and the log of all that was found.
+"""Cleaning of a record: the kinds of findings, how they are found, and the log of all that was found.
 
 The functions find times out of order, impossible positions and impossible speeds; `points` and `matching` act on them.
 """
@@ -65,7 +65,7 @@ class FindingKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class TripFinding:
-    """What was found of one kind: at how many points (or gaps), the first place and time, and details in words."""
+    """Findings of one kind: how many points (or gaps), the first one's place and time, and details in words."""
 
     kind: FindingKind
     count: int
@@ -119,7 +119,7 @@ class CleaningReport:
 class FindingLog:
     """Collects findings while a record of `read` points is cleaned.
 
-    `strict` refuses a record of which points would be dropped, or whose trip would be turned round.
+    A `strict` log refuses a record from which points would be dropped, or whose trip would be turned round.
     """
 
     strict: bool = False
@@ -129,7 +129,7 @@ class FindingLog:
     def add(self, kind: FindingKind, record: Record, which: Any, detail: str = "") -> None:
         """Add a finding at the points `which` (mask or indices) of a record; no points, no finding.
 
-        Raises DasError where the log is strict and refuses this kind.
+        Raises DasError if the log is strict and refuses this kind.
         """
         which = np.asarray(which)
         points = np.flatnonzero(which) if which.dtype == bool else which
@@ -222,8 +222,8 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     """Points that repeat a position to the digit while the train moves: the receiver held its last position.
 
     The train moved if the next position is at least 50 m away, and at least half as far as the reported speeds (NaN:
-    none) say. If no other position follows, it moved if the positions before were as fast, because no train stops
-    within one step.
+    none) lead. If no other position follows, it moved if the positions before show as fast a motion, because no train
+    stops within one step.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > SPEEDS.wrong_speed_mps
@@ -357,7 +357,7 @@ def speeds_unusable(time_s: Floats, position_m: Floats, speed_mps: Floats) -> bo
 
 
 def find_halts(time_s: Floats, position_m: Floats, speed_mps: Floats) -> Bools:
-    """Points with a reported speed of 0, which is 0 in any unit, at which the positions are slow as well.
+    """Points with a reported speed of 0, which is 0 in any unit, at which the positions move slowly as well.
 
     No point counts if the reported speed is 0 at most of the points at which the positions move.
     """
