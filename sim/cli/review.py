@@ -300,7 +300,7 @@ def _print_comparison(aligned: AlignedDrives) -> None:
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
-    """Print the stretches on which a drive differs most from the first; nothing where it does not differ."""
+    """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
     from rich.table import Table
 
     from das.domain.units import kwh

@@ -1,8 +1,8 @@
 """The energy of a drive above its optimum, how certain it is, and whether the two can be compared at all.
 
 Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of the
-energy driven. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all take
-it from this module, and use the same words when it cannot be stated.
+energy driven. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all use
+this module, and the same words if the energy cannot be stated.
 """
 
 from __future__ import annotations
@@ -127,12 +127,12 @@ class AboveOptimum:
 
     @property
     def above_j(self) -> float | None:
-        """Energy above the optimum (J); None where the two cannot be compared."""
+        """Energy above the optimum (J); None if the two cannot be compared."""
         return None if self.why_not else self.driven_j - self.optimum_j
 
     @property
     def ratio(self) -> float | None:
-        """Share of the energy driven that is above the optimum; None where that cannot be stated."""
+        """Share of the energy driven that is above the optimum; None if that cannot be stated."""
         above_j, driven_j = self.above_j, self.driven_j
         return above_j / driven_j if above_j is not None and driven_j > 0 else None
 

@@ -48,7 +48,7 @@ class RunFigures:
 
 
 class Travelled(NamedTuple):
-    """From when to when (ns since 1970) and from where to where (m) a drive went.
+    """The first and the last moment (ns since 1970) and position (m) of a drive.
 
     `between_stops`: from the departure from the first stop served to the arrival at the last. Otherwise the drive
     served fewer than two stops, and its whole course counts.
@@ -117,7 +117,7 @@ class DrivenWay:
 
     @property
     def travelled(self) -> Travelled:
-        """From when to when and from where to where the drive went."""
+        """The first and the last moment and position of the drive, between its stops if it served two or more."""
         served, course = self.served, self.course
         if len(served) > 1 and served[0].departed_ns and served[-1].arrived_ns:
             first, last = served[0], served[-1]

@@ -41,12 +41,12 @@ class AdviceStability:
 
     @property
     def changes_per_min(self) -> float:
-        """Changes per minute in which the train moved and advice was shown; NaN where there was no such time."""
+        """Changes per minute in which the train moved and advice was shown; NaN if there was no such time."""
         return 60.0 * self.changes / self.shown_s if self.shown_s > 0 else math.nan
 
     @property
     def warning(self) -> str | None:
-        """The warning about restless advice; None where the advice was stable."""
+        """The warning about restless advice; None if the advice was stable."""
         found = []
         if self.changes_per_min > MOST_CHANGES_PER_MIN:
             found.append(f"{self.changes_per_min:.1f} changes a minute (more than {MOST_CHANGES_PER_MIN:g})")
@@ -55,7 +55,7 @@ class AdviceStability:
         return f"the advice shown was restless: {' and '.join(found)}" if found else None
 
     def rows(self) -> list[tuple[str, str]]:
-        """The measures for tables; nothing where no advice was shown."""
+        """The measures for tables; nothing if no advice was shown."""
         if not self.shown_s:
             return []
         shortest = "–" if math.isnan(self.shortest_mode_s) else f"{self.shortest_mode_s:.0f} s"

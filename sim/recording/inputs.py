@@ -156,7 +156,7 @@ def missing_files(recording: Recording) -> list[str]:
 
 
 def put(path: Path, content: bytes) -> Path:
-    """Write a file and the folders above it; DasError where it cannot be written."""
+    """Write a file and the folders above it; DasError if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

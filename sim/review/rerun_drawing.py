@@ -40,7 +40,7 @@ SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, 
 """Colours of the track at standstill and at the highest speed: grey, and the blue of what was driven."""
 TRACK_PIECES: Final = 300
 REACHED_M: Final = 200.0
-"""A stop within this distance (m) of the train's way is on its track."""
+"""A stop at most this far (m) beyond the ends of the train's course is drawn on the track as well."""
 
 WIDTH: Final = 1600.0
 """Width of the trip in the plane."""
@@ -165,7 +165,7 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) ->
 
 
 def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
-    """Send what the node and the simulator said."""
+    """Send the events of the node and the log of the simulator."""
     said = [entry.message for entry in scene.recording.of(topics.EVENT) + scene.recording.of(topics.LOG)]
     said.sort(key=lambda event: event.timestamp.ToNanoseconds())
     if said:

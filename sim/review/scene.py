@@ -34,7 +34,7 @@ OVER_DISTANCE: Final = ("speed", "force", "gradient")
 DRAWN_OVER_DISTANCE: Final = tuple(
     name for name in STYLES if quantity_of(name) in OVER_DISTANCE and name != "speed/same_times"
 )
-"""The series that viewer and picture draw over distance, in drawing order; of the optima, that from the start."""
+"""The series that viewer and picture draw over distance, in drawing order; of the optima, only that from the start."""
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
 """Times and values of an empty series."""
 GAP: Final = np.array([np.nan])
@@ -98,7 +98,7 @@ class Mark(NamedTuple):
     meaning: Meaning | None
 
     def color(self, theme: Theme) -> str:
-        """The colour of the mark; that of the ink where it means nothing in particular."""
+        """The colour of the mark; the colour of the ink if the mark means nothing in particular."""
         return theme.ink if self.meaning is None else theme.of[self.meaning]
 
 

@@ -292,7 +292,7 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
 class FilledIn:
     """Series by the names of `STYLES`, the train's track on the map, and the source.
 
-    `source` says in a sentence what is estimated, or why nothing could be; it is empty where nothing was missing.
+    `source` says in a sentence what is estimated, or why nothing could be; it is empty if nothing was missing.
     """
 
     series: Found

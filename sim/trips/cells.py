@@ -72,7 +72,7 @@ class CellTable(NamedTuple):
         return cls(path, what, tuple(cell.casefold() for cell in rows[0]), rows[1:], 2, separator)
 
     def body(self) -> list[list[str]]:
-        """The rows with points as decimal signs; where cells are not separated by commas, a comma is a decimal sign.
+        """The rows with points as decimal signs; if cells are not separated by commas, a comma is a decimal sign.
 
         Raises DasError for fewer than two rows, and InputError for a row with another number of columns.
         """

@@ -275,7 +275,7 @@ def _strays_of_positions(time_s: Floats, along_m: Floats, reported_mps: Floats) 
 def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) -> tuple[Floats, Floats]:
     """Integral of trusted speeds (m), and time without them (s), from the first point to each point.
 
-    The speeds of a step are trusted if those at both ends agree with the positions around; those in gaps are not.
+    The speeds of a step are trusted if both agree with the positions around them; speeds in gaps are not trusted.
     """
     off = np.abs(reported_mps - around_mps)  # NaN is not below anything
     told = off < np.maximum(SPEEDS.wrong_speed_mps, SPEEDS.wrong_speed_ratio * around_mps)
@@ -286,7 +286,7 @@ def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) ->
 
 
 def longest_chain(strays: _Strays, time_s: Floats) -> list[int]:
-    """Indices of the longest chain in which each point fits the one before, by dynamic programming over the last point.
+    """Indices of the longest chain in which each point fits the previous one; dynamic programming over the last point.
 
     A point may follow one that is at most 120 points and 120 s earlier. Points left out between two points of the chain
     cost more the worse these two fit.
@@ -332,7 +332,7 @@ def derived_speed_mps(
 
 
 def find_wrong_speeds(time_s: Floats, position_m: Floats, speed_mps: Floats) -> tuple[Bools, Bools]:
-    """Dropouts and spikes: points whose reported speed is far below, or far above, that of the positions.
+    """Dropouts and spikes: points whose reported speed is far below, or far above, the speed of the positions.
 
     Positions stall at times while the speed is right, so a spike must also be above their mean slope over 15 s.
     """
@@ -347,7 +347,7 @@ def find_wrong_speeds(time_s: Floats, position_m: Floats, speed_mps: Floats) -> 
 
 
 def speeds_unusable(time_s: Floats, position_m: Floats, speed_mps: Floats) -> bool:
-    """Whether most reported speeds of a moving train differ from those of its positions: another unit, or none."""
+    """Whether most reported speeds of a moving train contradict its positions: in another unit, or no speeds at all."""
     derived = derived_speed_mps(time_s, position_m)
     moving = (derived > SPEEDS.wrong_speed_mps) & np.isfinite(speed_mps)
     off = np.abs(derived - speed_mps) > np.maximum(

@@ -73,7 +73,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     """Inverse dynamics over a run; the arrays have one length, and times and positions never decrease.
 
     The force comes from the change of v² over the distance, and the resistance, gradient and curves of each interval.
-    The motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone where the
+    The motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone if the
     section brakes so).
     """
     vehicle = section.vehicle
@@ -260,7 +260,7 @@ def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[DrivenCas
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:
-    """Indices of the first point and of all that lie at least `min_step_m` beyond the one before."""
+    """Indices of the first point and of each that lies at least `min_step_m` beyond the last one taken."""
     keep = [0]
     for i in range(1, len(s_m)):
         if s_m[i] - s_m[keep[-1]] >= ESTIMATE.min_step_m:

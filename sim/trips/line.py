@@ -140,7 +140,7 @@ def _read_columns(path: Path) -> tuple[int, Floats]:
 
 
 def _column(path: Path, names: tuple[str, ...], quantity: str) -> int:
-    """The column of a quantity; InputError where there is none, or more than one."""
+    """The column of a quantity; InputError if there is none, or more than one."""
     found = [i for i, name in enumerate(names) if name in COLUMNS[quantity]]
     if len(found) != 1:
         expected = f"one column of {quantity} ({', '.join(COLUMNS[quantity])})"

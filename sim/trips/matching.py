@@ -186,7 +186,7 @@ def _alignment(
 
 
 def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tuple[float, float] | None:
-    """The two standstills whose distance is nearest to that of the stops, None if all are off by more than 1 %."""
+    """The two standstills whose distance is nearest to the distance of the stops; None if all are off by over 1 %."""
     places = pinned_m[[stand.first for stand in found]]
     off = np.abs(np.subtract.outer(places, places).T - distance_m)
     off[np.tril_indices(len(places))] = np.inf  # keep pairs in driving order

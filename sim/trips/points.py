@@ -80,7 +80,7 @@ def runs_back(record: Record, line: Line | None) -> bool:
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
     """The points of a record that are on the line and fit together, with speeds that fit them.
 
-    The log gets every point that is dropped. Wrong speeds are only marked: the log gets those of the section later.
+    Every point that is dropped is logged. Wrong speeds are only marked here; those of the section are logged later.
     Raises DasError if most points do not fit.
     """
     along, aside = _place(record, line)

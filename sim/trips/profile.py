@@ -85,7 +85,7 @@ def to_profile(
 
 
 def _run_times(matched: MatchedTrip, lag_s: float) -> tuple[float, float]:
-    """Departure and arrival (s), never outside the record; its first or last time where the train does not stand."""
+    """Departure and arrival (s), never outside the record; its first or last time if the train does not stand."""
     time_s = matched.elapsed_s()
     begin = time_s[matched.ends.departure] - lag_s if matched.ends.starts_standing else time_s[0]
     end = time_s[matched.ends.arrival] - lag_s if matched.ends.ends_standing else time_s[-1]

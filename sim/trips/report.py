@@ -126,7 +126,7 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
 
 
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
-    """One sentence for each thing that a record of positions leaves unknown, with figures where there are any."""
+    """One sentence for each thing that a record of positions leaves unknown, with figures if there are any."""
     notes = []
     if not trip.direction_known:
         notes.append(direction_by_posts(trip))

@@ -244,7 +244,7 @@ class Attribution:
 
     @property
     def against_timetable(self) -> Mapping[EnergyCause, float] | None:
-        """The whole energy above the optimum for the timetable, by cause (J); None where a leg has no timetable."""
+        """The whole energy above the optimum for the timetable, by cause (J); None if a leg has no timetable."""
         parts = [leg.against_timetable for leg in self.legs]
         known = [one for one in parts if one is not None]
         return _summed(known) if len(known) == len(parts) else None
@@ -269,7 +269,7 @@ def attribution_of(
     driver was shown.
 
     It is made even if drive and optimum are not comparable. `said` is the energy above the optimum that the recording
-    states; None where it states none.
+    states; None if it states none.
     """
     epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
     measured = () if said is None or not said.measured else said.sections

@@ -121,7 +121,7 @@ class ShownAdvice:
     def of(cls, recording: Recording) -> ShownAdvice:
         """What the display showed; if no display was recorded, the node's advice counts as shown.
 
-        Nobody saw the advice of a replay or of a what-if in open loop: its train moves as recorded before.
+        Nobody saw the advice of a replay or of a what-if in open loop: the train moves as in the original recording.
         """
         run = recording.metadata.get("run", {})
         unseen = run.get("kind") == "replay" or run.get(WHAT_IF) == WhatIfKind.OPEN_LOOP

@@ -90,7 +90,7 @@ class Knowledge:
         return self._told[int(np.searchsorted(self._changes_ns, time_ns, side="right")) - 1]
 
     def section(self, told: Told = frozenset()) -> Section:
-        """The section from stand to stand with restrictions; DasError where the train cannot run there."""
+        """The section from stand to stand with restrictions; DasError if the train cannot run there."""
         return section_of_leg(self.inputs, self.leg, told)
 
     def front(self, told: Told = frozenset()) -> Front:

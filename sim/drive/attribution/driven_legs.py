@@ -160,7 +160,7 @@ def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
 
 
 def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:
-    """The section from stand to stand with these restrictions; DasError where the train cannot run there."""
+    """The section from stand to stand with these restrictions; DasError if the train cannot run there."""
     first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
     restrictions = sorted(told)
     route = inputs.route.with_restrictions(restrictions) if restrictions else inputs.route
@@ -299,7 +299,7 @@ class LikelyRange:
 
     Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
     no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
-    and in its optimum; NaN where such a train could not have driven so, or where forces were measured.
+    and in its optimum; NaN if such a train could not have driven so, or if forces were measured.
     """
 
     low_j: float

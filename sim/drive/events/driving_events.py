@@ -193,7 +193,7 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
 
 
 def _controller(recording: Recording, time_ns: int) -> str:
-    """What the controller was set to at a moment, in words; empty where that was not recorded."""
+    """What the controller was set to at a moment, in words; empty if that was not recorded."""
     cab = recording.columns(topics.CAB, "time_ns", "lever_ratio")
     at = int(np.searchsorted(cab["time_ns"], time_ns, side="right")) - 1
     if at < 0 or not np.isfinite(cab["lever_ratio"][at]):

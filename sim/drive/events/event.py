@@ -232,7 +232,7 @@ def notes_path(recording: Path) -> Path:
 
 
 def read_notes(recording: Path) -> tuple[Note, ...]:
-    """The notes of a recording in order of time; empty where there are none. DasError for a file that is damaged."""
+    """The notes of a recording in order of time; empty if there are none. DasError for a file that is damaged."""
     path = notes_path(recording)
     if not path.exists():
         return ()
@@ -263,7 +263,7 @@ def add_note(recording: Path, note: Note) -> Path:
 
 
 def remove_note(recording: Path, number: int) -> Note:
-    """Remove a note by its number, counted from 1 in order of time, and return it; DasError where there is none."""
+    """Remove a note by its number, counted from 1 in order of time, and return it; DasError if there is none."""
     kept = list(read_notes(recording))
     if not 1 <= number <= len(kept):
         raise DasError(f"--remove {number}: {recording} has {len(kept)} notes")

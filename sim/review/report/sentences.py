@@ -194,7 +194,10 @@ def at_signals(drive: Drive) -> list[str]:
 
 
 def compliance(drive: Drive) -> float | None:
-    """Share of the time with a shown speed to keep in which the train was within 2 km/h of it, or below a top speed."""
+    """Share of the time with a shown speed to keep in which it was kept within 2 km/h; None without such a time.
+
+    A speed shown as the highest is also kept at any lower speed.
+    """
     shown, trip = drive.shown, drive.course
     speed_mps = trip.at(shown.time_ns, trip.speed_mps)
     given = shown.comparable & (speed_mps > 1.0)

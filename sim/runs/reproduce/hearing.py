@@ -282,7 +282,7 @@ OF_THE_PROCESS = (NodeState.STARTING, NodeState.STOPPING)
 
 
 def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic]) -> list[Said]:
-    """The recorded messages of a node on these topics, without those of the process around its cab."""
+    """The recorded messages of a node on these topics, except messages of the process around its cab."""
     said, ticks = [], 0
     for one in messages:
         if one.topic not in topics or (one.topic is STATUS and of_the_process(one.message)):
@@ -294,6 +294,6 @@ def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic])
 
 
 def of_the_process(status: Any) -> bool:
-    """Whether a status is that of the process around the cab, which starts, waits for a journey, or stops."""
+    """Whether a status comes from the process around the cab, which starts, waits for a journey, or stops."""
     waits = status.state == NodeState.WAITING and status.reason == "waiting for a journey" and not status.advices
     return waits or status.state in OF_THE_PROCESS

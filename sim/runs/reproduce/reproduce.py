@@ -51,7 +51,7 @@ RELATIVE: Final = 1e-5
 class FieldDifference(NamedTuple):
     """One field of a message that differs: its path, its recorded value, today's value, and their difference.
 
-    `by` is NaN where the values are no numbers.
+    `by` is NaN if the values are no numbers.
     """
 
     path: str

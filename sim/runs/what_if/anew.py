@@ -68,7 +68,7 @@ def _truth(origin: Origin, truth: Truth) -> Truth:
 
 
 def _file(origin: Origin, kind: str, name: str) -> str:
-    """A route by its name, if today's bundled route is that of the recording; else the attached file."""
+    """A route by its name, if the bundled route equals the recorded one; else the attached file."""
     bundled = catalogue("routes").get(name)
     if bundled is not None and sha256(bundled) == origin.files.sha256(kind):
         return name
@@ -76,7 +76,7 @@ def _file(origin: Origin, kind: str, name: str) -> str:
 
 
 def _vehicle(origin: Origin, prefix: str, name: str) -> str:
-    """A vehicle by its name, if the bundled vehicle and loss map are those of the recording; else the attached file."""
+    """A vehicle by its name, if bundled vehicle and loss map equal the recorded ones; else the attached file."""
     files = origin.files
     if name in catalogue("vehicles") and all(
         sha256(path) == files.sha256(f"{prefix}{kind}") for kind, path in vehicle_files(name).items()
@@ -152,7 +152,7 @@ def _quoted(text: str) -> str:
 
 
 def _dwell_s(stops: Any) -> float:
-    """The shortest time at a stop on the way (s), by the timetable."""
+    """The shortest scheduled dwell at a stop on the way (s)."""
     dwells = [(stop.departure_ns - stop.arrival_ns) * NS for stop in stops[1:-1]]
     return max(min(dwells, default=0.0), 0.0)
 

@@ -163,7 +163,8 @@ class Otherwise:
 def read_restriction(text: str, departure_ns: int = 0) -> Restriction:
     """The restriction that a text names: "12.5-14:80" (km, km/h), or "12.5-14:80@08:10-08:25" with a window of UTC.
 
-    The window is that of the day of a departure (ns since 1970). Raises DasError for any other text.
+    The window is on the day of the departure (ns since 1970), or a day later if it would be over by then. Raises
+    DasError for any other text.
     """
     found = _RESTRICTION.fullmatch(text.strip())
     if found is None:
