@@ -148,7 +148,7 @@ class FindingLog:
 
 
 def in_order(record: Record, log: FindingLog) -> Record:
-    """The record with increasing times: of equal times the first point is kept, and as few others as possible dropped.
+    """The record with increasing times: of equal times the first point is kept; as few others as possible are dropped.
 
     A file that mostly runs backwards is turned round first. Raises DasError for times in disorder, or all equal.
     """

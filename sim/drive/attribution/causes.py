@@ -198,7 +198,7 @@ NEUTRAL_RATIO: Final = 0.03
 EFFORT_RATIO: Final = 0.15
 """Efforts that differ by more than this share of the largest traction are different."""
 AHEAD_S: Final = 2.0
-"""Driven and best effort are compared over this time (s), because forces take a second to build up."""
+"""Driven and optimal effort are compared over this time (s), because forces take a second to build up."""
 
 PULLING: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
