@@ -1,4 +1,4 @@
-"""The commands of `das-sim experiment`: a design is checked, its trials are driven, and their data are analysed."""
+"""The commands of `das-sim experiment`: they check a design, drive its trials, and analyse the data."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PARTICIPANTS: Final = "12,24,36,48,76,100,150"
 MOST_ROWS: Final = 50
-"""Most numbers of participants for which `power` gives a row."""
+"""`power` gives a row for at most this many numbers of participants."""
 
 DesignArgument = Annotated[
     str,
@@ -268,7 +268,7 @@ def analyse(
 
 
 def _check(folder: Path, files: tuple[Path | None, Path | None], effects: Sequence[float], *, overwrite: bool) -> None:
-    """DasError where an output cannot be made or an option is wrong; asked before the work begins."""
+    """Raise DasError if an output cannot be made or an option is wrong; called before the work begins."""
     check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
     read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
     check_page(*files, read, overwrite=overwrite)

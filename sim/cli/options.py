@@ -152,14 +152,14 @@ def removed_if_unused(reserved: Path | None) -> Iterator[None]:
 
 
 def check_packages(extra: str, *names: str) -> None:
-    """Raise DasError where a package is missing that an extra of the installation brings."""
+    """Raise DasError if a package from an extra of the installation is missing."""
     for name in names:
         if importlib.util.find_spec(name) is None:
             raise DasError(f"{name} is not installed: pip install '.[{extra}]' in the checkout")
 
 
 def check_page(out: Path | None, pdf: Path | None, inputs: Iterable[Path], *, overwrite: bool) -> None:
-    """Raise DasError where a page or its PDF cannot be made; called before the work begins."""
+    """Raise DasError if a page or its PDF cannot be made; called before the work begins."""
     for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
         if path is not None and path.suffix.lower() not in suffixes:
             raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
@@ -171,7 +171,7 @@ def check_page(out: Path | None, pdf: Path | None, inputs: Iterable[Path], *, ov
 
 
 def write_page(draw: Callable[[], str], out: Path | None, pdf: Path | None) -> None:
-    """Draw a page and write it, as HTML and as PDF where these are asked for."""
+    """Draw a page and write it as HTML, as PDF or as both; None stands for what was not asked for."""
     if out is None and pdf is None:
         return
     with busy("drawing the page …"):

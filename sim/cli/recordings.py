@@ -218,7 +218,7 @@ def export(
 
 @dataclass(frozen=True, kw_only=True)
 class WhatIfAsked:
-    """The changes of a what-if to the recorded day, as options; with `anew` None, the others decide the kind."""
+    """The changes of a what-if to the recorded day, as options; if `anew` is None, the others decide its kind."""
 
     cab: CabOtherwise
     driven: DrivenOtherwise

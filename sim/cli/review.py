@@ -52,7 +52,7 @@ MapOption = Annotated[
     typer.Option("--map", help="Viewer: a map as well; it loads its tiles from OpenStreetMap over the network."),
 ]
 SHOWN = 8
-"""Stretches that the table of a comparison shows: those on which the drives differ most."""
+"""The table of a comparison shows this many stretches: those on which the drives differ most."""
 
 
 def events(
@@ -149,7 +149,7 @@ def note(
 
 
 def _times(drive: Drive, at: str, until: str | None) -> tuple[int, int]:
-    """The first and last moment (ns) of a note; DasError where they are outside the drive."""
+    """The first and last moment (ns) of a note; DasError if they are outside the drive."""
     clock, trip = drive.clock, drive.course
     start_ns = clock.moment_ns(at)
     end_ns = start_ns if until is None else clock.moment_ns(until)
@@ -300,7 +300,7 @@ def _print_comparison(aligned: AlignedDrives) -> None:
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
-    """Print the stretches on which a drive differs most from the first; nothing where it does not differ."""
+    """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
     from rich.table import Table
 
     from das.domain.units import kwh

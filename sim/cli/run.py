@@ -1,4 +1,4 @@
-"""The commands that simulate one day: run and drive; and those that list what can be run: scenarios and drivers."""
+"""The commands run and drive, which simulate one day, and scenarios and drivers, which list what can be run."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _tell(found: DayResult, as_json: bool) -> None:
 
 
 def _check_outputs(in_process: bool, out: Path | None, bus: Path | None, *, overwrite: bool) -> None:
-    """DasError where options that need the bus are given for a run without one, or nothing can be written."""
+    """Raise DasError if options that need the bus are given for a run without one, or an output cannot be written."""
     if in_process and out is not None:
         raise DasError("--out: a run --in-process records nothing")
     if in_process and bus is not None:
@@ -167,7 +167,7 @@ def _check_outputs(in_process: bool, out: Path | None, bus: Path | None, *, over
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
-    """Where the run listens for an external driver, None if it has none; DasError for options that contradict it."""
+    """Where the run listens for an external driver, None if it has none; DasError if the options contradict that."""
     if driver is not EXTERNAL:
         if endpoint is not None:
             raise DasError(f"--driver-at {endpoint}: expected with --driver external")
@@ -180,7 +180,7 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
 
 
 def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
-    """DasError where the recording would replace a file of the scenario."""
+    """Raise DasError if the recording would replace a file of the scenario."""
     from sim.world.service import scenario_files
 
     for what, path in scenario_files(scenario).items():
@@ -259,7 +259,7 @@ class _Pace:
         return self._now - self._began
 
     def tick(self, done_m: float, all_m: float) -> None:
-        """Count a driven second, and wait until it is over at the wanted speed."""
+        """Count one driven second, and wait until it has passed at the wanted pace."""
         from sim.world.lockstep import sleep_until
         from sim.world.loop import TICK_S
 

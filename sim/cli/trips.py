@@ -154,7 +154,7 @@ def bundled_recording() -> Path:
 
 
 TIMETABLE_STEP_S: Final = 6.0
-"""Timetables are made in tenths of a minute."""
+"""The times of a timetable are multiples of this (s), a tenth of a minute."""
 
 
 def make_trip(
@@ -256,7 +256,7 @@ def example(
 
 
 def _check_example(folder: Path, overwrite: bool) -> bool:
-    """Whether the folder holds files already; DasError where the example cannot be written."""
+    """Whether the folder holds files already; DasError if the example cannot be written."""
     if not folder.resolve().parent.is_dir():
         raise DasError(f"{folder}: no such folder {folder.parent}")
     if not folder.exists():

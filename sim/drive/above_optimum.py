@@ -1,8 +1,8 @@
 """The energy of a drive above its optimum, how certain it is, and whether the two can be compared at all.
 
 Above the optimum = energy driven − least energy of the same train for the same departures and arrivals, in % of the
-energy driven. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all take
-it from this module, and use the same words when it cannot be stated.
+energy driven. It is a distance, not a saving: nobody drove the optimum. Runs, replays, reports and recordings all use
+this module, and the same words if the energy cannot be stated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from das.solver.solution import Solution
 
 NOT_COMPARABLE: Final = "not comparable"
-"""What every command says instead of an energy above the optimum that cannot be stated."""
+"""Every command prints this if it cannot state the energy above the optimum."""
 SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum cannot be compared"
 
 
@@ -40,8 +40,8 @@ class EnergyBand(NamedTuple):
 class SectionEnergy:
     """The energy of a section as driven, and the least energy of the same train in the same time (J).
 
-    `late_s` is how much longer the train's fastest run takes than the section took (s). It is 0 if the train as assumed
-    can drive that fast, and NaN if it cannot and the recording does not say how much longer it takes.
+    `late_s` is how much longer the fastest trajectory of the assumed train takes than the drive took (s): 0 if that
+    train can drive as fast, NaN if it cannot and the recording does not state by how much.
     """
 
     start: str
@@ -53,7 +53,7 @@ class SectionEnergy:
 
     @classmethod
     def of(cls, start: str, end: str, trip_s: float, driven_j: float, best: Solution) -> SectionEnergy:
-        """The energies of a section from its time (s), the energy driven (J) and the best run in that time."""
+        """The energies of a section from its trip time (s), the energy driven (J) and the optimum for that time."""
         from das.solver.solution import Fit  # imports the solver, which reading a recording does not need
 
         return cls(
@@ -67,7 +67,7 @@ class SectionEnergy:
 
     @property
     def too_fast(self) -> bool:
-        """Whether the train as assumed cannot drive the section that fast; the optimum is then its fastest run."""
+        """Whether the assumed train cannot drive the section that fast; its fastest trajectory is then the optimum."""
         return self.late_s != 0.0
 
 
@@ -76,8 +76,8 @@ class AboveOptimum:
     """The energy of a drive beside its optimum, section by section.
 
     `measured` tells whether the energy was measured; otherwise it is estimated from positions. `why_not` says why drive
-    and optimum cannot be compared; it is empty where they can. `likely` and `worst` are bands of the energy above the
-    optimum of an estimated drive: with the unknowns where they are likely to be, and with all of them at their worst.
+    and optimum cannot be compared; it is empty if they can. If the energy is estimated, `likely` is the band in which
+    the energy above the optimum probably lies, and `worst` the band with all unknowns at their worst.
     """
 
     sections: tuple[SectionEnergy, ...]
@@ -88,12 +88,12 @@ class AboveOptimum:
 
     @classmethod
     def measured_on(cls, sections: Sequence[SectionEnergy]) -> AboveOptimum:
-        """What a drive with measured energy took above the optimum of its true train."""
+        """The energy above the optimum of the true train, for a drive whose energy was measured."""
         return cls(sections=tuple(sections), measured=True, why_not=why_not_comparable(sections))
 
     @classmethod
     def recorded(cls, recording: Recording) -> AboveOptimum | None:
-        """The energies that a recording states at its end; None if it states none, like a recording of a node alone."""
+        """The energies that a recording states at its end; None if it states none, as if only a node was recorded."""
         for entry in recording.of(topics.SAVING)[-1:]:
             found = entry.message
             return cls(
@@ -127,23 +127,23 @@ class AboveOptimum:
 
     @property
     def above_j(self) -> float | None:
-        """Energy above the optimum (J); None where the two cannot be compared."""
+        """Energy above the optimum (J); None if the two cannot be compared."""
         return None if self.why_not else self.driven_j - self.optimum_j
 
     @property
     def ratio(self) -> float | None:
-        """Share of the energy driven that is above the optimum; None where that cannot be stated."""
+        """Share of the energy driven that is above the optimum; None if that cannot be stated."""
         above_j, driven_j = self.above_j, self.driven_j
         return above_j / driven_j if above_j is not None and driven_j > 0 else None
 
     @property
     def gap_ratio(self) -> float | None:
-        """Energy driven divided by that of the optimum, minus 1, as in studies; None where that cannot be stated."""
+        """Energy driven divided by the optimum's energy, minus 1, as studies state it; None if it cannot be stated."""
         return None if self.ratio is None or self.optimum_j <= 0 else self.driven_j / self.optimum_j - 1.0
 
     @property
     def too_fast(self) -> bool:
-        """Whether a section was driven faster than the train as assumed can."""
+        """Whether a section was driven faster than the assumed train can drive it."""
         return any(one.too_fast for one in self.sections)
 
     @property
@@ -155,7 +155,7 @@ class AboveOptimum:
         return f"{kwh(above_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
 
     def rows(self) -> list[tuple[str, str]]:
-        """Names and words for a table: the energy above the optimum, its bands, and that of each section."""
+        """Names and texts for a table: the energy above the optimum, its bands, and this energy for each section."""
         name = "above the optimum" if self.measured else "above the optimum (estimated)"
         rows = [(name, self.words)]
         if self.why_not:
@@ -204,10 +204,10 @@ def _band(low_j: float, high_j: float) -> EnergyBand | None:
 
 
 def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True, direction_known: bool = True) -> str:
-    """Why a drive cannot be compared with its optimum, in words; empty where it can.
+    """Why a drive cannot be compared with its optimum, in words; empty if it can.
 
-    A drive has no optimum if it is faster than its train can be, does not run from stand to stand at stops, or runs in
-    an unknown direction.
+    It cannot if it was faster than the assumed train can be, did not run from standstill to standstill at stops, or ran
+    in an unknown direction.
     """
     late_s = [one.late_s for one in sections if one.too_fast]
     if late_s:

@@ -1,4 +1,4 @@
-"""How a drive kept its stops. In a recording this is found from where the train stood, to a fraction of a second."""
+"""How a drive kept its stops. In a recording, positions give arrivals and departures to a fraction of a second."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from sim.recording.course import DrivenCourse
 STANDING_MPS: Final = 0.3
 """A train that is slower than this (m/s) stands: receivers report a few cm/s at rest."""
 NEAR_M: Final = 100.0
-"""A train that stands within this distance (m) of a stop may be at it; its nearest stand is taken."""
+"""A train that stands within this distance (m) of a stop may be at it; of several stands, the nearest counts."""
 NEAR_ON_THE_WAY_M: Final = 300.0
-"""The same distance (m) for a stop that the journey does not name: a long train may stand far from it."""
+"""A train within this distance (m) of a stop outside its journey may be at it: a long train may stand far off."""
 POSITION_ERROR_M: Final = 3.0
-"""Positions of a receiver are wrong by some metres: over a shorter way (m) they do not tell when the train stopped."""
+"""Error of a receiver's positions (m): over a shorter distance they do not show when the train stopped."""
 
 
 class StandingTime(NamedTuple):
-    """A stand of the train: index of its first and last sample, and its position (m)."""
+    """A stand of the train: the indices of its first and last sample, and its position (m)."""
 
     first: int
     last: int
@@ -39,9 +39,9 @@ class StandingTime(NamedTuple):
 class KeptCall:
     """How a drive kept one stop of its journey, in a run just driven or in a recording.
 
-    Times are in ns since 1970 and 0 where there is none: due times of the timetable, and when the train came and left.
-    `stood_m` is where it stood, NaN where it did not stop. `reached` says that the train got as far as the stop.
-    `stand` are the samples of a recording during which it stood.
+    Times are in ns since 1970, 0 if there is none: those of the timetable (`due_`), and when the train came and left.
+    `stood_m` is where the train stood, NaN if it did not stop. `reached`: it got as far as the stop. `stand`: the
+    samples of the recording in which it stood.
     """
 
     name: str
@@ -61,27 +61,27 @@ class KeptCall:
 
     @property
     def missed_m(self) -> float:
-        """How far beyond the stop the train stood (m; before it: negative); NaN where it did not stand."""
+        """How far beyond the stop the train stood (m; before it: negative); NaN if it did not stop."""
         return self.stood_m - self.s_m
 
     @property
     def arrived_late_s(self) -> float:
-        """Arrival after the timetable's (s; early < 0); NaN where one of the two is not known."""
+        """How late the train arrived (s; early < 0); NaN if its arrival or the due time is not known."""
         return _late_s(self.arrived_ns, self.due_arrival_ns)
 
     @property
     def departed_late_s(self) -> float:
-        """Departure after the timetable's (s; early < 0); NaN where one of the two is not known."""
+        """How late the train departed (s; early < 0); NaN if its departure or the due time is not known."""
         return _late_s(self.departed_ns, self.due_departure_ns)
 
     @property
     def late_s(self) -> float:
-        """How late the train arrived (s; early < 0); at the first stop, how late it left; NaN where nobody knows."""
+        """How late the train arrived (s; early < 0); at the first stop, how late it left; NaN if not known."""
         return self.arrived_late_s if self.due_arrival_ns else self.departed_late_s
 
 
 class AtStop(NamedTuple):
-    """A stop's name, and from when to when the train was there (ns since 1970): the same moment if it ran through."""
+    """A stop's name, and from when to when the train was there (ns since 1970): one moment if it did not stop."""
 
     name: str
     start_ns: int
@@ -89,7 +89,7 @@ class AtStop(NamedTuple):
 
 
 def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
-    """Every stand of the train, in order of time; creeping that is slower than the noise does not end a stand."""
+    """Every stand of the train, in order of time; creeping below `STANDING_MPS` does not end a stand."""
     still = np.concatenate(([False], trip.speed_mps < STANDING_MPS, [False]))
     edges = np.flatnonzero(np.diff(still.astype(np.int8)))
     return tuple(
@@ -107,9 +107,10 @@ def calls_of(recording: Recording, trip: DrivenCourse) -> tuple[KeptCall, ...]:
 
 
 def reported_course(recording: Recording) -> DrivenCourse | None:
-    """The positions that the node received; None where there are none, or where a simulator recorded the true ones.
+    """The positions that the node received; None if there are none, or if a simulator recorded the true ones.
 
-    The truth of a replay is a smooth estimate in steps of a second. Its positions tell better when the train stood.
+    The recorded truth of a replay is only a smooth estimate, one state a second: the positions that its node received
+    show better when the train stood.
     """
     if knows_truth(recording) or not recording.of(topics.POSITION):
         return None
@@ -118,17 +119,17 @@ def reported_course(recording: Recording) -> DrivenCourse | None:
 
 
 def knows_truth(recording: Recording) -> bool:
-    """Whether a recording holds the truth of a simulated train; the estimate of a replay has no resistance."""
+    """Whether a recording holds the truth of a simulated train; a replay records an estimate, without resistance."""
     return bool(recording.columns(topics.TRUTH, "resistance_j")["resistance_j"].any())
 
 
 def kept_calls(
     stops: Iterable[Any], trip: DrivenCourse, measured: DrivenCourse | None = None, near_m: float = NEAR_M
 ) -> tuple[KeptCall, ...]:
-    """How stops were kept, each with `name`, `s_m`, `arrival_ns` and `departure_ns`.
+    """How the train kept these stops, each of which has `name`, `s_m`, `arrival_ns` and `departure_ns`.
 
-    `trip` tells where the train stood, and when. If `measured`, the course of a receiver, has the same stand, the times
-    are taken from it.
+    `trip` shows where and when the train stood. If the course of a receiver (`measured`) has the same stand, it gives
+    the times.
     """
     found: list[KeptCall] = []
     known, seen = stands(trip), () if measured is None else stands(measured)
@@ -159,7 +160,7 @@ def kept_calls(
 def calls_on_the_way(
     stops: Iterable[Stop], trip: DrivenCourse, measured: DrivenCourse | None = None
 ) -> tuple[KeptCall, ...]:
-    """How the train stood at stops of the route at which its journey does not call."""
+    """How the train kept stops of the route at which its journey does not call."""
     ordered = (OrderedStop(one.name, one.position_m) for one in stops)
     return kept_calls(ordered, trip, measured, near_m=NEAR_ON_THE_WAY_M)
 
@@ -167,8 +168,8 @@ def calls_on_the_way(
 def _rest_ns(measured: DrivenCourse, stand: StandingTime) -> tuple[int, int]:
     """When the train came to rest and left, by the course of a receiver (ns since 1970; 0: not in the record).
 
-    If the way to the stand is within the error of the positions, the time is halfway between the samples at rest and
-    in motion: with the sample at rest, trips would be too long.
+    If the distance to the stand is within the error of the positions, the time is halfway between the samples at rest
+    and in motion: taking the sample at rest would make trips too long.
     """
     rest, at = at_rest(measured, stand), measured.time_ns
     came_ns, left_ns = arrival_ns(measured, rest), departure_ns(measured, rest)
@@ -180,13 +181,13 @@ def _rest_ns(measured: DrivenCourse, stand: StandingTime) -> tuple[int, int]:
 
 
 def _is_lost(measured: DrivenCourse, moving: int, first: int) -> bool:
-    """Whether the way from or to a stand, at constant deceleration, is within the error of a receiver's positions."""
+    """Whether the distance to or from a stand, at constant deceleration, is within the error of the positions."""
     over_s = float(measured.time_ns[first + 1] - measured.time_ns[first]) * NS
     return 0.5 * float(measured.speed_mps[moving]) * over_s < POSITION_ERROR_M
 
 
 def _nearest(known: Sequence[StandingTime], s_m: float, near_m: float) -> StandingTime | None:
-    """The stand that is nearest to a position; None where none is near."""
+    """The stand that is nearest to a position; None if none is within `near_m`."""
     near = [one for one in known if abs(one.s_m - s_m) <= near_m]
     return min(near, key=lambda one: abs(one.s_m - s_m), default=None)
 
@@ -207,9 +208,9 @@ def _at(call: KeptCall, trip: DrivenCourse) -> AtStop:
 
 
 def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
-    """How the stops were kept, for programs: times (s) since the timetable's first departure, None where there is none.
+    """How the stops were kept, for programs: times (s) since the timetable's first departure, None if there is none.
 
-    A stop is due at its arrival, the first one at its departure.
+    `due_s` is the due arrival, at the first stop the due departure.
     """
     zero_ns = made[0].due_departure_ns if made else 0
 
@@ -230,7 +231,7 @@ def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
 
 
 def at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
-    """A stand from its first to its last sample with a speed of exactly 0; the same where there is none.
+    """A stand cut to the samples from the first to the last with a speed of exactly 0; uncut if there is none.
 
     A train that has begun to move has left, even if it is slower than the noise.
     """
@@ -239,9 +240,9 @@ def at_rest(trip: DrivenCourse, stand: StandingTime) -> StandingTime:
 
 
 def arrival_ns(trip: DrivenCourse, stand: StandingTime) -> int:
-    """When the train came to a stand (ns since 1970), 0 where it stood from the first sample on.
+    """When the train came to a stand (ns since 1970); 0 if it stood from the first sample on.
 
-    From the last moving sample the train needs 2·Δs/v at constant deceleration.
+    At constant deceleration the train needs 2·Δs/v from the last moving sample to the stand.
     """
     if stand.first == 0:
         return 0
@@ -250,7 +251,7 @@ def arrival_ns(trip: DrivenCourse, stand: StandingTime) -> int:
 
 
 def departure_ns(trip: DrivenCourse, stand: StandingTime) -> int:
-    """When the train left a stand (ns since 1970), 0 where it stood to the last sample; as `arrival_ns`, mirrored."""
+    """When the train left a stand (ns since 1970); 0 if it stood to the last sample. Mirrors `arrival_ns`."""
     moving = stand.last + 1
     if moving >= len(trip.time_ns):
         return 0
@@ -258,7 +259,7 @@ def departure_ns(trip: DrivenCourse, stand: StandingTime) -> int:
 
 
 def _between_ns(time_ns: NDArray[np.int64], s_m: NDArray[np.float64], speed_mps: float, first: int) -> int:
-    """Time (ns) from a standstill to a speed over the way between two samples, at most the time between them."""
+    """Time (ns) from standstill to a speed over the distance between two samples, at most the time between them."""
     way_m, whole_ns = abs(float(s_m[first + 1] - s_m[first])), int(time_ns[first + 1] - time_ns[first])
     return min(round(2.0 * way_m / max(float(speed_mps), 1e-3) / NS), whole_ns)
 

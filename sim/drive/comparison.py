@@ -1,4 +1,4 @@
-"""Drives of one line at the same positions of the track, a constant step apart, and how they differ there."""
+"""Compares drives on one line at the same positions, a constant step apart."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sim.recording.inputs import DriveInputs
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveOnTrack:
-    """A drive from its first departure to its last arrival, arrays of shape (samples,); positions do not fall.
+    """A drive from its first departure to its last arrival, arrays of shape (samples,); positions never decrease.
 
     `time_s` is on the drive's clock, `energy_j` since the first departure, estimated unless `measured`. `advised_mode`
     and `advised_mps` are what the node advised at each sample (0 and NaN: nothing).
@@ -57,7 +57,7 @@ class DriveOnTrack:
         return str(journey.route_id), bool(journey.reversed)
 
     def at(self, s_m: Floats, values: Floats) -> Floats:
-        """Values over the drive at positions; where the train stood, the value at which it came to a stand."""
+        """Values of the drive at positions; where the train stood, the value when it came to a stand."""
         first = np.append(True, np.diff(self.s_m) > 0)
         return np.asarray(np.interp(s_m, self.s_m[first], values[first]), dtype=np.float64)
 
@@ -69,9 +69,9 @@ class DriveOnTrack:
 
 
 def drives_on_track(drives: Sequence[Drive]) -> list[DriveOnTrack]:
-    """Recorded drives over the track, called by their files' names, with numbers where these are the same.
+    """Recorded drives by position, labelled with their files' names, and numbered if names are the same.
 
-    DasError where one has no journey, no positions, or its line and train are not known.
+    DasError if a drive has no journey or no positions, or if its line or train is not known.
     """
     names = [drive.name for drive in drives]
     labels = [f"{name} ({i})" if names.count(name) > 1 else name for i, name in enumerate(names, start=1)]
@@ -79,7 +79,7 @@ def drives_on_track(drives: Sequence[Drive]) -> list[DriveOnTrack]:
 
 
 def on_track(drive: Drive, label: str) -> DriveOnTrack:
-    """A recorded drive over the track; DasError if line and train are not known, or it served fewer than two stops."""
+    """A recorded drive by position; DasError if line or train is not known, or fewer than two stops were served."""
     recording, inputs, motion, legs = drive.recording, drive.inputs, drive.motion, drive.legs
     first = int(np.searchsorted(motion.time_ns, legs[0].motion.time_ns[0]))
     last = int(np.searchsorted(motion.time_ns, legs[-1].motion.time_ns[-1]))
@@ -103,7 +103,7 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
 
 
 def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
-    """Positions that do not fall, moved by the few metres by which the train stood before or beyond its stops.
+    """Positions that never decrease, shifted by the few metres by which the train stood before or beyond its stops.
 
     Otherwise, if two trains stood a metre apart, one would seem to reach the stop only after its dwell.
     """
@@ -135,7 +135,7 @@ def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
 
 
 def check_one_line(drives: list[DriveOnTrack]) -> None:
-    """Raise DasError where drives are not of one line and direction, because their positions mean different places."""
+    """Raise DasError if drives are not of one line and direction, because their positions mean different places."""
     first = drives[0]
     for other in drives[1:]:
         if other.route != first.route:
@@ -144,17 +144,17 @@ def check_one_line(drives: list[DriveOnTrack]) -> None:
 
 
 STEP_M = 10.0
-"""Distance of the positions (m), unless another is asked for."""
+"""Default distance between two positions (m)."""
 SAME_ADVICE_MPS = 0.5 / 3.6
 """Advised speeds that differ by less than this (m/s) are shown as the same."""
 SAME_S, SAME_J = 1e-6, 1.0
 """Drives that never differ by more than this (s, J) are the same: such differences are rounding."""
 EDGE_M = 0.5
-"""A stretch begins and ends this far (m) at most from a row."""
+"""An end of a stretch within this distance (m) of the end before it is left out."""
 
 
 class Advised(NamedTuple):
-    """The first place where two drives were advised differently (m), and both advices in words."""
+    """The first place (m) where two drives were advised differently, and what each was advised, in words."""
 
     s_m: float
     first: str
@@ -165,7 +165,7 @@ class Advised(NamedTuple):
 class PartedStretch:
     """A stretch between stops or changes of the limit (m), and by how much more the other drive needed there.
 
-    `time_s` and `energy_j` are the time and the energy drawn, `lost_j` the energy lost: without what went into speed.
+    `time_s` is the time, `energy_j` the energy drawn, `lost_j` the energy drawn minus the rise of the kinetic energy.
     """
 
     start_m: float
@@ -195,7 +195,7 @@ class AlignedDrives:
 
     @classmethod
     def of(cls, drives: Sequence[DriveOnTrack], step_m: float = STEP_M) -> AlignedDrives:
-        """Align drives over the way that all of them drove; DasError where they have none in common."""
+        """Align drives over the part of the line that all of them drove; DasError if there is none."""
         if not step_m > 0 or math.isinf(step_m):
             raise DasError(f"--step {step_m:g}: expected metres > 0")
         check_one_line(list(drives))
@@ -240,7 +240,7 @@ class AlignedDrives:
         )
 
     def first_different_advice(self, other: int) -> Advised | None:
-        """The first place where a drive was advised another mode or speed than the first drive; None: nowhere."""
+        """The first place where a drive was advised another mode or speed than the first drive; None if nowhere."""
         (mode, speed), (modes, speeds) = (self.drives[i].advice_at(self.s_m) for i in (0, other))
         apart = np.nan_to_num(np.abs(speed - speeds)) > SAME_ADVICE_MPS
         places = np.flatnonzero((mode != modes) | apart | (np.isnan(speed) != np.isnan(speeds)))
@@ -250,7 +250,7 @@ class AlignedDrives:
         return Advised(float(self.s_m[at]), *told_apart((mode[at], speed[at]), (modes[at], speeds[at])))
 
     def stretches(self, other: int) -> list[PartedStretch]:
-        """The stretches between stops and changes of the limit, and what the other drive needed more there."""
+        """The stretches between stops and changes of the limit, and how much more the other drive needed there."""
         edges = self._edges()
         return [
             PartedStretch(
@@ -291,7 +291,7 @@ def _rows(drive: DriveOnTrack, low_m: float, high_m: float, step_m: float) -> tu
 
 
 def told_apart(first: tuple[int, float], other: tuple[int, float]) -> tuple[str, str]:
-    """Two advices (mode, speed in m/s) in words, as finely as it takes to tell them apart."""
+    """The advice (mode, speed in m/s) of two drives in words, as finely as it takes to tell them apart."""
     whole = (_said(*first, 0), _said(*other, 0))
     return whole if whole[0] != whole[1] else (_said(*first, 1), _said(*other, 1))
 
@@ -303,11 +303,11 @@ def _said(mode: int, speed_mps: float, digits: int) -> str:
 
 
 TOLD_S, TOLD_KWH = 0.5, 0.05
-"""Smaller differences count as none in the sentences."""
+"""The sentences ignore smaller differences of time (s) and energy (kWh) than these."""
 
 
 def as_dict(aligned: AlignedDrives) -> dict[str, Any]:
-    """The comparison for programs: times in s, energies in kWh, positions in m; more than the first drive: > 0."""
+    """The comparison for programs: s, kWh and m; differences are > 0 if a drive needed more than the first."""
     return {
         "from_m": float(aligned.s_m[0]),
         "to_m": float(aligned.s_m[-1]),
@@ -317,7 +317,7 @@ def as_dict(aligned: AlignedDrives) -> dict[str, Any]:
 
 
 def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
-    """One drive beside the first."""
+    """One drive compared with the first, for programs."""
     drive = aligned.drives[index]
     advised = None if index == 0 else aligned.first_different_advice(index)
     found: dict[str, Any] = {
@@ -354,9 +354,9 @@ def _number(value: float) -> float | None:
 
 
 def as_csv(aligned: AlignedDrives) -> bytes:
-    """One row a position; a change of the limit is two rows. Columns of a drive end in its number, from 1 on.
+    """A CSV table with one row per position, two at a change of the limit; columns of a drive end in its number.
 
-    `clock_s` is on the drive's clock, `time_s` and the energies count from the first row.
+    Drives are numbered from 1. `clock_s` is on the drive's clock; `time_s` and the energies count from the first row.
     """
     columns = {"s_m": aligned.s_m, "limit_kmh": kmh(aligned.limit_mps)}
     for number in range(1, len(aligned.drives) + 1):

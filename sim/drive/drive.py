@@ -39,7 +39,7 @@ _Found = TypeVar("_Found")
 
 @dataclass(frozen=True, kw_only=True)
 class RunFigures:
-    """The figures of a run that was just driven. They are exact; those of a recording come from one state a second."""
+    """The figures of a run that was just driven: exact, while a recording gives figures from one state a second."""
 
     calls: tuple[KeptCall, ...]
     above: AboveOptimum
@@ -48,10 +48,10 @@ class RunFigures:
 
 
 class Travelled(NamedTuple):
-    """From when to when (ns since 1970) and from where to where (m) a drive went.
+    """The first and the last moment (ns since 1970) and position (m) of a drive.
 
-    `between_stops`: it begins with the departure from the first stop that was served and ends with the arrival at the
-    last one. A drive that served fewer than two stops has its whole course instead.
+    `between_stops`: from the departure from the first stop served to the arrival at the last. Otherwise the drive
+    served fewer than two stops, and its whole course counts.
     """
 
     start_ns: int
@@ -67,16 +67,16 @@ class Travelled(NamedTuple):
 
     @property
     def way_m(self) -> float:
-        """How far the drive went (m)."""
+        """The distance driven (m)."""
         return self.end_m - self.start_m
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenWay:
-    """The way of a drive: when the train was where, how it kept its stops, and what was allowed there.
+    """The course of a drive: when the train was where, how it kept its stops, and which limits held.
 
-    `source` is the recording of the drive, None for a run that nobody recorded. `run` holds the figures of a run that
-    was just driven; they replace those of a recording. `given` are line and train if the recording lacks them.
+    `source` is the recording of the drive, None for a run that was not recorded. `run` holds the figures of a run that
+    was just driven; they replace those of a recording. `given`: line and train, if the recording lacks them.
     """
 
     source: Recording | None = None
@@ -85,14 +85,14 @@ class DrivenWay:
 
     @property
     def recording(self) -> Recording:
-        """The recording of the drive; DasError for a run that nobody recorded."""
+        """The recording of the drive; DasError for a run that was not recorded."""
         if self.source is None:
             raise DasError("this run was not recorded, so that nothing but its figures is known")
         return self.source
 
     @property
     def name(self) -> str:
-        """What the drive is called on a page."""
+        """The name of the drive on a page: its file's name."""
         return self.recording.path.stem
 
     @cached_property
@@ -117,7 +117,7 @@ class DrivenWay:
 
     @property
     def travelled(self) -> Travelled:
-        """From when to when and from where to where the drive went."""
+        """The first and the last moment and position of the drive, between its stops if it served two or more."""
         served, course = self.served, self.course
         if len(served) > 1 and served[0].departed_ns and served[-1].arrived_ns:
             first, last = served[0], served[-1]
@@ -132,7 +132,7 @@ class DrivenWay:
 
     @property
     def late_s(self) -> float:
-        """Arrival at the last stop after the timetable's (s; early < 0); NaN where nobody knows."""
+        """How late the train arrived at the last stop (s; early < 0); NaN if not known."""
         return self.calls[-1].late_s
 
     @cached_property
@@ -152,7 +152,7 @@ class DrivenWay:
 
     @property
     def limit_known(self) -> bool:
-        """Whether the limit of the line is known on all of the way."""
+        """Whether the limit in force is known at every position of the course."""
         return bool(np.isfinite(self.limit_mps).all())
 
     @cached_property
@@ -175,14 +175,14 @@ class DrivenWay:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drive(DrivenWay):
-    """A drive with all its figures: its way, the advice, what happened, and where its energy went.
+    """A drive with all its figures: its course, the advice, what happened, and where its energy went.
 
     It is made from any recording, or from the figures of a run that was just driven.
     """
 
     @classmethod
     def read(cls, path: Path) -> Drive:
-        """The drive that a file recorded; DasError where it cannot be used."""
+        """The drive in a recording; DasError if the file cannot be used."""
         return cls(source=open_recording(path))
 
     @cached_property
@@ -208,16 +208,16 @@ class Drive(DrivenWay):
 
     @cached_property
     def motion(self) -> DrivenMotion:
-        """The motion with what was measured of its energy; DasError where it cannot be known."""
+        """The motion, with its energy if that was measured; DasError if the motion is not known."""
         from sim.drive.attribution.driven_legs import motion_of
 
         return motion_of(self.recording, lambda: self.inputs.route)
 
     @cached_property
     def legs(self) -> tuple[DrivenLeg, ...]:
-        """The motion between the stops that were served; DasError where the train served no two stops.
+        """The motion between the stops that were served; DasError if the train served fewer than two.
 
-        They include the stops of a replayed trip that its journey does not name.
+        Stops of a replayed trip count even if its journey does not name them.
         """
         from sim.drive.attribution.driven_legs import legs_of
 
@@ -232,16 +232,16 @@ class Drive(DrivenWay):
 
     @cached_property
     def energies(self) -> tuple[LegEnergies, ...]:
-        """The energies of each leg; DasError where the train served no two stops, or line or train are not known."""
+        """The energies of each leg; DasError if fewer than two stops were served, or line or train are not known."""
         from sim.drive.attribution.driven_legs import leg_energies, section_of_leg
 
         return tuple(leg_energies(section_of_leg(self.inputs, leg), leg) for leg in self.legs)
 
     @cached_property
     def driven_j(self) -> float | None:
-        """Energy at the current collector (J), from each departure to the next arrival; None where it is not known.
+        """Energy at the current collector (J), from each departure to the next arrival; None if not known.
 
-        It is an estimate unless `measured`. A drive that served fewer than two stops has what was measured in all.
+        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured.
         """
         if self.run is not None:
             return self.run.above.driven_j
@@ -262,13 +262,13 @@ class Drive(DrivenWay):
 
     @cached_property
     def said(self) -> AboveOptimum | None:
-        """What the drive took above the optimum as its simulator or its replay recorded it; None where neither did."""
+        """The energy above the optimum that simulator or replay recorded; None if neither did."""
         return AboveOptimum.recorded(self.recording)
 
     @property
     def above(self) -> AboveOptimum | None:
-        """What the drive took above the optimum: of a run just driven, else by the energy attribution, else as
-        recorded; None if none of them is known."""
+        """The energy above the optimum: of the run just driven, else from the energy attribution, else as recorded;
+        None if none of them is known."""
         if self.run is not None:
             return self.run.above
         return self.said if self.attribution is None else self.attribution.above
@@ -285,7 +285,7 @@ class Drive(DrivenWay):
     def any_attribution(self) -> Attribution:
         """Where the energy went, by cause and place, even if drive and optimum cannot be compared.
 
-        Raises DasError for a recording that has no journey, no positions, or whose line and train are not known.
+        Raises DasError for a recording without journey or positions, or whose line or train is not known.
         """
         return _raised(self._any_attribution)
 
@@ -293,8 +293,8 @@ class Drive(DrivenWay):
     def known_attribution(self) -> Attribution:
         """Where the energy went, by cause and by place.
 
-        Raises DasError as `any_attribution`, and for a drive that cannot be compared with its optimum, according to
-        this analysis or to the replay that recorded the drive.
+        Raises DasError as `any_attribution` does, and if this analysis, or the replay that recorded the drive, finds
+        that drive and optimum cannot be compared.
         """
         found = self.any_attribution
         why = found.above.why_not or ("" if self.said is None else self.said.why_not)
@@ -304,13 +304,13 @@ class Drive(DrivenWay):
 
     @property
     def attribution(self) -> Attribution | None:
-        """Where the energy went; None where that is not known (`why_no_attribution`)."""
+        """Where the energy went; None if that is not known (see `why_no_attribution`)."""
         found = _or_error(lambda: self.known_attribution)
         return None if isinstance(found, DasError) else found
 
     @property
     def why_no_attribution(self) -> str:
-        """Why it is not known where the energy went; empty where it is."""
+        """Why it is not known where the energy went; empty if it is known."""
         found = _or_error(lambda: self.known_attribution)
         if not isinstance(found, DasError):
             return ""
@@ -318,9 +318,9 @@ class Drive(DrivenWay):
 
     @cached_property
     def likely(self) -> LikelyRange | None:
-        """The likely range of an estimated energy above the optimum; None where that is measured, or not known.
+        """The likely range of an estimated energy above the optimum; None if the energy is measured or not known.
 
-        The range that a replay recorded is kept, because it covers the smoothing of the trip as well.
+        The bounds that a replay recorded are kept, because they include the uncertainty of smoothing the trip.
         """
         from sim.drive.attribution.driven_legs import likely_range
 

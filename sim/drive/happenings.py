@@ -1,4 +1,4 @@
-"""What happened on the day beside the driving: silence of the node, signals, targets, events worth a mark."""
+"""What happened on the day besides the driving: silence of the node, signals, targets, events worth a mark."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Span(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """A signal at danger: its position (m), and from when to when the driver saw it so."""
+    """A signal at danger: its position (m), and from when to when the driver saw it at danger."""
 
     s_m: float
     start_ns: int
@@ -39,7 +39,7 @@ class Signal(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A target of traffic management: its position (m), when the node was told, and what it asks."""
+    """A target of traffic management: its position (m), when the node received it, and what it demands."""
 
     s_m: float
     told_ns: int
@@ -56,9 +56,9 @@ class Happening:
 
 
 def silences(recording: Recording, trip: DrivenCourse) -> tuple[Span, ...]:
-    """The times without advice, each with its first reason: advice withdrawn, or node not heard.
+    """The times without advice, each with its first reason: advice withdrawn, or no message from the node.
 
-    A recording without a node has none.
+    A recording without a node has no such times.
     """
     first_ns, last_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found: list[Span] = []
@@ -112,7 +112,7 @@ def signals(recording: Recording) -> tuple[Signal, ...]:
 
 
 def points(recording: Recording, trip: DrivenCourse) -> tuple[Point, ...]:
-    """The targets that the node was told about, each once."""
+    """The targets that the node received, each once."""
     stops = {stop.name: stop.s_m for entry in recording.of(topics.JOURNEY) for stop in entry.message.stops}
     found: dict[tuple[float, str], Point] = {}
     clock = DriveClock.of(recording, int(trip.time_ns[0]))
@@ -139,11 +139,11 @@ def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...
     for entry in recording.of(topics.EVENT):
         event = entry.message
         one = _happening(event, "warning")
-        # A node that is still there after the last position warns of its age.
+        # A node that still runs after the last position warns that the position is old.
         if event.level >= Log.WARNING and one.time_ns <= end_ns and not any(x.text in one.text for x in silent):
             found.append(one)
     for note in read_notes(recording.path):
-        if not start_ns <= note.time_ns <= end_ns:  # of another part of the drive
+        if not start_ns <= note.time_ns <= end_ns:  # about another part of the drive
             continue
         found.append(Happening(time_ns=note.time_ns, kind="note", text=f"note: {note.text}"))
     found = [_from_the_start(one, start_ns) for one in found]
@@ -155,7 +155,7 @@ def _happening(event: Any, kind: str) -> Happening:
 
 
 def _from_the_start(one: Happening, start_ns: int) -> Happening:
-    """Put what happened before the first position at that position, and say so."""
+    """Move what happened before the first position to the moment of that position, and say so in the text."""
     early_s = (start_ns - one.time_ns) * NS
     if early_s <= 0:
         return one

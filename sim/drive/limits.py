@@ -1,5 +1,5 @@
-"""What "above the limit" means: above the line's limit over the whole train, or above a temporary restriction of which
-the node has been told.
+"""What "above the limit" means: above the line's limit over the whole train, or above a temporary restriction that the
+node has received.
 
 The train's own top speed is no limit: a train that is faster than its file says may be another train.
 """
@@ -35,7 +35,7 @@ class Violations:
     """What a drive violated.
 
     `signals_passed` counts the signals passed at danger; `beyond_signal_m` is the furthest that the train went beyond
-    one (m). `over_limit_s` is the time above limits (s), `over_limit_mps` the greatest excess over one (m/s).
+    such a signal (m). `over_limit_s` is the time above limits (s), `over_limit_mps` the greatest excess (m/s).
     """
 
     signals_passed: int = 0
@@ -45,7 +45,7 @@ class Violations:
 
 
 class TemporaryLimit(NamedTuple):
-    """A restriction, and from when to when the node was told about it (ns)."""
+    """A restriction, and from when to when (ns) the lists that the node received contained it."""
 
     restriction: Restriction
     told_ns: int
@@ -57,7 +57,7 @@ class TemporaryLimit(NamedTuple):
         return np.asarray(told & self.restriction.holds_at(time_ns))
 
     def changes(self) -> list[tuple[int, str]]:
-        """The moments (ns) at which the restriction was told, began, ended and was lifted, each with that word."""
+        """The moments (ns) at which the restriction was announced, began, ended and was lifted, each with its word."""
         one = self.restriction
         window = ((one.valid_from_ns, "begins"), (one.valid_until_ns, "ends"))
         inside = [(at_ns, word) for at_ns, word in window if self.told_ns < at_ns < self.lifted_ns]
@@ -65,7 +65,7 @@ class TemporaryLimit(NamedTuple):
 
 
 def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[TemporaryLimit, ...]:
-    """The restrictions that the node was told about, in the order in which they were lifted.
+    """The restrictions that the node received, in the order in which they were lifted.
 
     Every message holds all restrictions that are in force.
     """
@@ -87,10 +87,10 @@ def told_lists(recording: Recording) -> Iterator[tuple[int, tuple[Restriction, .
 def limit_in_force(
     recording: Recording, trip: DrivenCourse, inputs: DriveInputs | None, told: Iterable[TemporaryLimit]
 ) -> Floats:
-    """The limit of the line (m/s) over the train at every position of its course, with the restrictions told by then.
+    """The limit of the line (m/s) over the train at every position of its course, with the restrictions known by then.
 
     It is NaN where it is not known. `inputs` are line and train. If these are not known (None), the line's limit is
-    the one that a simulator recorded, and beyond its end a restriction holds for as long as the node says so.
+    the one that a simulator recorded, and a restriction holds beyond its end until the node states a higher limit.
     """
     truth = recording.columns(topics.TRUTH, "time_ns", "limit_mps")
     at, length_m, said_mps = trip.time_ns, 0.0, np.full(len(trip.time_ns), np.nan)
@@ -112,7 +112,7 @@ def limit_in_force(
 class SpanAbove(NamedTuple):
     """A span of time (ns) above an allowed speed.
 
-    It has the greatest excess and the speed that was allowed there (m/s), and the duration (s).
+    `over_mps` is the greatest excess, `allowed_mps` the speed that was allowed there, `lasted_s` the duration.
     """
 
     start_ns: int
@@ -123,7 +123,7 @@ class SpanAbove(NamedTuple):
 
 
 def spans_above(trip: DrivenCourse, allowed_mps: Floats) -> Iterator[SpanAbove]:
-    """The stretches of time in which a train was above a speed by more than the error of a speedometer."""
+    """The spans of time in which a train exceeded the allowed speed by more than the error of a speedometer."""
     at, over_mps = trip.time_ns, trip.speed_mps - allowed_mps
     over = np.concatenate(([False], over_mps > OVER_MPS, [False]))
     edges = np.flatnonzero(np.diff(over.astype(np.int8)))
@@ -147,7 +147,7 @@ def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal])
 
 
 def _beyond_m(trip: DrivenCourse, signal: Signal) -> float:
-    """How far beyond a signal the train came while it was at danger (m)."""
+    """How far (m) the train went beyond a signal while the signal was at danger."""
     during = (trip.time_ns >= signal.start_ns) & (trip.time_ns <= signal.end_ns)
     return float(trip.s_m[during].max(initial=-math.inf)) - signal.s_m
 

@@ -15,9 +15,9 @@ from sim.drivers.presentations.presenter import Shown
 MOST_CHANGES_PER_MIN: Final = 2.0
 """Advice that changes more often than this, on average, is restless."""
 SHORTEST_MODE_S: Final = 8.0
-"""Advice is restless if a mode stands for less than this (s)."""
+"""Advice is restless if a mode lasts for less than this (s)."""
 REVERSAL_S: Final = 10.0
-"""Traction and brakes with less than this (s) between them are a reversal."""
+"""Traction and braking, in either order, with less than this (s) between them are a reversal."""
 A_SECOND_NS: Final = 1_000_000_000
 GAP_S: Final = 3.0
 """Two looks at the display that are further apart than this (s) are not compared."""
@@ -30,8 +30,8 @@ class AdviceStability:
     `shown_s` is the time in which the train moved and advice was shown, and `changes` the number of seconds of it that
     began with another mode, speed or effort than the second before. `reversals` counts the times that the mode went
     from traction to brake, or from brake to traction, with less than 10 s of other modes in between.
-    `shortest_mode_s` is the shortest time for which a mode stood before another one took its place; NaN where none did.
-    Braking cannot wait, so neither braking modes nor the modes that they end count towards it.
+    `shortest_mode_s` is the shortest time for which a mode lasted before another replaced it; NaN if none was replaced.
+    Braking cannot wait, so braking modes and the modes that they end do not count.
     """
 
     shown_s: float = 0.0
@@ -41,12 +41,12 @@ class AdviceStability:
 
     @property
     def changes_per_min(self) -> float:
-        """Changes per minute in which the train moved and advice was shown; NaN where there was no such time."""
+        """Changes per minute in which the train moved and advice was shown; NaN if there was no such time."""
         return 60.0 * self.changes / self.shown_s if self.shown_s > 0 else math.nan
 
     @property
     def warning(self) -> str | None:
-        """The warning about restless advice; None where the advice was stable."""
+        """The warning about restless advice; None if the advice was stable."""
         found = []
         if self.changes_per_min > MOST_CHANGES_PER_MIN:
             found.append(f"{self.changes_per_min:.1f} changes a minute (more than {MOST_CHANGES_PER_MIN:g})")
@@ -55,7 +55,7 @@ class AdviceStability:
         return f"the advice shown was restless: {' and '.join(found)}" if found else None
 
     def rows(self) -> list[tuple[str, str]]:
-        """The measures for tables; nothing where no advice was shown."""
+        """The measures for tables; nothing if no advice was shown."""
         if not self.shown_s:
             return []
         shortest = "–" if math.isnan(self.shortest_mode_s) else f"{self.shortest_mode_s:.0f} s"
@@ -79,7 +79,7 @@ class ShownWatch:
     """Looks at the display every second of a run; call `look` in the order of time.
 
     A spell is a time in which the train moves and advice is shown. Its beginning is no change, because what was shown
-    before is not known. Its last mode does not count as short, because how long it would have stood is not known.
+    before is not known. Its last mode does not count as short, because how long it would have lasted is not known.
     The advice to depart is not part of a spell, so the advice to accelerate that follows it is no change.
     """
 
@@ -118,7 +118,7 @@ class ShownWatch:
         self._note_effort(time_s, shown.mode)
 
     def _mode_ended(self, time_s: float, ended: Regime | None, now: Regime | None) -> None:
-        """Note how long the mode stood that was now replaced, unless either mode is a stop or a brake."""
+        """Note how long the replaced mode lasted, unless the old or the new mode is a stop or a brake."""
         if Regime.STOP not in (ended, now) and not {ended, now} & BRAKES:
             self._shortest_s = min(self._shortest_s, time_s - self._mode_since_s)
         self._mode_since_s = time_s
@@ -135,10 +135,10 @@ class ShownWatch:
 
 
 def recorded_stability(recording: Recording) -> AdviceStability:
-    """The measures of a recorded run, by its messages `cab` and, for whether the train moved, `truth`.
+    """The measures of a recorded drive, from the messages `cab` and, for the speed of the train, `truth`.
 
-    Without those messages nothing was shown. In a recording without the shown speed, the advised one is rounded. An
-    external driver may look more often than once a second; one look a second counts, as for every driver.
+    Without these messages nothing counts as shown. If the shown speed was not recorded, it is the advised speed,
+    rounded. An external driver may look more often than once a second; one look a second counts, as for every driver.
     """
     truth = recording.columns(topics.TRUTH, "time_ns", "speed_mps")
     speeds_mps = dict(zip(truth["time_ns"].tolist(), truth["speed_mps"].tolist(), strict=True))

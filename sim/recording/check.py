@@ -27,7 +27,7 @@ from sim.recording.opening import is_session, versions
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """How many messages a topic has, how many a second, and the usual and the longest interval between two (s)."""
+    """How many messages a topic has, how many per second, and the usual and the longest interval between two (s)."""
 
     messages: int
     per_s: float
@@ -36,7 +36,7 @@ class Rate:
 
 
 def rate_of(recording: Recording, topic: Topic) -> Rate | None:
-    """The rate of a topic; None where it has no messages."""
+    """The rate of a topic; None if it has no messages."""
     time_ns = np.sort(times_of(recording, topic))
     if not len(time_ns):
         return None
@@ -51,20 +51,20 @@ def rate_of(recording: Recording, topic: Topic) -> Rate | None:
 
 
 LATE_AFTER_S = 1.0
-"""An advice that is recorded later than this (s) after its time has reached the driver late as well."""
+"""Advice recorded later than this (s) after its time stamp reached the driver late as well."""
 SLOW_AFTER_S = 1.0
-"""An advice that takes longer than this (s) to compute comes later than the next one is due."""
+"""Advice that takes longer than this (s) to compute comes only when the next is due."""
 LONGEST_GAP_S = STALE_AFTER_S
-"""Longest gap (s): after it the node withdraws its advice for want of positions, and the display goes dark."""
+"""After a longer gap (s) the node withdraws its advice for want of positions, and the display goes dark."""
 GAP_INTERVALS = 2.5
-"""A topic slower than once a second has a gap where this many of its usual intervals pass without a message."""
+"""A topic slower than once a second has a gap if this many of its usual intervals pass without a message."""
 CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
-"""The topics with messages all the time."""
+"""The topics on which messages come regularly."""
 OF_A_SESSION = (topics.JOURNEY, topics.RESTRICTION, topics.POSITION, topics.ADVICE, topics.STATUS)
 OF_A_TRIP = (topics.POSITION,)
-"""The topics that a recording of a node at work must have, and one of a trip without a node."""
+"""Topics that a recording must have: `OF_A_SESSION` with a node at work, `OF_A_TRIP` for a trip without a node."""
 MOST_OF_A_KIND = 5
-"""Only this many gaps of a topic are told one by one."""
+"""Only this many gaps of a topic are reported one by one."""
 
 
 class CheckKind(StrEnum):
@@ -154,7 +154,7 @@ def _gaps(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def _disorder(recording: Recording) -> Iterator[CheckFinding]:
-    """Times that go back within the messages of one sender."""
+    """Messages of one sender whose time is earlier than that of the message before."""
     for topic in (topics.POSITION, topics.CONTROL, topics.ADVICE):
         time_ns = times_of(recording, topic)
         back = np.nonzero(np.diff(time_ns) < 0)[0]
@@ -184,7 +184,7 @@ def _stale(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def _position_ages(recording: Recording) -> tuple[Any, Any]:
-    """The time (ns) of each advice that rests on a position, and how old (s) that position then was."""
+    """The time (ns) of each advice message based on a position, and how old (s) that position then was."""
     data = recording.columns(topics.ADVICE, "time_ns", "position_time_ns", "mode")
     used = (data["mode"] != Regime.NONE) & (data["position_time_ns"] > 0)
     return data["time_ns"][used], (data["time_ns"][used] - data["position_time_ns"][used]) * NS
@@ -211,7 +211,7 @@ def _late(recording: Recording) -> Iterator[CheckFinding]:
 
 
 def to_recorder_s(recording: Recording) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """How long each advice took from its time to the recorder (s); empty for a simulation, whose clock stands still."""
+    """How long (s) each advice message took to the recorder; empty for a simulation, whose clock waits meanwhile."""
     if recording.of(topics.CONTROL):
         return np.zeros(0)
     data = recording.columns(topics.ADVICE, "time_ns")
@@ -293,7 +293,7 @@ class Checked:
 
 
 def check_file(path: Path, train: str | None = None) -> Checked:
-    """Check a recording; raises DasError for a file without messages of a train, and where `read_contents` does."""
+    """Check a recording; raises DasError for a file without messages of a train, and as `read_contents` does."""
     contents = read_contents(path)
     return check_contents(contents, recording_of(contents, train))
 
@@ -336,7 +336,7 @@ def _numbers(missing: int | None) -> str:
 
 
 def _speed_of_advice(recording: Recording) -> dict[str, str]:
-    """How long solving, advising and the way to the recorder took, as far as these times were measured."""
+    """How long solving, advising and the transfer to the recorder took, as far as these times were measured."""
     status = recording.columns(topics.STATUS, "solve_s", "last_advice_s")
     rows = {}
     for name, values in (("solving a section", status["solve_s"]), ("computing an advice", status["last_advice_s"])):
@@ -381,7 +381,7 @@ def _notes(contents: Contents, recording: Recording) -> list[str]:
 
 
 def restarts_of(statuses: Sequence[Stamped]) -> list[int]:
-    """Indices of the first status after each restart of the node, whose count of advices then begins at 0 again."""
+    """Indices of the first status after each restart of the node, which then counts its advice from 0 again."""
     found, most = [], 0
     for i, one in enumerate(statuses):
         if one.message.state == NodeState.STOPPING:  # sent by the process, which counts no advice

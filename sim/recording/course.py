@@ -49,7 +49,7 @@ class DrivenCourse:
         return since_ns
 
     def at(self, time_ns: Times, values: Floats) -> Floats:
-        """Values along the course (one per position) at other times; before and after the course, those of its ends."""
+        """Values along the course (one per position) at other times; before and after it, the values at its ends."""
         return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)
 
 
@@ -75,7 +75,7 @@ class DriveClock:
 
     zero_ns: int
     zero_is: str = "the timetable's departure"
-    """What happens at zero, as pages say it."""
+    """What happens at zero, in words for pages."""
 
     @classmethod
     def of_recording(cls, recording: Recording) -> DriveClock:
@@ -111,7 +111,7 @@ class DriveClock:
         return f"{datetime.fromtimestamp(round(time_ns * NS), UTC):%H:%M:%S}"
 
     def moment_ns(self, text: str) -> int:
-        """The moment (ns since 1970) that a user's text names; DasError for any text that is not one of `FORMS`."""
+        """The moment (ns since 1970) that a user's text names; DasError for a text in none of the `FORMS`."""
         text = text.strip()
         for form in (_ON_CLOCK, _SECONDS):
             if found := form.fullmatch(text):
@@ -130,7 +130,7 @@ class DriveClock:
 
 
 def _seconds(parts: Mapping[str, str | None]) -> float:
-    """The seconds of a time from its sign, hours, minutes and seconds, as far as it has them."""
+    """A time in seconds from its sign, hours, minutes and seconds, as far as they are given."""
     hours, minute, second = (float(parts.get(name) or 0.0) for name in ("h", "m", "s"))
     return (HOUR_S * hours + MINUTE_S * minute + second) * (1.0 if parts["sign"] in ("", "+") else -1.0)
 
@@ -171,7 +171,7 @@ def utc(time_ns: int) -> str:
 
 def stated_ns(entry: Stamped) -> int:
     """The time (ns since 1970) that a message states; the recorder's time for a message that states none."""
-    from das.bus.recorder import message_time_ns  # brings the bus along, and every help imports this module
+    from das.bus.recorder import message_time_ns  # imports the bus, and every command's help imports this module
 
     return message_time_ns(entry.message) or entry.log_time_ns
 
@@ -182,15 +182,15 @@ def times_of(recording: Recording, topic: Topic) -> Times:
 
 
 WHOLE: Final = (topics.JOURNEY, topics.PLAN)
-"""Topics of which a part keeps all earlier messages: the journey holds for all of it, and so may the first plan."""
+"""Topics whose earlier messages a part of a recording keeps: a journey or a plan may hold throughout the part."""
 HELD: Final = (topics.RESTRICTION, topics.TARGET, topics.DELAY, topics.STATUS)
-"""Topics of which a part keeps the last earlier message, because that still holds."""
+"""Topics whose last earlier message a part of a recording keeps, because it still holds."""
 
 
 def part_of(recording: Recording, start: str | None, end: str | None) -> Recording:
     """The part of a recording between two times as a user writes them (see `FORMS`); None stands for its ends.
 
-    Raises DasError for a text that is no time, and where the train has no position between the times.
+    Raises DasError if a text is no time, or if the train has no position between the times.
     """
     if start is None and end is None:
         return recording

@@ -1,9 +1,9 @@
-"""The input files of a run, and those attached to a recording, written to where today's programs can read them.
+"""The input files of a run, and the files attached to a recording, which are written to a folder to be read from there.
 
-Line, train and level of losses of a recorded drive come from them.
+Line, train and loss level of a recorded drive come from the attached files.
 
-A recording is data: files that are attached to it are read, files that it only names are not opened. A bundled file
-counts as ours even if the recording names it.
+A recording is data: files that are attached to it are read, files that it only names are not opened. Bundled files are
+ours and may be opened if the recording names them.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _loss_map_of(vehicle: Path) -> Path | None:
 
 
 DEEP: Final = PurePosixPath("a/b/c/d")
-"""Files are put this deep, so that a loss map in a folder above its vehicle's is still in the private folder."""
+"""Files are put this deep, so that a loss map in a folder above its vehicle file is still in the private folder."""
 LOSS_MAP: Final = "loss_map"
 HASH: Final = "_sha256"
 """Ending of the metadata keys that hold the hash of an input file."""
@@ -83,7 +83,7 @@ class AttachedFiles:
         return self.sha256(kind) in self._attached
 
     def sha256(self, kind: str) -> str:
-        """The hash of a kind of file in the metadata; empty where they do not name it."""
+        """The hash of a kind of file in the metadata; empty if they do not name such a file."""
         return self._run.get(f"{kind}{HASH}", "")
 
     def others(self, but: Collection[str] = ()) -> list[records.Attachment]:
@@ -91,27 +91,27 @@ class AttachedFiles:
         return [one for hashed, one in self._attached.items() if hashed not in but]
 
     def place(self, kind: str) -> Path:
-        """The path of a kind of file, written now; DasError where it cannot be written."""
+        """Write a kind of file now, and return its path; DasError if it cannot be written."""
         return self._put(self.sha256(kind))
 
     def place_vehicle(self, kind: str = "vehicle", loss_map: str = LOSS_MAP) -> Path:
-        """The path of a vehicle's file, written now with its loss map where the file says.
+        """Write a vehicle file now, with its loss map at the path that it names, and return the vehicle file's path.
 
-        Raises DasError where the file cannot be written, and where it names a loss map outside the private folder.
+        Raises DasError if a file cannot be written, or if the named path is outside the private folder.
         """
         return self._put(self.sha256(kind), loss_map)
 
     def find(self, kind: str, identity: str, load: Callable[[Path], _Input]) -> tuple[_Input, str, str]:
         """The route or vehicle (`kind`: "routes", "vehicles") with an id, its name or path, and its origin in words.
 
-        It is from the attached file with that id, else the bundled one. Raises DasError where there is neither.
+        It is read from the attached file with that id, else from the bundled file. Raises DasError if there is neither.
         """
         bundled, tried = catalogue(kind).get(identity), []
         for hashed, one in self._attached.items():
             if PurePosixPath(one.name).suffix.lower() not in (".toml", ".json"):
                 continue
             if bundled is not None and hashed == sha256(bundled):
-                break  # the bundled file has its loss map where the file says
+                break  # the bundled file is read instead: its loss map is at the path that it names
             try:
                 path = self._put(hashed, LOSS_MAP)
                 found = load(path)
@@ -126,7 +126,7 @@ class AttachedFiles:
         raise DasError(f"{self._path}: its {kind[:-1]} {identity!r} is neither in it nor bundled{why}")
 
     def _put(self, hashed: str, loss_map: str = "") -> Path:
-        """Write an attached file, and the attached loss maps that it names, where it names them."""
+        """Write an attached file and, at the paths that it names, the attached loss maps."""
         one, root = self._attached[hashed], self._folder / hashed
         path = put(root / DEEP / Path(one.name).name, one.data)
         for name in _maps_of(path):
@@ -143,11 +143,11 @@ class AttachedFiles:
 
 
 ELSEWHERE: Final = ("trip", "what_if_of")
-"""Files that the metadata name by their hash, but that a recording does not bring along."""
+"""Kinds of files that the metadata name by their hash, but that are not attached to a recording."""
 
 
 def missing_files(recording: Recording) -> list[str]:
-    """What the metadata call each input file of the run that is not attached; hashes tell which files are."""
+    """The kinds, as in the metadata, of the run's input files that are not attached; files are compared by hash."""
     brought = {hashlib.sha256(one.data).hexdigest() for one in recording.attached}
     named = {
         key[: -len(HASH)]: hashed for key, hashed in recording.metadata.get("run", {}).items() if key.endswith(HASH)
@@ -156,7 +156,7 @@ def missing_files(recording: Recording) -> list[str]:
 
 
 def put(path: Path, content: bytes) -> Path:
-    """Write a file and the folders above it; DasError where it cannot be written."""
+    """Write a file and the folders above it; DasError if it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
@@ -180,7 +180,7 @@ def _paths_in(table: Mapping[str, Any]) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveInputs:
-    """Line as driven, train as planned and level of losses of a drive, and where they come from (`source`)."""
+    """Line as driven, train as planned and loss level of a drive, and where they come from (`source`)."""
 
     route: Route
     vehicle: Vehicle
@@ -189,7 +189,7 @@ class DriveInputs:
 
 
 def inputs_of(recording: Recording) -> DriveInputs:
-    """Line, train and level with which a recorded drive was planned; DasError where the recording lacks them."""
+    """Line, train and loss level with which a recorded drive was planned; DasError if the recording lacks them."""
     journeys = [entry.message for entry in recording.of(topics.JOURNEY)]
     if not journeys:
         raise DasError(f"{recording.path}: holds no journey, so that nobody knows its line and train")
@@ -220,7 +220,7 @@ def inputs_of(recording: Recording) -> DriveInputs:
 
 
 def node_words(run: Mapping[str, str]) -> list[str]:
-    """The arguments of the recording's node; empty where the metadata do not give them."""
+    """The arguments of the recording's node; empty if the metadata do not give them."""
     try:
         words = json.loads(run.get(NODE_ARGUMENTS, "[]"))
     except ValueError:

@@ -1,7 +1,7 @@
 """How every command opens a recording and writes one, and the metadata that say how it was made.
 
-What is damaged is left out with a warning, and where there are several trains the user must name one. A new file
-appears in its place only when it is whole.
+Damaged parts are left out with a warning. If a recording holds several trains, the user must name one. A new file
+appears at its path only when it is complete.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ _warned: set[str] = set()
 
 
 def open_recording(path: Path, train: str | None = None) -> Recording:
-    """Read a recording without its damaged parts; a line on standard error tells each thing that is wrong with it.
+    """Read a recording without its damaged parts; each fault is reported in a line on standard error.
 
-    `train` names the train of a recording that holds several. Raises DasError for a file that cannot be used, and for
-    one with several trains where none is named.
+    `train` names the train of a recording that holds several. Raises DasError if the file cannot be used, or if it
+    holds several trains and none is named.
     """
     return recording_of(open_contents(path), train)
 
@@ -52,9 +52,9 @@ def open_contents(path: Path) -> Contents:
 
 @contextmanager
 def whole_recording(out: Path, now_ns: int) -> Iterator[RecordingFile]:
-    """A recording to write; it appears at `out` at the end of the block, and not at all where the block fails.
+    """A recording to write; it appears at `out` at the end of the block, and not at all if the block fails.
 
-    `now_ns` is the time at which files are attached (ns since 1970). Raises DasError where it cannot be written.
+    `now_ns` is the time stamp of attached files (ns since 1970). Raises DasError if the recording cannot be written.
     """
     refuse_link(out)
     try:

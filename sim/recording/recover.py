@@ -1,4 +1,4 @@
-"""Saves the sound parts of a cut or damaged recording into a new, whole file, and tells what is lost."""
+"""Saves the sound parts of a cut or damaged recording in a new, complete file, and reports what is lost."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from das.domain.files.writing import whole_file
 
 @dataclass(frozen=True, kw_only=True)
 class Recovered:
-    """What was saved and what is lost. `undescribed` messages are those of unknown channels, which are left out."""
+    """What was saved and what is lost. `undescribed` counts the messages of unknown channels, which are left out."""
 
     source: Path
     out: Path
@@ -38,7 +38,7 @@ class Recovered:
         return lost + (self.health.size_bytes - self.health.cut_byte if self.health.cut_byte >= 0 else 0)
 
     def losses(self) -> list[str]:
-        """Sentences about what is lost; empty where everything was saved."""
+        """Sentences about what is lost; empty if everything was saved."""
         health = self.health
         lines = [f"left out: {one}" for one in health.damage if one.lost]
         lines += [f"mended: {one}" for one in health.damage if not one.lost]
@@ -70,7 +70,7 @@ class Recovered:
 def recover(source: Path, out: Path) -> Recovered:
     """Write the sound parts of `source` to `out`, which is written whole or not at all.
 
-    Raises DasError for a file that cannot be read or holds no message, and where `out` cannot be written.
+    Raises DasError if `source` cannot be read or holds no message, or if `out` cannot be written.
     """
     raw, health = read_raw(source)
     if not raw.messages:

@@ -35,14 +35,14 @@ DIGIT_SHARE: Final = 0.0085
 """Width of a digit of a mark's number, as a share of the axis."""
 
 FIRST: Final = (Meaning.NOTE, Meaning.WARNING, Meaning.NO_ADVICE, None)
-"""Joined marks have the colour of the one whose meaning comes first here."""
+"""Joined marks have the colour of the mark whose meaning comes first here."""
 
 LISTED: Final = 40
 """Most marks that are listed; the viewer lists all of them."""
 
 ROW_IN: Final = 0.185
 LETTERS: Final = 78
-"""Most letters in a row of a column of the list."""
+"""Most characters in one line of the list of marks."""
 
 LETTER_SHARE: Final = 0.0085
 """Width of a letter of a stop's name, as a share of the axis."""
@@ -51,7 +51,7 @@ NAMES_AT_POINTS: Final = (17.0, 29.0)
 into the second; a name without room there is left out."""
 
 Along = Callable[[Times], Floats]
-"""Tells where times lie on an axis."""
+"""Returns where times (ns) lie on an axis."""
 
 
 class Panel(NamedTuple):
@@ -108,7 +108,7 @@ def curve(axis: Any, name: str, x: Floats, values: Floats, theme: Theme) -> None
 
 
 def rows(axis: Any, names: Sequence[str], theme: Theme) -> None:
-    """Make an axis one of rows under each other, each with a name."""
+    """Divide an axis into named rows, one below the other."""
     axis.set_ylim(len(names), 0.0)
     axis.set_yticks(np.arange(len(names)) + 0.5, names)
     axis.tick_params(axis="y", length=0.0, labelcolor=theme.ink)
@@ -173,7 +173,7 @@ def bands(axis: Any, along: Along, spans: Iterable[Span], theme: Theme) -> None:
 
 
 def numbered_marks(axis: Any, along: Along, found: Sequence[Mark], theme: Theme) -> None:
-    """Draw a dotted line for every mark, with its number in the list at the top; numbers that would meet are joined."""
+    """Draw a dotted line for every mark, at its top the mark's number in the list; numbers that overlap are joined."""
     if not found:
         return
     places = along(_times(*(one.time_ns for one in found)))
@@ -192,7 +192,7 @@ def numbered_marks(axis: Any, along: Along, found: Sequence[Mark], theme: Theme)
 
 
 def joined_labels(numbered: Sequence[tuple[float, int]]) -> list[tuple[float, list[int]]]:
-    """Labels in order, as (middle, numbers), with those joined that would cover each other."""
+    """Labels in order, as (middle, numbers); labels that would cover each other are joined."""
     found: list[tuple[float, list[int]]] = []
     for place, number in numbered:
         found.append((place, [number]))
@@ -283,7 +283,7 @@ def named(axis: Any, *, x: str = "", y: str = "") -> None:
 
 
 def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
-    """Draw the legend above the axes, where it covers no curve: of the curves, or of `patches` (name → colour)."""
+    """Draw the legend, of the curves or of `patches` (name → colour), above the axes, where it covers no curve."""
     looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
     if patches is not None:
         handles = [Patch(color=color, label=name) for name, color in patches.items()]

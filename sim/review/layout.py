@@ -1,7 +1,7 @@
 """The blueprint of a review: plots over distance and time with one cursor, the cab, the energy, and lists to click on.
 
-A plot of rerun follows the active timeline and starts at ±30 s about the cursor unless its axis is given; linked axes
-ignore what is given. So the plots show the whole trip on the drive's clock; those over distance are drawn as planes.
+A plot of rerun follows the active timeline and shows ±30 s about the cursor unless its axis has a range, which linked
+axes ignore. So every plot has its own range, the whole trip on the drive's clock. Plots over distance are planes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Row(NamedTuple):
 
 DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
 NODE: Final = ("node", "no advice")
-"""Names of the lanes about the driving and of those about the node."""
+"""`DRIVING` and `NODE` name the lanes about the driving and the lanes about the node."""
 TABS: Final = {
     "Over time": (
         Row("speed", 2.2),

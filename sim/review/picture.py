@@ -57,7 +57,7 @@ OVER_TIME: Final = (
     "estimate",
     "calibration",
 )
-"""The panels over time by their quantities, and those of the lanes and of what the driving cost."""
+"""The panels over time: those of quantities by their names, that of the lanes, and that of what the driving cost."""
 SPEED_IN, HEIGHT_IN, LANE_IN, COST_IN = 1.8, 0.8, 0.2, 0.26
 """Heights (in) of the panels over time: of speed, of another quantity, of a lane, and of the cost."""
 
@@ -72,7 +72,7 @@ TICKS_S: Final = (10, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200)
 """Round distances of the ticks of a time axis (s); it has at most `MOST_TICKS`."""
 MOST_TICKS: Final = 12
 FIGURE_SHARE: Final = 0.028
-"""A span of the cost has its figure in it if it is at least this wide, as a share of the axis."""
+"""A span of the cost shows its figure (kWh) if it is at least this wide, as a share of the axis."""
 COSTS: Final = {
     Meaning.AGAINST: "by another effort than advised",
     Meaning.ADVISED: "driven as advised",
@@ -82,7 +82,7 @@ COSTS: Final = {
     Meaning.NO_ADVICE: "rest",
     Meaning.LOST: "lost otherwise",
 }
-"""What the colours of the cost mean where several causes have one; a single cause stands there by its name."""
+"""What a colour of the cost means if several causes of the drive share it; otherwise the legend names the cause."""
 
 
 def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
@@ -120,17 +120,17 @@ def panels(scene: ReviewScene) -> dict[str, Panel]:
 
 
 def _lanes_of(scene: ReviewScene) -> list[Lane]:
-    """The lanes of a picture, which names the stops above its axis."""
+    """The lanes of a picture: all but that of the stops, which the picture names above its axis."""
     return [lane for lane in scene.lanes if lane.name != WAY]
 
 
 def _costs_of(scene: ReviewScene) -> list[CostSpan]:
-    """The spans of time that have a price."""
+    """The spans of time that cost enough to be shown."""
     return [] if scene.attribution is None else [span for span in scene.attribution.spans if span.worth]
 
 
 def _over_distance(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:
-    """Draw the panels over distance, with what has a place of its own."""
+    """Draw the panels over distance, with everything that has a place on the line."""
     trip, speed = scene.trip, axes["speed"]
     for trace in scene.over_distance(DRAWN_OVER_DISTANCE):
         curve(axes[trace.quantity], trace.name, trace.s_m / KM, trace.values, theme)
@@ -156,7 +156,7 @@ def _speed_axis(axis: Any, scene: ReviewScene) -> None:
 
 
 def _places(axis: Any, scene: ReviewScene, theme: Theme) -> None:
-    """Draw what has a place of its own: restrictions, signals at danger, targets and stops."""
+    """Draw everything that has a place on the line: restrictions, signals at danger, targets and stops."""
     height = SIGNAL_HEIGHT * axis.get_ylim()[1]
     for limit in scene.places_of(Meaning.LIMIT):
         _restricted(axis, (limit.start_m / KM, limit.end_m / KM), limit.limit_mps, theme)
@@ -262,13 +262,13 @@ def _stops(axes: dict[str, Any], scene: ReviewScene, along: Along, theme: Theme)
 
 
 def _spread(axis: Any, x: Floats, middle: Floats, sd: Floats, color: str) -> None:
-    """Draw a standard deviation as a band about what it is of."""
+    """Draw a band of one standard deviation on either side of a curve."""
     if axis is not None:
         axis.fill_between(x, middle - sd, middle + sd, color=color, alpha=0.2, linewidth=0.0)
 
 
 def _costs(axis: Any, costs: Sequence[CostSpan], along: Along, theme: Theme) -> None:
-    """Draw what the driving cost, with the figures (kWh) that have room."""
+    """Draw what the driving cost, with the figures (kWh) for which there is room."""
     rows(axis, ["cost (kWh)"], theme)
     low, high = axis.get_xlim()
     for span in costs:

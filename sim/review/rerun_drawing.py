@@ -28,7 +28,7 @@ from sim.review.words import cards, summary
 DRIVE_CLOCK, TIME_OF_DAY, POSITION = "drive_clock", "time_of_day", "position_m"
 """Names of the timelines: time on the drive's clock, time of day (UTC), position on the route (m)."""
 ENERGY, CAB_CARD, BOOKMARKS = "account", "cab", "bookmarks"
-"""Entities of the energy attribution, of what the driver saw, and of the list that jumps."""
+"""Entities of the energy attribution, of what the driver saw, and of the bookmarks."""
 MARKDOWN: Final = rr.MediaType.MARKDOWN
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
 
@@ -37,16 +37,16 @@ GRID: Final = INK & ~0xFF | 0x40
 """The grid is a faint ink."""
 TRAIN: Final = rgba(VIEWER.of[Meaning.DRIVEN])
 SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, VIEWER.of[Meaning.DRIVEN]))
-"""Ends of the colours of the track, from standing to the highest speed: grey, and the blue of what was driven."""
+"""Colours of the track at standstill and at the highest speed: grey, and the blue of what was driven."""
 TRACK_PIECES: Final = 300
 REACHED_M: Final = 200.0
-"""A stop within this distance (m) of the train's way is on its track."""
+"""A stop at most this far (m) beyond the ends of the train's course is drawn on the track as well."""
 
 WIDTH: Final = 1600.0
 """Width of the trip in the plane."""
 NICE: Final = (1.0, 2.0, 5.0, 10.0)
 FURNITURE: Final = ("grid", "axes", "stops", "names", "key", "here")
-"""Entities over distance that tell nothing when a user points at them."""
+"""Entities over distance that show nothing when a user points at them."""
 SIGNAL_SHARE: Final = 0.12
 LETTER: Final = 6.0
 """Half the width of a letter and its bubble in the window that the layout is made for."""
@@ -74,7 +74,7 @@ MARGIN: Final = (100.0, 30.0, 105.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Timelines:
-    """Puts messages on all timelines. The drive's clock is that of all tables and pictures."""
+    """Puts messages on all timelines. All tables and pictures show the same drive's clock."""
 
     trip: DrivenCourse
     clock: DriveClock
@@ -94,7 +94,7 @@ class Timelines:
 
 
 def send(out: rr.RecordingStream, scene: ReviewScene, *, with_map: bool) -> None:
-    """Send everything that is shown to rerun, but the energy attribution."""
+    """Send everything to rerun that is to be shown, except the energy attribution."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
     lines = Timelines(trip=scene.trip, clock=scene.clock)
     for name, (time_ns, values) in scene.series.items():
@@ -165,7 +165,7 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) ->
 
 
 def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
-    """Send what the node and the simulator said."""
+    """Send the events of the node and the log of the simulator."""
     said = [entry.message for entry in scene.recording.of(topics.EVENT) + scene.recording.of(topics.LOG)]
     said.sort(key=lambda event: event.timestamp.ToNanoseconds())
     if said:
@@ -192,7 +192,7 @@ def _cab(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
 
 
 def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene, *, with_map: bool) -> None:
-    """Send the way in a plane, coloured by speed, with the stops; and on the map if that is wanted."""
+    """Send the track in a plane, coloured by speed, with the stops; and on the map if that is wanted."""
     index, trip = lines.of(way.time_ns), lines.trip
     radius, dot = rr.Radius.ui_points(2.5), rr.Radius.ui_points(7.0)
     ends = np.unique(np.linspace(0, len(way.time_ns) - 1, TRACK_PIECES + 1).astype(int))
@@ -211,7 +211,7 @@ def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: R
 
 
 def _track_stops(out: rr.RecordingStream, way: MapTrack, scene: ReviewScene) -> None:
-    """Send the names of the stops that the train reached, where it was then."""
+    """Send the names of the stops that the train reached, each at the train's location when it did."""
     at_m = scene.trip.at(way.time_ns, scene.trip.s_m)
     rising = np.maximum.accumulate(at_m)
     reached = [

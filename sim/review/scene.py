@@ -34,9 +34,9 @@ OVER_DISTANCE: Final = ("speed", "force", "gradient")
 DRAWN_OVER_DISTANCE: Final = tuple(
     name for name in STYLES if quantity_of(name) in OVER_DISTANCE and name != "speed/same_times"
 )
-"""The series of these quantities that they draw, in drawing order; the optimum is that from the start."""
+"""The series that viewer and picture draw over distance, in drawing order; of the optima, only that from the start."""
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
-"""Times and values of a series without any."""
+"""Times and values of an empty series."""
 GAP: Final = np.array([np.nan])
 """A value that is not known: no curve is drawn to it or from it."""
 USUAL_PERCENT: Final = (2.5, 97.5)
@@ -98,7 +98,7 @@ class Mark(NamedTuple):
     meaning: Meaning | None
 
     def color(self, theme: Theme) -> str:
-        """The colour of the mark; that of the ink where it means nothing in particular."""
+        """The colour of the mark; the colour of the ink if the mark means nothing in particular."""
         return theme.ink if self.meaning is None else theme.of[self.meaning]
 
 
@@ -111,7 +111,7 @@ class Trace(NamedTuple):
 
     @property
     def quantity(self) -> str:
-        """The name of its quantity."""
+        """The name of the quantity of the series."""
         return quantity_of(self.name)
 
 
@@ -138,7 +138,7 @@ class ReviewScene:
     drive: Drive
     series: Found
     placed: tuple[Trace, ...]
-    """Series with positions of their own; the positions of the other series are those of the train at their times."""
+    """Series with positions of their own; other series lie where the train was at their times."""
     lanes: tuple[Lane, ...]
     stops: tuple[tuple[str, float], ...]
     """The stops of the journey by name, with their positions (m)."""
@@ -148,11 +148,11 @@ class ReviewScene:
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
     way: MapTrack | None = None
-    """The way on the map; None where neither places nor the line's geometry are known."""
+    """The track on the map; None if neither locations nor the line's geometry are known."""
     filled_from: str = ""
-    """A sentence about what is estimated because it was not recorded; empty where nothing is."""
+    """A sentence about what is estimated because it was not recorded; empty if nothing is."""
     attribution: AttributionView | None = None
-    """Where the energy went; None until `with_attribution` has found it, and where it is not known."""
+    """Where the energy went; None until `with_attribution` has found it, or if it is not known."""
 
     @classmethod
     def of(cls, drive: Drive) -> ReviewScene:
@@ -268,7 +268,7 @@ def speed_text(limit_mps: float) -> str:
 
 
 def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
-    """The series, with a gap in those that come with the advice where the node was not heard."""
+    """The series; those that come with the advice have a gap while no message came from the node."""
     gaps = np.array([span.start_ns for span in silent if span.text == NOT_HEARD], dtype=np.int64)
     broken = dict(found)
     for name in FROM_ADVICE:
@@ -295,7 +295,7 @@ def _mark(one: Happening, trip: DrivenCourse, clock: DriveClock) -> Mark:
 
 
 def _bookmark(one: DriveEvent, clock: DriveClock) -> Mark:
-    """A bookmark whose words have its time as all tables show it, because rerun itself shows seconds."""
+    """A bookmark whose text gives its time as all tables do, because rerun itself shows seconds."""
     text = f"{clock.shown(one.time_ns)}  {place_text(one.s_m)}  {one.kind}: {one.text}"
     return Mark(one.time_ns, text, BOOKMARK_MEANINGS.get(one.kind))
 
@@ -350,7 +350,7 @@ class AttributionView:
 
     @property
     def lane(self) -> Lane:
-        """The lane of what the driving cost: a cause and its energy where it is worth a word, else nothing."""
+        """The lane of what the driving cost: for each span worth showing, its cause and its energy."""
         changes: list[Change] = []
         colors: dict[str, str | Meaning] = {}
         for span in self.spans:
@@ -364,7 +364,7 @@ class AttributionView:
 
 
 def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
-    """The times of a leg with one cause each, in order of time."""
+    """The spans of a leg, each with a single cause, in order of time."""
     time_ns = leg.leg.motion.time_ns[leg.committed.sample]
     open_: CostSpan | None = None
     for rise in leg.committed.rises():

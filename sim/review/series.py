@@ -1,6 +1,6 @@
-"""What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's way.
+"""What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's track.
 
-A recording of the node alone lacks some of them. They are derived from its attached files and its positions: the
+If only the node was recorded, some are missing. They are derived from the attached files and the positions: the
 gradient from the line, forces and energy by inverse dynamics as in `das-sim energy` (docs/explanation/trip-energy.md).
 """
 
@@ -27,7 +27,7 @@ UNKNOWN_S: Final = 10.0
 
 
 class Quantity(NamedTuple):
-    """What an axis shows: a short name, its unit, and what it is in more words, where there is room for them."""
+    """What an axis shows: a short name, its unit, and a longer name for where there is room."""
 
     name: str
     unit: str
@@ -40,12 +40,12 @@ class Quantity(NamedTuple):
 
     @property
     def long_title(self) -> str:
-        """The words with the unit."""
+        """The longer name with the unit."""
         return f"{self.words} ({self.spelt_unit})"
 
     @property
     def spelt_unit(self) -> str:
-        """The unit without a sign that the fonts of the viewer may lack."""
+        """The unit without symbols that the fonts of the viewer may lack."""
         return self.unit.replace("‰", "permille")
 
 
@@ -187,7 +187,7 @@ Found = dict[str, tuple[Times, Floats]]
 def series(recording: Recording, trip: DrivenCourse) -> Found:
     """Times and values of all series but the limit, by the names of `STYLES`, from the first position on.
 
-    Withdrawn advice, and what was not shown, is a gap (NaN).
+    A series has a gap (NaN) while its advice was withdrawn, or while nothing was shown.
     """
     found = {
         **_plan(recording),
@@ -275,9 +275,9 @@ def _estimated(recording: Recording, trip: DrivenCourse) -> Found:
 
 
 def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -> tuple[Times, Floats]:
-    """The values that lie on the trip.
+    """The values within the time of the trip.
 
-    For a quantity that is held between its values, the last value before the trip and the one at its end are included.
+    A value of a `held` quantity holds until the next: the last value before the trip and one at its end are included.
     """
     keep = time_ns >= trip.time_ns[0]
     if held and len(time_ns):
@@ -290,9 +290,9 @@ def on_trip(trip: DrivenCourse, time_ns: Times, values: Floats, *, held: bool) -
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilledIn:
-    """Series by the names of `STYLES`, the train's way on the map, and the source.
+    """Series by the names of `STYLES`, the train's track on the map, and the source.
 
-    `source` says in a sentence what is estimated, or why nothing could be; it is empty where nothing was missing.
+    `source` says in a sentence what is estimated, or why nothing could be; it is empty if nothing was missing.
     """
 
     series: Found
@@ -301,7 +301,7 @@ class FilledIn:
 
 
 def filled_in(drive: Drive) -> FilledIn:
-    """The series that a recording without a simulator lacks; none where the simulator was recorded."""
+    """The series that a recording without a simulator lacks; none if a simulator was recorded."""
     recording = drive.recording
     if recording.of(topics.TRUTH) or not recording.of(topics.JOURNEY):
         return FilledIn(series={}, source="")

@@ -19,7 +19,7 @@ from sim.recording.course import DrivenCourse
 from sim.world.disturbances import NOTHING
 
 LETTERS: Final = 150
-"""Most letters in a line under the headline of a picture."""
+"""Most characters in a line under the headline of a picture."""
 NO_ADVICE: Final = "## No advice is shown"
 NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
 
@@ -55,7 +55,7 @@ def headline(drive: Drive) -> str:
 
 
 def on_this_day(recording: Recording) -> list[str]:
-    """What is wrong with the recording, and what the scenario let happen, in lines for a picture; empty if nothing."""
+    """Lines for a picture: what is wrong with the recording, and what the scenario let happen; empty if nothing."""
     happens = recording.metadata.get("run", {}).get("happens", NOTHING)
     lines = [f"of the recording: {text}" for text in recording.health.warnings()]
     if happens != NOTHING:
@@ -91,7 +91,7 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
 
 
 def readable(key: str, value: str) -> tuple[str, str]:
-    """An entry of the metadata, energies in kWh and hashes short."""
+    """An entry of the metadata for people: energies in kWh, hashes shortened."""
     if key.endswith("_j"):
         try:
             return key[:-2].replace("_", " "), f"{kwh(float(value)):.1f} kWh"
@@ -114,7 +114,7 @@ class Card(NamedTuple):
 
 
 def cards(recording: Recording, trip: DrivenCourse) -> tuple[Card, ...]:
-    """What the driver saw over the trip, each text once; of a recording without a display, what was advised."""
+    """What the driver saw, a card for each change; if no display was recorded, what the node advised."""
     seen = recording.of(topics.CAB)
     texts = (
         [Card(entry.message.time_ns, _of_cab(entry.message)) for entry in seen]

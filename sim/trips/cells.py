@@ -72,7 +72,7 @@ class CellTable(NamedTuple):
         return cls(path, what, tuple(cell.casefold() for cell in rows[0]), rows[1:], 2, separator)
 
     def body(self) -> list[list[str]]:
-        """The rows with points as decimal signs; where cells are not separated by commas, a comma is a decimal sign.
+        """The rows with points as decimal signs; if cells are not separated by commas, a comma is a decimal sign.
 
         Raises DasError for fewer than two rows, and InputError for a row with another number of columns.
         """
@@ -107,7 +107,7 @@ def is_number(cell: str) -> bool:
 
 
 def not_negative(path: Path, line: int, speed: float) -> float:
-    """The speed, or 0 where rounding alone made it negative. Raises InputError for any other negative speed."""
+    """The speed, or 0 if rounding alone made it negative. Raises InputError for any other negative speed."""
     if speed < -ROUNDING:
         raise InputError(path, f"line {line} speed", speed, "a speed >= 0")
     return max(speed, 0.0)
@@ -127,7 +127,7 @@ def check_location(path: Path, latitude_deg: Floats, longitude_deg: Floats, firs
 
 
 def time_from_number(path: Path, key: str, text: str, column: str) -> int:
-    """An epoch time written as a number in the column's unit; InputError (file, key, value) otherwise."""
+    """An epoch time written as a number in the column's unit; InputError (file, key, value) for any other text."""
     unit = column.rpartition("_")[2]
     try:
         value = Decimal(text)
@@ -142,7 +142,7 @@ def time_from_number(path: Path, key: str, text: str, column: str) -> int:
 
 
 def time_from_iso(path: Path, key: str, text: str) -> int:
-    """An ISO 8601 time, UTC where it names no zone; InputError (file, key, value) otherwise."""
+    """An ISO 8601 time, in UTC if it names no zone; InputError (file, key, value) for any other text."""
     expected = "an ISO 8601 time like 2026-11-21T08:04:00Z"
     try:
         moment = datetime.fromisoformat(text)

@@ -1,4 +1,4 @@
-"""Cleaning a record: what is looked for, how it is found, and the log of all that was found.
+"""Cleaning of a record: the kinds of findings, how they are found, and the log of all that was found.
 
 The functions find times out of order, impossible positions and impossible speeds; `points` and `matching` act on them.
 """
@@ -65,7 +65,7 @@ class FindingKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class TripFinding:
-    """What was found of one kind: at how many points (or gaps), the first place and time, and details in words."""
+    """Findings of one kind: how many points (or gaps), the first one's place and time, and details in words."""
 
     kind: FindingKind
     count: int
@@ -119,7 +119,7 @@ class CleaningReport:
 class FindingLog:
     """Collects findings while a record of `read` points is cleaned.
 
-    `strict` refuses a record of which points would be dropped, or whose trip would be turned round.
+    A `strict` log refuses a record from which points would be dropped, or whose trip would be turned round.
     """
 
     strict: bool = False
@@ -129,7 +129,7 @@ class FindingLog:
     def add(self, kind: FindingKind, record: Record, which: Any, detail: str = "") -> None:
         """Add a finding at the points `which` (mask or indices) of a record; no points, no finding.
 
-        Raises DasError where the log is strict and refuses this kind.
+        Raises DasError if the log is strict and refuses this kind.
         """
         which = np.asarray(which)
         points = np.flatnonzero(which) if which.dtype == bool else which
@@ -148,7 +148,7 @@ class FindingLog:
 
 
 def in_order(record: Record, log: FindingLog) -> Record:
-    """The record with increasing times: of equal times the first point is kept, and as few others as possible dropped.
+    """The record with increasing times: of equal times the first point is kept; as few others as possible are dropped.
 
     A file that mostly runs backwards is turned round first. Raises DasError for times in disorder, or all equal.
     """
@@ -222,8 +222,8 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     """Points that repeat a position to the digit while the train moves: the receiver held its last position.
 
     The train moved if the next position is at least 50 m away, and at least half as far as the reported speeds (NaN:
-    none) say. If no other position follows, it moved if the positions before were as fast, because no train stops
-    within one step.
+    none) lead. If no other position follows, it moved if the positions before show as fast a motion, because no train
+    stops within one step.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > SPEEDS.wrong_speed_mps
@@ -275,7 +275,7 @@ def _strays_of_positions(time_s: Floats, along_m: Floats, reported_mps: Floats) 
 def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) -> tuple[Floats, Floats]:
     """Integral of trusted speeds (m), and time without them (s), from the first point to each point.
 
-    The speeds of a step are trusted if those at both ends agree with the positions around; those in gaps are not.
+    The speeds of a step are trusted if both agree with the positions around them; speeds in gaps are not trusted.
     """
     off = np.abs(reported_mps - around_mps)  # NaN is not below anything
     told = off < np.maximum(SPEEDS.wrong_speed_mps, SPEEDS.wrong_speed_ratio * around_mps)
@@ -286,7 +286,7 @@ def _told_by_speeds(time_s: Floats, around_mps: Floats, reported_mps: Floats) ->
 
 
 def longest_chain(strays: _Strays, time_s: Floats) -> list[int]:
-    """Indices of the longest chain in which each point fits the one before, by dynamic programming over the last point.
+    """Indices of the longest chain in which each point fits the previous one; dynamic programming over the last point.
 
     A point may follow one that is at most 120 points and 120 s earlier. Points left out between two points of the chain
     cost more the worse these two fit.
@@ -332,7 +332,7 @@ def derived_speed_mps(
 
 
 def find_wrong_speeds(time_s: Floats, position_m: Floats, speed_mps: Floats) -> tuple[Bools, Bools]:
-    """Dropouts and spikes: points whose reported speed is far below, or far above, that of the positions.
+    """Dropouts and spikes: points whose reported speed is far below, or far above, the speed of the positions.
 
     Positions stall at times while the speed is right, so a spike must also be above their mean slope over 15 s.
     """
@@ -347,7 +347,7 @@ def find_wrong_speeds(time_s: Floats, position_m: Floats, speed_mps: Floats) -> 
 
 
 def speeds_unusable(time_s: Floats, position_m: Floats, speed_mps: Floats) -> bool:
-    """Whether most reported speeds of a moving train differ from those of its positions: another unit, or none."""
+    """Whether most reported speeds of a moving train contradict its positions: in another unit, or no speeds at all."""
     derived = derived_speed_mps(time_s, position_m)
     moving = (derived > SPEEDS.wrong_speed_mps) & np.isfinite(speed_mps)
     off = np.abs(derived - speed_mps) > np.maximum(
@@ -357,7 +357,7 @@ def speeds_unusable(time_s: Floats, position_m: Floats, speed_mps: Floats) -> bo
 
 
 def find_halts(time_s: Floats, position_m: Floats, speed_mps: Floats) -> Bools:
-    """Points with a reported speed of 0, which is 0 in any unit, at which the positions are slow as well.
+    """Points with a reported speed of 0, which is 0 in any unit, at which the positions move slowly as well.
 
     No point counts if the reported speed is 0 at most of the points at which the positions move.
     """

@@ -31,7 +31,7 @@ from sim.trips.settings import ESTIMATE, SMOOTHING
 class Unknown:
     """Something unknown about the drive, and the energy at the collector (J) at both ends of its range.
 
-    `assumed` is that range in words.
+    `assumed` is the range of the unknown, in words.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Unknown:
 class EnergyRange:
     """The estimated energy (J), its range for each unknown alone, and for all of them together at their worst.
 
-    `left_out` counts the cases that cannot have been.
+    `left_out` counts the cases that are impossible.
     """
 
     estimate_j: float
@@ -59,7 +59,7 @@ class DrivenEstimate:
     """A driven run with the forces that this vehicle would have needed.
 
     `index[i]` is the point of the run at node i of the trajectory. `beyond_ratio` is the share of time in which the run
-    needs more force than the vehicle has: it was another train, or the positions are rough.
+    needs more force than the vehicle has; then it was another train, or the positions are rough.
     """
 
     trajectory: Trajectory
@@ -70,10 +70,10 @@ class DrivenEstimate:
 
 
 def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Floats) -> DrivenEstimate:
-    """Inverse dynamics over a run; arrays of one length, times and positions do not decrease.
+    """Inverse dynamics over a run; the arrays have one length, and times and positions never decrease.
 
     The force comes from the change of v² over the distance, and the resistance, gradient and curves of each interval.
-    The motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone where the
+    The motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone if the
     section brakes so).
     """
     vehicle = section.vehicle
@@ -148,7 +148,7 @@ class DrivenCase:
 
 
 BRAKING = "braking"
-"""The name of the unknown share of motors and friction brake in the braking."""
+"""The name of the unknown how motors and friction brake shared the braking."""
 
 _Ends = tuple[dict[str, Any], dict[str, Any]]
 _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
@@ -188,8 +188,8 @@ def energy_range(section: Section, matched: MatchedTrip) -> EnergyRange:
 def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange:
     """The range of an energy (J): for each unknown alone, and for all together at the ends that give least and most.
 
-    The latter is the outermost range, not the likeliest. `energy_j` returns None for a case that cannot have been; such
-    a case is left out.
+    All together give the outermost range, not the likeliest. `energy_j` returns None for an impossible case, which is
+    left out.
     """
     known: dict[DrivenCase, float | None] = {}
 
@@ -209,8 +209,7 @@ def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange
 def one_by_one(energy_j: Callable[[DrivenCase], float | None]) -> tuple[Unknown, ...]:
     """The range of an energy (J) for each unknown alone.
 
-    `energy_j` returns None for a case that cannot have been; such a case is left out. The assumed case must be
-    possible.
+    `energy_j` returns None for an impossible case, which is left out. The assumed case must be possible.
     """
     estimate_j = energy_j(DrivenCase())
     assert estimate_j is not None
@@ -261,7 +260,7 @@ def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[DrivenCas
 
 
 def _moving_points(s_m: Floats) -> NDArray[np.intp]:
-    """Indices of the first point and of all that lie at least `min_step_m` beyond the one before."""
+    """Indices of the first point and of each that lies at least `min_step_m` beyond the last one taken."""
     keep = [0]
     for i in range(1, len(s_m)):
         if s_m[i] - s_m[keep[-1]] >= ESTIMATE.min_step_m:

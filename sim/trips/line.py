@@ -74,7 +74,7 @@ class Line:
         The chainage runs evenly along each segment; beyond the ends it continues along the first and the last segment.
         Plane coordinates are equirectangular around the line's centre: east-west lengths at Δφ from it are wrong by
         tan(φ)·Δφ (10 km north of the centre at 60°: 0.3 %). Points and line are distorted alike. The chainage is
-        therefore wrong only through the angle of the projection, and the distance by that fraction of itself.
+        therefore wrong only through the angle of the projection, and the distance by the same fraction of itself.
         """
         x, y = self._plane_m(self.latitude_deg, self.longitude_deg)
         px, py = self._plane_m(latitude_deg, longitude_deg)
@@ -140,7 +140,7 @@ def _read_columns(path: Path) -> tuple[int, Floats]:
 
 
 def _column(path: Path, names: tuple[str, ...], quantity: str) -> int:
-    """The column of a quantity; InputError where there is none, or more than one."""
+    """The column of a quantity; InputError if there is none, or more than one."""
     found = [i for i, name in enumerate(names) if name in COLUMNS[quantity]]
     if len(found) != 1:
         expected = f"one column of {quantity} ({', '.join(COLUMNS[quantity])})"

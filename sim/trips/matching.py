@@ -23,7 +23,7 @@ SAME_TIME_S = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class MatchReport:
-    """How a record was put on the route: s = offset_m + scale · chainage.
+    """How a record was placed on the route: s = offset_m + scale · chainage.
 
     `anchor` says what fixed offset and scale: "route" (the line has the route's positions already), "start and end",
     "start" or "end" (the stops where the train stood), "positions" (the record has positions on the route). If only
@@ -44,8 +44,8 @@ class MatchReport:
 class RunEnds(NamedTuple):
     """The ends of a run among the points of a record.
 
-    The train stands up to point `departure` and from point `arrival` on. Where it does not, these are the first and the
-    last point, and `starts_standing` or `ends_standing` is False.
+    The train stands up to point `departure` and from point `arrival` on. If it does not stand at an end, that end is
+    the first or last point of the record, and `starts_standing` or `ends_standing` is False.
     """
 
     departure: int
@@ -97,10 +97,10 @@ def match_trip(
 
     Impossible points and speeds are dropped or mended, and listed in the report (see docs/reference/trips.md).
     Kilometre posts have a zero of their own. If two standstills are as far apart as the stops, within 1 %, they are put
-    on the stops and the kilometrage is scaled to both. Otherwise the stand at the start fixes the zero, or else the one
-    at the end. Without a line, the record's own positions are used. Long stands at the ends are cut to 30 s unless
-    `whole_stands`. Raises DasError where nothing usable remains: the train is off the line, does not move, turns back,
-    or runs on another section.
+    on the stops and the kilometrage is scaled to both. Otherwise the stand at the start fixes the zero, or else the
+    stand at the end. Without a line, the record's own positions are used. Long stands at the ends are cut to 30 s
+    unless `whole_stands`. Raises DasError if nothing usable remains: the train is off the line, does not move, turns
+    back, or runs on another section.
     """
     log = log or FindingLog(read=len(record))
     start_stop, end_stop = stops
@@ -186,7 +186,7 @@ def _alignment(
 
 
 def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tuple[float, float] | None:
-    """The two standstills whose distance is nearest to that of the stops, None if all are off by more than 1 %."""
+    """The two standstills whose distance is nearest to the distance of the stops; None if all are off by over 1 %."""
     places = pinned_m[[stand.first for stand in found]]
     off = np.abs(np.subtract.outer(places, places).T - distance_m)
     off[np.tril_indices(len(places))] = np.inf  # keep pairs in driving order
@@ -249,7 +249,7 @@ def _log_section(record: Record, points: Points, end_stop: Stop, log: FindingLog
 
 
 def _speeds(record: Record, at: Ints, points: Points, which: Bools) -> str:
-    """Words about the reported speed that is furthest from the mended one."""
+    """Words about the reported speed that is furthest from the mended speed."""
     off = np.abs(record.speed_mps[at] - points.speed_mps[which])
     if not len(off) or np.isnan(off).all():
         return ""
@@ -295,7 +295,7 @@ def _with_invalid(record: Record, points: Points, report: MatchReport) -> Matche
 
 
 def _departure_and_arrival(points: Points) -> tuple[int, int]:
-    """The last point of the stand at the start and the first of the one at the end; without a stand, the end point."""
+    """The last point of the stand at the start and the first point of the stand at the end; else the end points."""
     moving = np.flatnonzero(~points.standing)
     return max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(points) - 1)
 
@@ -309,7 +309,7 @@ def section_of(
     *,
     whole_stands: bool,
 ) -> slice:
-    """The points of the section: from the last stand at the first stop to the first stand at the last stop after it.
+    """The points of the section: from the last stand at the first stop to the next stand at the last stop.
 
     `points` have positions on the route, `found` are their standstills. If the train does not stand at a stop, the
     record is cut where the train passes it, or not at all if it is never more than 300 m beyond the stop. The stand at

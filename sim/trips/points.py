@@ -20,10 +20,10 @@ from sim.trips.settings import GAPS, PLACING, POSITIONS, SPEEDS, STANDS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Points:
-    """Points of a record that are kept; arrays of shape (points,), of which `point` is the index in the record.
+    """Points of a record that are kept, arrays of shape (points,); `point` is the index in the record.
 
     `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
-    `dropout` and `spike` say why a speed is not the reported one. Where only the positions show that the train stands
+    `dropout` and `spike` say why a speed is not the reported speed. Where only the positions show that the train stands
     at an end of the record, `slowed_to_mps` is the speed that they give there; elsewhere it is NaN.
     """
 
@@ -80,7 +80,7 @@ def runs_back(record: Record, line: Line | None) -> bool:
 def fitting_points(record: Record, line: Line | None, section_m: float, log: FindingLog) -> Points:
     """The points of a record that are on the line and fit together, with speeds that fit them.
 
-    The log gets every point that is dropped. Wrong speeds are only marked: the log gets those of the section later.
+    Every point that is dropped is logged. Wrong speeds are only marked here; those of the section are logged later.
     Raises DasError if most points do not fit.
     """
     along, aside = _place(record, line)

@@ -21,9 +21,9 @@ LAGS_S = np.arange(-2.0, 5.01, 0.25)
 class DrivenRun:
     """A run on an even grid from departure to arrival, arrays of shape (steps + 1,).
 
-    s is the trapezoidal integral of the speed and the acceleration its slope. `dropout` marks times whose reported
-    speed dropped out. `position_rms_m` is the RMS distance of s from the matched positions, `speed_lag_s` how late the
-    reported speed was.
+    s is the trapezoidal integral of the speed, and the acceleration is the slope of the speed. `dropout` marks times
+    whose reported speed dropped out. `position_rms_m` is the RMS distance of s from the matched positions,
+    `speed_lag_s` how late the reported speed was.
     """
 
     time_s: Floats
@@ -85,7 +85,7 @@ def to_profile(
 
 
 def _run_times(matched: MatchedTrip, lag_s: float) -> tuple[float, float]:
-    """Departure and arrival (s), never outside the record; its first or last time where the train does not stand."""
+    """Departure and arrival (s), never outside the record; its first or last time if the train does not stand."""
     time_s = matched.elapsed_s()
     begin = time_s[matched.ends.departure] - lag_s if matched.ends.starts_standing else time_s[0]
     end = time_s[matched.ends.arrival] - lag_s if matched.ends.ends_standing else time_s[-1]

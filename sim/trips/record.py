@@ -91,7 +91,7 @@ class Record:
 
     @property
     def on_route(self) -> bool:
-        """Whether its positions are on the route, so that no line is needed."""
+        """Whether the record has positions on the route, so that no line is needed."""
         return bool(np.isfinite(self.position_m).any())
 
     def __len__(self) -> int:
@@ -102,7 +102,7 @@ class Record:
         return np.asarray((self.time_ns - self.time_ns[0]) * NS, dtype=np.float64)
 
     def take(self, which: Any) -> Self:
-        """Some of its points, by mask, slice or indices."""
+        """Some of the record's points, by mask, slice or indices."""
         return replace(self, **{name: getattr(self, name)[which].copy() for name in self._arrays()})
 
     def driven(self, reverse: bool, route_length_m: float) -> Self:
@@ -159,7 +159,7 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
 
 
 def reading_of(recording: Recording) -> Reading:
-    """The record of a recording: its positions are on the route as driven, its journey and delays give the timetable.
+    """The record of a recording: positions are on the route as driven; journey and delays give the timetable.
 
     Raises DasError or InputError for positions that cannot be used.
     """
@@ -216,7 +216,7 @@ def _locations(recording: Recording, time_ns: Any) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class _Column:
-    """Where a quantity is: index and name of its column, factor to SI."""
+    """The column of a quantity: its index, its name, and the factor to SI."""
 
     index: int
     name: str

@@ -33,7 +33,7 @@ BALANCE_WORDS = {
 PANEL_HEIGHTS = (3, 1, 2)
 """Relative heights of the panels of speeds, distances from the smooth run, and forces."""
 FORCES_SHOWN_RATIO = 1.3
-"""Forces are drawn up to this many times the strongest held force, so that no spike of a second sets the scale."""
+"""Forces are drawn up to this multiple of the strongest held force, so that no spike of a second sets the scale."""
 COLUMNS = ("time_ms", "position_m", "speed_mps", "speed_from_positions", "latitude_deg", "longitude_deg")
 _NS_PER_MS = round(MS / NS)
 
@@ -126,7 +126,7 @@ def unknowns(spread: EnergyRange) -> list[dict[str, Any]]:
 
 
 def _not_known(trip: Trip, section: Section | None) -> list[str]:
-    """One sentence for each thing that a record of positions leaves unknown, with figures where there are any."""
+    """One sentence for each thing that a record of positions leaves unknown, with figures if there are any."""
     notes = []
     if not trip.direction_known:
         notes.append(direction_by_posts(trip))
@@ -340,7 +340,7 @@ def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
 def write_cleaned(path: Path, trip: Trip) -> None:
     """Write the points that cleaning kept, with positions as in the route's file, to 1 µm.
 
-    Points that a recording calls invalid are left out. DasError where the file cannot be written.
+    Points that a recording calls invalid are left out. Raises DasError if the file cannot be written.
     """
     matched = trip.matched
     s_m = trip.route.length_m - matched.s_m if trip.reversed else matched.s_m

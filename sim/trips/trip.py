@@ -32,9 +32,9 @@ from sim.trips.settings import PLACING, POSITIONS, STANDS
 class Trip:
     """A trip matched to a route as driven, its smooth run, and the journey and delays of a recording.
 
-    `reversed` says that it ran against the route's file. `direction_known` is False where only kilometre posts give its
-    positions, because they do not show the direction. `line_not_used` are the kilometre posts that were given for a
-    trip with positions on the route. `delays` are pairs of a time (ns) and a delay (s).
+    `reversed` says that it ran against the route's file. `direction_known` is False if only kilometre posts give its
+    positions, because they do not show the direction. `line_not_used` is the file of kilometre posts given for a trip
+    that has positions on the route. `delays` are pairs of a time (ns) and a delay (s).
     """
 
     path: Path
@@ -238,7 +238,7 @@ def recorded_trip(recording: Recording, driven: Route) -> Trip:
 
 
 def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOptions:
-    """Fill route, vehicle, direction and stops from the recording's journey where they were not given."""
+    """Fill in route, vehicle, direction and stops from the recording's journey if they were not given."""
     journey, recording, ends = reading.journey, reading.recording, reading.ends
     if journey is None or recording is None or ends is None:
         return options

@@ -2,8 +2,8 @@
 
 What counts at each place is the energy at the current collector minus the rise of the kinetic energy,
 E(s) − m·ρ·v(s)²/2, as driven minus as in the optimum. The potential energy is the same in both. Energy that a train
-carries on as speed is therefore counted where it is lost, not where it was drawn. Both runs begin and end at a stand,
-so the differences sum to that of the whole leg.
+carries on as speed is therefore counted where it is lost, not where it was drawn. Drive and optimum both begin and end
+at a stand, so the differences sum to that of the whole leg.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ PLACE_M = 100.0
 class Places:
     """Stretches of a leg, arrays of shape (stretches,): ends (m), times (s) and energies (J), driven and optimum.
 
-    `driven_j` and `optimum_j` are drawn at the current collector there (fed back: negative). `lost_more_j` is by how
-    much more energy the drive lost there than the optimum.
+    `driven_j` and `optimum_j` are drawn at the current collector there (fed back: negative). `lost_more_j` is how much
+    more energy the drive lost there than the optimum.
     """
 
     start_m: Floats
@@ -51,8 +51,8 @@ class Places:
 def drawn_by_optimum(optimum: Solution, true_optimum_j: float | None) -> Floats:
     """Energy drawn by the optimum up to each of its nodes (J), shape (nodes,).
 
-    Of the true train's optimum only the energy is known (None: not even that). The planned train's energies are scaled
-    to end at it, so that the energies of places sum to that of the drive.
+    `optimum` is that of the planned train. Of the true train's optimum, at most the total energy is known; if it is,
+    the planned train's energies are scaled to it, so that the energies of places sum to those of the drive.
     """
     run = optimum.trajectory
     drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(optimum.section.loss)))))
@@ -60,14 +60,14 @@ def drawn_by_optimum(optimum: Solution, true_optimum_j: float | None) -> Floats:
 
 
 def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution, best_j: Floats) -> Places:
-    """The energies between rising positions, of which the first and the last are the ends of the leg.
+    """The energies between the rising positions `edges_m`, of which the first and the last are the ends of the leg.
 
     `best_j` is the energy drawn by the optimum up to each of its nodes (J).
     """
     run, motion = optimum.trajectory, leg.motion
     inertial_kg = optimum.section.vehicle.inertial_mass_kg
     moving = _rising(motion.s_m)
-    # A train may have stood a little beyond the end of the route; its energy counts as far as it went.
+    # A train may have stood a little beyond the end of the route; its energy counts up to where it stood.
     driven_edges_m = np.concatenate((motion.s_m[:1], edges_m[1:-1], motion.s_m[-1:]))
 
     def driven(values: Floats) -> Floats:
@@ -106,7 +106,7 @@ def _edges(first_m: float, inside_m: Floats, last_m: float) -> Floats:
 
 
 def _rising(s_m: Floats) -> NDArray[np.intp]:
-    """Samples at rising positions: the last of those at one position, and a single one at the end of the leg."""
+    """The samples at rising positions: of several samples at one position, only the last."""
     return np.append(np.flatnonzero(np.diff(s_m) > 0), len(s_m) - 1)
 
 
@@ -119,9 +119,9 @@ class LegAttribution(ComparedLeg):
     """The energy attribution of one leg.
 
     `true_optimum_j` is the optimum of the true train (J) if a simulator recorded it, else None.
-    `timetable_j` and `left_j` are the least energies for the timetable's time and for the time that was left from the
-    departure to the timetable's arrival; None without a timetable, and the fastest run's where that time is too short.
-    `best_drawn_j` is the energy drawn by the optimum up to each of its nodes (J), see `drawn_by_optimum`.
+    `timetable_j` and `left_j` are the least energies for the timetable's trip time and for the time that was left from
+    the departure to the timetable's arrival; the fastest trajectory's if that time is too short, None without a
+    timetable. `best_drawn_j` is the energy drawn by the optimum up to each of its nodes (J), see `drawn_by_optimum`.
     """
 
     true_optimum_j: float | None
@@ -134,17 +134,17 @@ class LegAttribution(ComparedLeg):
 
     @property
     def optimum_j(self) -> float:
-        """Least energy for the same time (J): of the true train where it is known, else of the plan's."""
+        """Least energy for the same trip time (J): of the true train if it is known, else of the planned train."""
         return self.optimum.balance.input if self.true_optimum_j is None else self.true_optimum_j
 
     @property
     def other_train_j(self) -> float:
-        """Energy of the true train's optimum minus that of the planned train's (J)."""
+        """Energy of the true train's optimum minus that of the planned train's optimum (J)."""
         return self.optimum_j - self.optimum.balance.input
 
     @property
     def by_cause(self) -> dict[EnergyCause, float]:
-        """The energy above the optimum for the same time by cause (J); the parts sum to the whole difference."""
+        """The energy above the optimum for the same trip time, by cause (J); the parts sum to the whole difference."""
         energies, parts = self.energies, self.committed.by_cause()
         friction_j = float(energies.blended_j[-1] - energies.motors_j[-1])
         train_j = float(energies.balance_j[-1] - energies.blended_j[-1]) - self.other_train_j
@@ -174,12 +174,12 @@ class LegAttribution(ComparedLeg):
 
     @property
     def recovered_j(self) -> float | None:
-        """What a late departure cost: the least energy for the time left, less that for the timetable's time (J)."""
+        """What a late departure cost: least energy for the time left, minus that for the timetable's trip time (J)."""
         return None if self.timetable_j is None or self.left_j is None else self.left_j - self.timetable_j
 
     @property
     def early_j(self) -> float | None:
-        """What arriving early cost, at the best driving for either time (J); < 0 if arriving late saved energy."""
+        """What arriving early cost, with optimal driving for either arrival (J); < 0 if arriving late saved energy."""
         return None if self.left_j is None else self.optimum.balance.input - self.left_j
 
     @property
@@ -207,13 +207,13 @@ class Attribution:
 
     @property
     def above(self) -> AboveOptimum:
-        """What the drive took above the optimum of the same train, leg by leg."""
+        """The energy above the optimum of the same train, leg by leg."""
         sections = tuple(leg.section_energy for leg in self.legs)
         return AboveOptimum(sections=sections, measured=self.measured, why_not=why_not_comparable(sections))
 
     @property
     def other_train_j(self) -> float:
-        """Energy of the true train's optimum minus that of the planned train's (J); 0 where the former is not known."""
+        """Energy of the true train's optimum minus that of the planned train's (J); 0 if the former is not known."""
         return sum(leg.other_train_j for leg in self.legs)
 
     @property
@@ -238,13 +238,13 @@ class Attribution:
 
     @property
     def timetable_j(self) -> float | None:
-        """Energy of the optimum for the timetable (J); None where a leg has none."""
+        """Energy of the optimum for the timetable (J); None if a leg has no timetable."""
         known = [leg.timetable_j for leg in self.legs if leg.timetable_j is not None]
         return sum(known) if len(known) == len(self.legs) else None
 
     @property
     def against_timetable(self) -> Mapping[EnergyCause, float] | None:
-        """The whole energy above the optimum for the timetable, by cause (J); None where a leg has no timetable."""
+        """The whole energy above the optimum for the timetable, by cause (J); None if a leg has no timetable."""
         parts = [leg.against_timetable for leg in self.legs]
         known = [one for one in parts if one is not None]
         return _summed(known) if len(known) == len(parts) else None
@@ -265,11 +265,11 @@ def attribution_of(
     shown: ShownAdvice,
     said: AboveOptimum | None,
 ) -> Attribution:
-    """The energy attribution of a recorded drive from its line and train, its legs with their energies, and what the
+    """The energy attribution of a recorded drive, from its line and train, its legs with their energies, and what the
     driver was shown.
 
     It is made even if drive and optimum are not comparable. `said` is the energy above the optimum that the recording
-    states; None where it states none.
+    states; None if it states none.
     """
     epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
     measured = () if said is None or not said.measured else said.sections
@@ -355,7 +355,7 @@ def leg_dict(leg: LegAttribution) -> dict[str, Any]:
 
 
 def place_rows(places: Places) -> list[dict[str, float]]:
-    """One row a stretch, for programs."""
+    """One row per stretch, for programs."""
     return [
         {
             "start_m": float(places.start_m[i]),
@@ -380,13 +380,13 @@ class WorstPlace(NamedTuple):
 
 DENSE = 2.0
 LARGE_SHARE = 0.2
-"""A cause that has this share of what the causes of a stretch took, or more, is named."""
+"""A cause is named if it took at least this share of the energy that all causes took on a stretch."""
 
 
 def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
     """The stretches that lost most above the optimum, the worst first.
 
-    A stretch continues for as long as each 100 m lost more than `DENSE` times the average over the drive.
+    A stretch consists of the neighbouring places whose losses beyond `DENSE` times the drive's average sum to the most.
     """
     found = []
     losses = [leg.even.lost_more_j for leg in attribution.legs]

@@ -89,9 +89,9 @@ VALID_NS = 3_000_000_000
 
 
 class Seen(NamedTuple):
-    """Advice that a driver saw: mode, speed (m/s), effort as a share of the largest (NaN: none), and what was set.
+    """Advice that a driver saw: mode, speed (m/s), effort as a share of the largest (NaN: none).
 
-    `top_only`: the speed is the highest to drive, and nothing else is advised.
+    `lever_ratio` is what his controller was set to then. `top_only`: only a highest speed is advised.
     """
 
     mode: Regime
@@ -103,9 +103,9 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShownAdvice:
-    """The advice shown over a drive, arrays of shape (messages,); `shown` is False where nothing was.
+    """The advice shown over a drive, arrays of shape (messages,); `shown` is False where nothing was shown.
 
-    `speed_now` tells whether the speed is the one to have at this moment, and not one to reach later.
+    `speed_now` tells whether the speed is to be held at this moment, not to be reached later.
     """
 
     time_ns: Times
@@ -119,9 +119,9 @@ class ShownAdvice:
 
     @classmethod
     def of(cls, recording: Recording) -> ShownAdvice:
-        """What the display showed; where no display was recorded, the node's advice counts as shown.
+        """What the display showed; if no display was recorded, the node's advice counts as shown.
 
-        Nobody saw the advice of a replay or of a what-if in open loop: the train drives as it was driven.
+        Nobody saw the advice of a replay or of a what-if in open loop: the train moves as in the original recording.
         """
         run = recording.metadata.get("run", {})
         unseen = run.get("kind") == "replay" or run.get(WHAT_IF) == WhatIfKind.OPEN_LOOP
@@ -169,7 +169,7 @@ class ShownAdvice:
 
     @property
     def comparable(self) -> NDArray[np.bool_]:
-        """Where a speed was shown that the driven speed can be compared with: to have now, or not to exceed."""
+        """Where a speed was shown that the driven speed can be compared with: one to hold now, or not to exceed."""
         return self.shown & (self.speed_mps > 0) & (self.speed_now | self.top_only)
 
     @property
@@ -179,7 +179,7 @@ class ShownAdvice:
 
 
 def _speed_is(number: int, mode: int) -> SpeedIs:
-    """What a speed on the display was; in an unknown presentation, only the speed of a cruise is one to have now."""
+    """What the speed on the display means; in an unknown presentation, only a cruising speed is one to hold now."""
     presentation = shown_presentation(number)
     if presentation is None:
         return SpeedIs.TO_HAVE if mode == Regime.CRUISE else SpeedIs.TO_REACH
@@ -194,11 +194,11 @@ SAME_MPS: Final = 1.0 / 3.6
 LASTS: Final = 3
 """What the driver does at this many moments in a row is deliberate; what lasts for fewer is not."""
 NEUTRAL_RATIO: Final = 0.03
-"""An effort below this share of the largest traction is none: the train coasts."""
+"""An effort below this share of the largest traction counts as none: the train coasts."""
 EFFORT_RATIO: Final = 0.15
 """Efforts that differ by more than this share of the largest traction are different."""
 AHEAD_S: Final = 2.0
-"""Driven and best effort are compared over this time (s), because forces take a second to build up."""
+"""Driven and optimal effort are compared over this time (s), because forces take a second to build up."""
 
 PULLING: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
@@ -208,8 +208,8 @@ BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE
 class Moment:
     """A moment of a drive: speed, efforts as shares of the largest traction, and what was shown and seen.
 
-    `driven_ratio` is the effort of the driven train over the next seconds, `best_ratio` that of the best run from here
-    (NaN: there is none), `coasts_to_brake` whether that run coasts now and brakes next.
+    `driven_ratio` is the effort of the driven train over the next seconds, `best_ratio` that of the optimal trajectory
+    from here (NaN: there is none); `coasts_to_brake` says whether that trajectory coasts now and brakes next.
     """
 
     speed_mps: float
@@ -232,7 +232,7 @@ class Moment:
 
 
 class Judge:
-    """Names the cause to which the energy of each moment belongs; moments are to be given in order of time."""
+    """Names the cause to which the energy of each moment belongs; it must be given the moments in order of time."""
 
     def __init__(self) -> None:
         self._coasting_due = self._was_over = False
@@ -240,7 +240,7 @@ class Judge:
         self._before = EnergyCause.REST
 
     def cause(self, now: Moment) -> EnergyCause:
-        """The cause of a moment: a signal, then what was shown, then what would have been best."""
+        """The cause of a moment, judged by a signal in sight; else by the advice shown; else by the optimum."""
         self._before = self._named(now)
         return self._before
 
@@ -296,7 +296,7 @@ def _other_effort(now: Moment, seen: Seen) -> bool:
 
 
 def _by_best(now: Moment) -> EnergyCause:
-    """The cause where no advice was shown: how the effort differed from that of the best run from here."""
+    """The cause if no advice was shown: how the effort differed from that of the optimal trajectory from here."""
     if math.isnan(now.best_ratio):
         return EnergyCause.REST
     more = now.driven_ratio - now.best_ratio
@@ -308,7 +308,7 @@ def _by_best(now: Moment) -> EnergyCause:
 
 
 def effort_ratio(run: Trajectory, vehicle: Vehicle, since_s: float) -> float:
-    """Mean effort of a run over the next seconds from a time on it, as a share of the largest traction there."""
+    """Mean effort of a trajectory in the `AHEAD_S` after `since_s`, as a share of the largest traction there."""
     first = max(int(np.searchsorted(run.t_s, since_s, side="right")) - 1, 0)
     end = max(int(np.searchsorted(run.t_s, since_s + AHEAD_S)), first + 1)
     total_n = (run.force_el_n + run.force_friction_n)[first:end]
@@ -320,7 +320,7 @@ def effort_ratio(run: Trajectory, vehicle: Vehicle, since_s: float) -> float:
 
 
 def coasts_to_brake(run: Trajectory, vehicle: Vehicle) -> bool:
-    """Whether a run coasts now, and brakes before it pulls again."""
+    """Whether a trajectory coasts now, and brakes before it applies traction again."""
     total_n = run.force_el_n + run.force_friction_n
     ratio = total_n / np.maximum(vehicle.traction_effort_n(run.v_mps[:-1]), 1.0)
     acts = np.flatnonzero(np.abs(ratio) > NEUTRAL_RATIO)

@@ -1,6 +1,6 @@
 """The energy that is committed at each moment of a drive, why it rises, and what was known at that moment.
 
-W(t) = energy driven so far + least energy from here to the end of the leg at the arrival as driven. W begins with the
+W(t) = energy driven so far + least energy from here to the end of the leg for the arrival as driven. W begins with the
 optimum for the same times and ends with the energy as driven. Its rise between two moments is the energy that driving
 on as well as possible can no longer save.
 """
@@ -33,7 +33,7 @@ from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
 
 LATE_S = 0.1
-"""A best run that arrives later than wanted by more than this (s) does not count."""
+"""A trajectory that arrives more than this (s) later than wanted does not count."""
 
 Told = frozenset[Restriction]
 
@@ -47,7 +47,7 @@ class Epoch(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Remaining:
-    """The best run from a state to the end of a leg: its energy (J), NaN where there is none, and the run."""
+    """The optimal trajectory from a state to the end of a leg, and its energy (J; NaN if there is none)."""
 
     energy_j: float
     run: Solution | None
@@ -73,7 +73,10 @@ def epochs_of(recording: Recording) -> tuple[Epoch, ...]:
 
 
 class Knowledge:
-    """The best runs of a leg on the line as known at a time; each state of the line is solved once, on demand."""
+    """The optimal trajectories of a leg with the restrictions known at a time.
+
+    Each set of restrictions is solved once, on demand.
+    """
 
     def __init__(self, inputs: DriveInputs, leg: DrivenLeg, epochs: tuple[Epoch, ...]) -> None:
         self.inputs, self.leg = inputs, leg
@@ -83,19 +86,19 @@ class Knowledge:
         self._front = cache(self._solved)
 
     def told_at(self, time_ns: int) -> Told:
-        """The restrictions on this leg that were told by a time."""
+        """The restrictions on this leg that were known and in force at a time (ns)."""
         return self._told[int(np.searchsorted(self._changes_ns, time_ns, side="right")) - 1]
 
     def section(self, told: Told = frozenset()) -> Section:
-        """The section from stand to stand with restrictions; DasError where the train cannot run there."""
+        """The section from stand to stand with restrictions; DasError if the train cannot run there."""
         return section_of_leg(self.inputs, self.leg, told)
 
     def front(self, told: Told = frozenset()) -> Front:
-        """The best runs with restrictions, for every time."""
+        """The front with restrictions: the optimal trajectories for all trip times."""
         return self._front(told)
 
     def remaining(self, told: Told, time_s: float, s_m: float, speed_mps: float) -> Remaining:
-        """The best run from a state to the end of the leg in a time (s); NOTHING if no run arrives in that time."""
+        """The optimal trajectory from a state to the end of the leg in a time (s); NOTHING if none arrives in time."""
         try:
             run = self.front(told).trajectory(time_s, s_m, speed_mps)
         except (DasError, InfeasibleError):  # from here the section cannot be finished, or there is no time left
@@ -115,11 +118,11 @@ class Knowledge:
 
 
 MOST_CUTS = 4000
-"""Most moments of a drive from which a best run is sought: one a second in an hour or so, fewer in longer drives."""
+"""Most moments of a drive from which the optimum is sought: one a second for about an hour, sparser if longer."""
 
 
 MISSED_S = 10.0
-"""A train that comes later than the timetable by more than this (s) has hurried for the arrival in vain."""
+"""A train that arrives more than this (s) later than the timetable has hurried for the arrival in vain."""
 HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_FAST)
 """Causes that become lateness if the driver hurried for an arrival that the train then missed."""
 
@@ -135,11 +138,11 @@ class Rise(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Committed:
-    """The committed energy at the cuts of a leg, and the cause of each rise.
+    """The committed energy at the cuts of a leg, the moments for which it is computed, and the cause of each rise.
 
-    Arrays of shape (cuts,): `sample` (index into the leg's samples) and `energy_j` (NaN where no best run arrives in
-    time from there). `causes` has the cause of the time from each cut to the next, shape (cuts − 1,). `news_j` is
-    the rise between two cuts because of news of restrictions (J).
+    Arrays of shape (cuts,): `sample` (index into the leg's samples) and `energy_j` (NaN where no trajectory arrives in
+    time from there). Shape (cuts − 1,): `causes`, of the time from each cut to the next, and `news_j`, the part of the
+    rise (J) that news of restrictions caused.
     """
 
     sample: NDArray[np.intp]
@@ -148,7 +151,7 @@ class Committed:
     news_j: Floats
 
     def by_cause(self) -> dict[EnergyCause, float]:
-        """The energy (J) of each cause; together they are the whole rise."""
+        """The energy (J) of each cause; the parts sum to the whole rise."""
         parts: dict[EnergyCause, float] = {}
         for rise in self.rises():
             parts[rise.cause] = parts.get(rise.cause, 0.0) + rise.energy_j
@@ -157,8 +160,8 @@ class Committed:
     def rises(self) -> Iterator[Rise]:
         """Every rise between two cuts at which the committed energy is known, with its cause, in order of time.
 
-        Where it is not known at some cuts, the rise over them belongs to the one cause that lasted there, or to the
-        rest if there were several. What news of restrictions cost is a rise of its own.
+        If it is not known at some cuts, the rise over them belongs to the cause that prevailed there, or to the rest if
+        none did. What news of restrictions cost is a rise of its own.
         """
         known = np.flatnonzero(np.isfinite(self.energy_j))
         for first, last in pairwise(known.tolist()):
@@ -174,7 +177,7 @@ MAIN_SHARE = 0.8
 
 
 def together(causes: Sequence[EnergyCause]) -> EnergyCause:
-    """The cause of a time with several moments: the one that nearly all have, else the rest."""
+    """The cause of several moments together: the cause that nearly all of them have, else the rest."""
     counts = {cause: causes.count(cause) for cause in set(causes)}
     most = max(counts, key=lambda cause: counts[cause])
     return most if counts[most] >= MAIN_SHARE * len(causes) else EnergyCause.REST
@@ -210,24 +213,24 @@ def committed(
         if in_vain and cause in HURRYING:
             cause = EnergyCause.LATENESS
         causes.append(EnergyCause.RESTRICTION if news and not news_j[k] else cause)
-    if math.isnan(energy_j[0]):  # the train was faster than the plan's can be: the fastest run stands for the optimum
+    if math.isnan(energy_j[0]):  # the planned train cannot be as fast: its fastest trajectory stands for the optimum
         energy_j[0] = knowledge.front().fastest().balance.input
     energy_j[-1] = energies.motors_j[-1]
     return Committed(sample=samples, energy_j=energy_j, causes=tuple(causes), news_j=news_j)
 
 
 def _cuts(samples: int, every: int) -> NDArray[np.intp]:
-    """The samples from which a best run is sought: the first, each `every`-th after it, and the last."""
+    """The samples from which the optimum is sought: the first, each `every`-th after it, and the last."""
     return np.unique(np.append(np.arange(0, samples, every), samples - 1)).astype(np.intp)
 
 
 def spacing(legs: Sequence[DrivenLeg]) -> int:
-    """The distance (samples) between cuts with which a long drive has no more than `MOST_CUTS` of them."""
+    """The number of samples from one cut to the next, so that a long drive has no more than `MOST_CUTS` cuts."""
     return max(math.ceil(sum(len(leg.motion.s_m) for leg in legs) / MOST_CUTS), 1)
 
 
 def _moment(energies: LegEnergies, since_s: float, best: Remaining, vehicle: Vehicle) -> Moment:
-    """What the train did, and what would have been best, at a time since the departure (s)."""
+    """What the train did, and what would have been optimal, at a time since the departure (s)."""
     driven = energies.trajectory
     run = None if best.run is None else best.run.trajectory
     node = max(int(np.searchsorted(driven.t_s, since_s, side="right")) - 1, 0)

@@ -42,7 +42,7 @@ class DrivenMotion:
     """Samples of a drive, each array of shape (samples,).
 
     `input_j` is the energy at the current collector and `friction_j` that of the friction brake, both since the start;
-    they are None where nobody measured them.
+    they are None if they were not measured.
     """
 
     time_ns: Times
@@ -53,21 +53,21 @@ class DrivenMotion:
 
     @property
     def drawn_j(self) -> float:
-        """Energy drawn at the current collector over the samples (J); NaN where nobody measured it."""
+        """Energy drawn at the current collector over the samples (J); NaN if it was not measured."""
         return math.nan if self.input_j is None else float(self.input_j[-1] - self.input_j[0])
 
     @classmethod
     def of_run(cls, run: DrivenRun) -> DrivenMotion:
-        """The motion of a smoothed record, of which no energy was measured."""
+        """The motion of a smoothed record, for which no energy was measured."""
         return cls(time_ns=run.start_time_ns + np.rint(run.time_s / NS).astype(np.int64), s_m=run.s_m,
                    speed_mps=run.speed_mps)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenLeg:
-    """The motion from a stand at one stop to the stand at the next that was served.
+    """The motion from a stand at one stop to the stand at the next stop that was served.
 
-    The first and the last sample stand, at the refined times of departure and arrival.
+    In the first and the last sample the train stands; their times are the refined departure and arrival.
     """
 
     start: KeptCall
@@ -87,7 +87,7 @@ class DrivenLeg:
 
     @property
     def timetable_s(self) -> float | None:
-        """Time that the timetable gives (s); None where it does not."""
+        """Trip time of the timetable (s); None if the timetable gives none."""
         due_ns, leaves_ns = self.end.due_arrival_ns, self.start.due_departure_ns
         return (due_ns - leaves_ns) * NS if due_ns > leaves_ns > 0 else None
 
@@ -103,7 +103,7 @@ def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
 
     `line` returns the line as driven, on which positions are smoothed; it is called only without a simulator's truth.
     Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
-    DasError where the recording has no positions that can be used.
+    DasError if the recording has no usable positions.
     """
     fields = ("time_ns", "s_m", "speed_mps", "energy_input_j", "friction_brake_j")
     truth = recording.columns(topics.TRUTH, *fields)
@@ -132,7 +132,7 @@ def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floa
 
 
 def legs_of(path: Path, motion: DrivenMotion, made: Sequence[KeptCall]) -> tuple[DrivenLeg, ...]:
-    """The legs of a drive between the stops that were served; DasError where the train served no two stops."""
+    """The legs of a drive between the stops that were served; DasError if the train served fewer than two stops."""
     found = tuple(_legs(motion, [call for call in made if call.served]))
     if not found:
         raise DasError(f"{path}: the train did not drive from one stop of its journey to another")
@@ -147,7 +147,7 @@ def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
         arrived = int(np.searchsorted(motion.time_ns, end.arrived_ns))
         cut = _part(motion, slice(max(leaving, 0), arrived + 1))
         time_ns, speed_mps = cut.time_ns.copy(), cut.speed_mps.copy()
-        # From rest to rest: a leg takes as long as punctuality says, and its optimum has all of that time.
+        # From rest to rest: a leg lasts from the recorded departure to the arrival, and its optimum has all that time.
         time_ns[0], time_ns[-1] = start.departed_ns, end.arrived_ns
         speed_mps[0] = speed_mps[-1] = 0.0
         s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
@@ -160,7 +160,7 @@ def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
 
 
 def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:
-    """The section from stand to stand with these restrictions; DasError where the train cannot run there."""
+    """The section from stand to stand with these restrictions; DasError if the train cannot run there."""
     first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
     restrictions = sorted(told)
     route = inputs.route.with_restrictions(restrictions) if restrictions else inputs.route
@@ -172,10 +172,9 @@ def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restricti
 class LegEnergies:
     """Energies at the current collector up to every sample of a leg (J), arrays of shape (samples,), 0 at the start.
 
-    `balance_j`: as measured; where nobody measured, `blended_j`. `blended_j`: the same motion with the planned train,
-    motors and friction brake sharing the braking as recorded. `motors_j`: likewise, the motors braking first.
-    `trajectory` is the motion of `motors_j`; `index[i]` is the sample at its node i. `measured` tells whether
-    `balance_j` was measured.
+    `balance_j`: as measured, else `blended_j`. `blended_j`: the same motion with the planned train, whose motors and
+    friction brake share the braking as recorded. `motors_j`: the same motion with the planned train, whose motors brake
+    first; `trajectory` is that motion, and `index[i]` the sample at its node i. `measured`: `balance_j` was measured.
     """
 
     balance_j: Floats
@@ -214,7 +213,7 @@ def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
 
 
 def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> Floats:
-    """Energy of each interval (J) where the friction brake took `friction_j` of it and the motors the rest.
+    """Energy drawn in each interval (J) if the friction brake took `friction_j` and the motors all the rest.
 
     The friction brake takes no more than the motion of the planned train asks of all brakes.
     """
@@ -233,17 +232,17 @@ def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> F
 
 
 MOST_LEGS: Final = 3
-"""The likely range is not computed for a drive of more legs, because every unknown solves each leg twice."""
+"""For a drive of more legs the likely range is not computed: each leg would be solved twice for every unknown."""
 
 Smoothed = Callable[[float], Sequence[DrivenLeg]]
-"""The legs of a drive whose record is smoothed with another density of the jerk (m²/s⁵)."""
+"""Returns the legs of a drive when its record is smoothed with another density of the jerk (m²/s⁵)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparedLeg:
-    """A driven leg, all best runs of the planned train, the one in the time as driven, and the energies as driven.
+    """A driven leg with its energies, and the planned train's front and optimum for the same trip time.
 
-    The line has no temporary restrictions.
+    Front and optimum know of no temporary restrictions.
     """
 
     leg: DrivenLeg
@@ -253,7 +252,7 @@ class ComparedLeg:
 
     @classmethod
     def of(cls, leg: DrivenLeg, front: Front, energies: LegEnergies) -> ComparedLeg:
-        """A driven leg with its energies, beside the best runs of its section."""
+        """A driven leg with its energies, beside the front of its section."""
         return cls(leg=leg, front=front, optimum=front.trajectory(leg.trip_s), energies=energies)
 
     @property
@@ -263,7 +262,7 @@ class ComparedLeg:
 
     @property
     def optimum_j(self) -> float:
-        """Least energy for the same time (J)."""
+        """Least energy for the same trip time (J)."""
         return self.optimum.balance.input
 
     @property
@@ -289,18 +288,18 @@ def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed) -> EnergyRange:
     """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
 
     Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone. A case
-    in which the train could not have driven a leg in its time is left out; the train as assumed could.
+    in which the train could not have driven a leg in its trip time is left out; the assumed case must be possible.
     """
     return over_unknowns(_above_in_cases(legs, smoothed))
 
 
 @dataclass(frozen=True, kw_only=True)
 class LikelyRange:
-    """The likely range (J) of the energy above the optimum, and that of each unknown on its own.
+    """The likely range (J) of the energy above the optimum, and its range for each unknown on its own.
 
     Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
     no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
-    and in its optimum; NaN where such a train could not have driven so, or where forces were measured.
+    and in its optimum; NaN if such a train could not have driven so, or if forces were measured.
     """
 
     low_j: float
@@ -332,9 +331,9 @@ def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
 def _above_in_cases(
     legs: Sequence[ComparedLeg], smoothed: Smoothed | None = None
 ) -> Callable[[DrivenCase], float | None]:
-    """The energy above the optimum (J) in a case; None where such a train could not have driven so.
+    """A function that gives the energy above the optimum (J) in a case; None if such a train could not have driven so.
 
-    Without `smoothed` the motion is taken as it is, however the record may be smoothed.
+    Without `smoothed`, the motion stays as it is, even in a case with other smoothing.
     """
     best_runs = [cache(partial(_best_run, one)) for one in legs]
     again = None if smoothed is None else cache(smoothed)
@@ -345,7 +344,7 @@ def _above_in_cases(
         driven = [one.leg for one in legs] if again is None or jerk == as_assumed else again(jerk)
         total_j = 0.0
         for one, leg, best_run in zip(legs, driven, best_runs, strict=True):
-            # How the train braked is no unknown where it was measured.
+            # If the braking was measured, it is not unknown how the train braked.
             best = best_run(case if leg.motion.friction_j is None else replace(case, all_friction=False))
             if best is None:
                 return None
@@ -358,7 +357,7 @@ def _above_in_cases(
 
 
 def _best_run(one: ComparedLeg, case: DrivenCase) -> Solution | None:
-    """The best run of a leg in a case; None where such a train could not have driven so."""
+    """The optimum of a leg in a case; None if such a train could not have driven so."""
     if case == DrivenCase():
         return one.optimum
     try:

@@ -23,9 +23,9 @@ from sim.recording.course import DrivenCourse, Floats
 LEVER_RATIO: Final = 0.03
 """A controller set to less than this share of the effort is at neutral."""
 LEAST_STOOD: Final = 5
-"""Advice that stood for fewer seconds than this need not be followed: drivers take some seconds to react."""
+"""Advice shown for fewer seconds than this need not be followed: drivers take some seconds to react."""
 LONGEST_ANSWER_S: Final = 30.0
-"""An answer that comes later than this (s) does not count as one."""
+"""What the driver does later than this (s) is no longer an answer to the advice."""
 LATE_ANSWER_S: Final = 10.0
 """An answer later than this (s) is called late."""
 LEAST_STAND_S: Final = 1.0
@@ -34,7 +34,7 @@ PAUSE_NS: Final = 5_000_000_000
 """A pause of the positions is an event if it is longer than this (ns); they usually come once a second."""
 
 DECIDED: Final = {"followed": True, "refused": False}
-"""Decisions of a driver about advice, and whether he follows it."""
+"""A driver's decisions about advice, and whether each means that he follows it."""
 PULLS, COASTS, BRAKES = 1, 0, -1
 WANTED: Final = {
     Regime.FULL_TRACTION: PULLS,
@@ -115,9 +115,9 @@ def _at_speed(trip: DrivenCourse, over: SpanAbove, kind: EventKind, text: str, a
 
 
 def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """How the driver answered each change of the shown mode, and after how long, by the settings of the controller.
+    """How, and after how long, the driver answered each change of the shown mode, judged by his controller.
 
-    A change to what the controller is set to already needs no answer. What the driver thought is not recorded.
+    A change to what the controller is already set to needs no answer. What the driver thought is not recorded.
     """
     cab = recording.columns(topics.CAB, "time_ns", "presentation", "mode", "lever_ratio", "signal_m")
     at, mode, shown = cab["time_ns"], cab["mode"], cab["presentation"] > 0
@@ -130,13 +130,13 @@ def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
         answers = does[first:end] == wanted
         standing = bool((trip.at(at[first:end], trip.speed_mps) < STANDING_MPS).all())
         minds_signal = bool((cab["signal_m"][first:end] > 0).any())
-        excused = end - first < LEAST_STOOD or standing or minds_signal  # no time, no leave, or a reason
+        excused = end - first < LEAST_STOOD or standing or minds_signal  # too short, at a stand, or for a signal
         if answers.any() or not excused:
             yield _answer(trip, at[first:end], answers, Regime(int(mode[first])))
 
 
 def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], mode: Regime) -> DriveEvent:
-    """The driver's answer to one change of the advice: times while it stood, and whether the controller obeyed."""
+    """The driver's answer to advice that was shown at the times `at`; `does`: his controller was set as advised."""
     waited_s = (at - at[0]) * NS
     answered = np.flatnonzero(does & (waited_s <= LONGEST_ANSWER_S))
     stood_s = float(waited_s[-1]) + 1.0
@@ -169,7 +169,7 @@ def pause_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
 def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     """Advice that the driver followed or refused, with his reaction time, and lapses of his attention.
 
-    There are none where no decisions were recorded: in a real drive, or with a driver who keeps no diary.
+    There are none if no decisions were recorded, as in a real drive, or with a driver who does not report them.
     """
     told = [(KINDS[one.message.kind - 1], one.message) for one in recording.of(topics.DECISION)]
     kept = [one for one in told if one[0] != "expected"]
@@ -181,7 +181,7 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
             text, facts = f"advice '{advice}' is not followed", {"mode": advice, "followed": follows}
             if not follows:
                 text += _controller(recording, int(one.time_ns))
-            if after == "reaction":  # A decision is noted with the reaction that begins with it.
+            if after == "reaction":  # The reaction that a decision starts is recorded right after the decision.
                 facts |= {"reaction_s": reaction.value}
                 text = f"{advice} is followed after a reaction of {reaction.value:.1f} s" if follows else text
             yield DriveEvent(time_ns=one.time_ns, kind=EventKind.DRIVER, text=text, s_m=s_m, facts=facts)
@@ -193,7 +193,7 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
 
 
 def _controller(recording: Recording, time_ns: int) -> str:
-    """What the controller was set to at a moment, in words; empty where that was not recorded."""
+    """What the controller was set to at a moment, in words; empty if that was not recorded."""
     cab = recording.columns(topics.CAB, "time_ns", "lever_ratio")
     at = int(np.searchsorted(cab["time_ns"], time_ns, side="right")) - 1
     if at < 0 or not np.isfinite(cab["lever_ratio"][at]):

@@ -30,7 +30,7 @@ class EventKind(StrEnum):
     ARRIVAL = "arrival"
     MISSED_STOP = "missed-stop"
     STAND = "stand"
-    """The train came to stand where it has no stop."""
+    """The train came to a stand where it has no stop."""
     SIGNAL = "signal"
     RESTRICTION = "restriction"
     TARGET = "target"
@@ -48,9 +48,9 @@ class EventKind(StrEnum):
     DRIVER = "driver"
     """How the driver answered a change of the advice."""
     LAPSE = "lapse"
-    """A message stream paused: positions or advice were not heard for a while."""
+    """A message stream paused: no positions, or no advice, came for a while."""
     DEVIATION = "deviation"
-    """For the first time the train was, or was expected to arrive, far from the timetable's time."""
+    """For the first time the train was, or was expected to arrive, far off its timetable."""
     LOG = "log"
     WARNING = "warning"
     NOTE = "note"
@@ -61,7 +61,7 @@ class EventKind(StrEnum):
 class DriveEvent:
     """Something that happened: when (ns since 1970), where (m, NaN where unknown), what, and figures that go with it.
 
-    `end_ns` is when it was over; it equals `time_ns` for what has no duration. The names in `facts` carry their units.
+    `end_ns` is when it was over, 0 if it has no duration. The names in `facts` carry their units.
     `mark` says why the program made the event a bookmark; it is empty for all others.
     """
 
@@ -91,11 +91,11 @@ def lateness_text(late_s: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Filter:
-    """Which events are wanted; what is empty or None lets everything through."""
+    """Which events are wanted; a field that is empty or None lets every event pass."""
 
     kinds: Collection[EventKind] = ()
     text: str = ""
-    """Words that the text holds, whatever their case."""
+    """Words that the event's text must contain, in upper or lower case."""
     from_ns: int | None = None
     to_ns: int | None = None
     bookmarks: bool = False
@@ -120,11 +120,11 @@ MUCH_OVER_KMH: Final = 3.0
 LONG_OVER_S: Final = 5.0
 """A train that is above the limit for this long (s) did not only touch it."""
 LONG_SILENT_S: Final = 3.0
-"""A silence that is shorter than this (s) is not seen, because the display keeps its advice for so long."""
+"""The driver does not notice a shorter silence (s), because the display keeps its advice for this long."""
 LONG_AWAY_S: Final = 10.0
 """Attention that is away for this long (s) is more than a look at something else."""
 LARGE_DEVIATION_S: Final = 60.0
-"""A train that is, or is expected to arrive, this much (s) off the timetable is an event."""
+"""It is an event if the train is, or is expected to arrive, this much (s) off the timetable."""
 
 
 def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
@@ -148,7 +148,7 @@ REFUSED: Final = "advice not followed"
 
 def _mark(one: DriveEvent) -> str:
     """Why an event is a bookmark; empty for an event that is none."""
-    from sim.drivers.cab import AT_STOP_M  # imports the compiler, for which no help of a command should wait
+    from sim.drivers.cab import AT_STOP_M  # imports the compiler, for which no command's help should wait
 
     lasted_s = (one.last_ns - one.time_ns) * NS
     match one.kind:
@@ -179,9 +179,9 @@ def _mark(one: DriveEvent) -> str:
 
 
 def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
-    """The first moment at which the train was, or would arrive, a minute from its time; nothing if there was none.
+    """The first moment at which the train was, or was expected to arrive, a minute off its timetable; else nothing.
 
-    The operator says how late the train is, the node how late it expects to arrive.
+    The operator reports how late the train is, the node predicts how late it will arrive.
     """
     told = recording.columns(topics.DELAY, "time_ns", "delay_s")
     said = recording.columns(topics.ADVICE, "time_ns", "mode", "predicted_deviation_s")
@@ -212,7 +212,7 @@ def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
 SUFFIX: Final = ".notes.mcap"
 TOPIC: Final = "notes"
 LONGEST_NOTE: Final = 2000
-"""Most characters that a note may have."""
+"""The greatest number of characters in a note."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +232,7 @@ def notes_path(recording: Path) -> Path:
 
 
 def read_notes(recording: Path) -> tuple[Note, ...]:
-    """The notes of a recording in order of time; empty where there are none. DasError for a file that is damaged."""
+    """The notes of a recording in order of time; empty if there are none. DasError for a file that is damaged."""
     path = notes_path(recording)
     if not path.exists():
         return ()
@@ -250,7 +250,7 @@ def read_notes(recording: Path) -> tuple[Note, ...]:
 def add_note(recording: Path, note: Note) -> Path:
     """Add a note to those of a recording; rewrite the file of the notes as a whole and return its path.
 
-    Raises DasError for a text that is empty or too long, and where the file cannot be read or written.
+    Raises DasError if the text is empty or too long, a tag is wrong, or the file cannot be read or written.
     """
     if not note.text.strip() or len(note.text) > LONGEST_NOTE:
         raise DasError(f"note of {len(note.text)} characters: expected 1 to {LONGEST_NOTE}")
@@ -263,7 +263,7 @@ def add_note(recording: Path, note: Note) -> Path:
 
 
 def remove_note(recording: Path, number: int) -> Note:
-    """Remove a note by its number, counted from 1 in order of time, and return it; DasError where there is none."""
+    """Remove a note by its number, counted from 1 in order of time, and return it; DasError if there is none."""
     kept = list(read_notes(recording))
     if not 1 <= number <= len(kept):
         raise DasError(f"--remove {number}: {recording} has {len(kept)} notes")

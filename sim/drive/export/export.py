@@ -1,4 +1,4 @@
-"""The export of a recording: one table a topic, one joined by time and one by position, and their origin."""
+"""Exports a recording: one table per topic, one joined by time, one joined by position, and a note of their origin."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ from sim.recording.course import DriveClock
 from sim.recording.opening import open_recording
 
 STEP_M: Final = 10.0
-"""Distance between two rows of the table along the way."""
+"""Distance (m) between two rows of the table by position."""
 MOVING: Final = ("truth", "position")
-"""Topics that say where the train is: the first that is there counts. Their numbers change steadily between two
-messages; those of other topics hold until the next message."""
+"""Topics that state where the train is; the first one recorded is used. Their numbers are interpolated between two
+messages; numbers of other topics hold until the next message."""
 JOINED: Final = ("truth", "position", "advice", "cab", "effort", "delay", "estimate", "status")
 """Topics whose columns are in the tables by time and by position."""
 LASTING: Final = ("delay", "estimate")
 """Topics whose messages hold until the next one, however long that takes."""
 LONGEST_S: Final = 3.0
-"""A message of any other topic holds for at most this long (s); after that the columns are empty."""
+"""A message of a topic not in `LASTING` holds for at most this long (s); after that the columns are empty."""
 KINDS: Final = ("float", "int", "bool", "choice")
 
 
 def by_time(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
-    """One row for each message that says where the train is; None where there are none."""
+    """One row for each message that states where the train is; None if there are none."""
     base = _base(tables)
     if base is None:
         return None
@@ -57,10 +57,10 @@ def by_time(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
 
 
 def by_position(tables: Mapping[str, DataTable], zero_ns: int, step_m: float = STEP_M) -> DataTable | None:
-    """One row every `step_m` along the way as driven; None where the train did not move.
+    """One row every `step_m` along the route as driven; None if the train did not move.
 
-    The time is when the train was first there, so that a stand counts where it begins. Where nothing is recorded of the
-    train for longer than `LONGEST_S`, there are no rows.
+    A row has the time at which the train first reached its position. There are no rows where the position was not
+    recorded for longer than `LONGEST_S`.
     """
     base = _base(tables)
     if base is None:
@@ -148,7 +148,7 @@ def _between_neighbours(time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) ->
 
 
 def _steady(values: list[Any], time_ns: NDArray[np.int64], at_ns: NDArray[np.int64]) -> list[float]:
-    """Numbers at some moments, on straight lines between those that are known."""
+    """Numbers at some moments, interpolated linearly between the known ones."""
     numbers = np.array([np.nan if one is None else one for one in values], dtype=np.float64)
     zero = time_ns[0]
     return [float(x) for x in np.interp((at_ns - zero).astype(float), (time_ns - zero).astype(float), numbers)]
@@ -167,7 +167,7 @@ TIMES_END: Final = "_ns"
 
 
 class FileFormat(StrEnum):
-    """What is written."""
+    """The file formats of the tables."""
 
     PARQUET = "parquet"
     CSV = "csv"
@@ -187,7 +187,7 @@ class ExportSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
-    """What was written: rows by table, and the files in all."""
+    """What was written: the number of rows of each table, and of all files."""
 
     folder: Path
     rows: dict[str, int]
@@ -195,9 +195,9 @@ class Exported:
 
 
 def export(path: Path, folder: Path, settings: ExportSettings, train: str | None = None) -> Exported:
-    """Write the tables of a recording into a new folder, which is there whole or not at all.
+    """Write the tables of a recording into a new folder, which appears complete or not at all.
 
-    Raises DasError for an unusable recording or time, and where the folder is there already or cannot be made.
+    Raises DasError for an unusable recording or time, and if the folder is not empty or cannot be made.
     """
     check_folder(folder)
     if settings.format is not FileFormat.CSV:
@@ -219,7 +219,7 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that holds something, or that cannot be made."""
+    """Raise DasError if a folder is not empty or cannot be made."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise DasError(f"{folder}: is there already, expected a new or empty folder")
     if not folder.resolve().parent.is_dir():
@@ -227,7 +227,7 @@ def check_folder(folder: Path) -> None:
 
 
 def first_m(recording: Recording) -> float:
-    """The position (m) of the journey's first stop, else of the first message that says one; 0 without any."""
+    """The position (m) of the journey's first stop, else the first position recorded; 0 without any."""
     for entry in recording.of(topics.JOURNEY)[:1]:
         if len(entry.message.stops):
             return float(entry.message.stops[0].s_m)
@@ -237,7 +237,7 @@ def first_m(recording: Recording) -> float:
 
 
 def _span(recording: Recording, settings: ExportSettings, clock: DriveClock) -> tuple[int, int]:
-    """From when to when (ns) is exported."""
+    """The first and the last moment (ns) to export."""
     start_ns = clock.moment_ns(settings.start) if settings.start is not None else 0
     end_ns = clock.moment_ns(settings.end) if settings.end is not None else LAST_NS
     if end_ns < start_ns:

@@ -31,13 +31,13 @@ LEAST_LATE_S: Final = 5.0
 """The axis of punctuality reaches at least this far (s), so that fractions of a second do not look large."""
 BAR_IN: Final = 0.28
 MOST_APART_KMH: Final = 15.0
-"""Driven less shown is drawn up to this much (km/h): more lies at the edge of its axis."""
+"""Driven minus shown speed is drawn up to this (km/h); larger differences lie at the edge of the axis."""
 FAINT: Final = 0.45
-"""Share of its colour that a departure has beside an arrival."""
+"""Opacity of the bar of a departure; the bar of an arrival is opaque."""
 
 
 def drive_figure(scene: ReviewScene) -> Figure:
-    """The drive over distance: speeds, the modes advised and shown, lateness, and driven less shown speed."""
+    """The drive over distance: speeds, the modes advised and shown, lateness, and driven minus shown speed."""
     lanes = [lane for lane in scene.lanes if lane.name in MODE_LANES]
     below = list(scene.over_distance(("deviation/operator", "apart/shown")))
     heights_in = [HEIGHTS_IN["speed"], *([HEIGHTS_IN["modes"] * len(lanes)] if lanes else [])]
@@ -75,7 +75,7 @@ def _speeds(axis: Any, scene: ReviewScene) -> None:
 
 
 def _below(axis: Any, trace: Trace) -> None:
-    """Draw the lateness, or driven less shown speed, about 0."""
+    """Draw the lateness, or driven minus shown speed, about 0."""
     if trace.quantity != "apart":
         _draw(axis, trace)
         axis.axhline(0.0, color=INK, linewidth=0.7)
@@ -152,7 +152,7 @@ def efficiency_figure(scene: ReviewScene) -> Figure:
 
 
 def _shade(axis: Any, section: Any, force_n: Any, speed_mps: Any) -> None:
-    """Shade the efficiency of the chain: what reaches the wheels when pulling, or the collector when braking."""
+    """Shade the efficiency of the chain: the share of power that reaches wheels (traction) or collector (braking)."""
     mechanical_w = np.abs(force_n) * speed_mps
     loss_w = section.loss.loss_w(force_n, np.ascontiguousarray(speed_mps))
     pulling = force_n[0, 0] > 0

@@ -34,7 +34,7 @@ from sim.review.scene import ReviewScene
 TEMPLATE: Final = "page.html.j2"
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 LONGEST_S: Final = 120.0
-"""Printing a page takes no longer than this (s)."""
+"""Printing a page is given up after this long (s)."""
 
 
 class ReviewedDrive(NamedTuple):
@@ -45,14 +45,14 @@ class ReviewedDrive(NamedTuple):
 
 
 def subject_of(path: Path) -> ReviewedDrive:
-    """Read a recording; DasError for one that cannot be used."""
+    """Read a recording; DasError if it cannot be used."""
     contents = open_contents(path)
     drive = Drive(source=recording_of(contents))
     return ReviewedDrive(drive, check_contents(contents, drive.recording))
 
 
 def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, str]:
-    """Several drives aligned on track position, or None and why they cannot be; None for a single one."""
+    """Several drives aligned on track position, or None and why they cannot be; None for a single drive."""
     if len(subjects) < 2:
         return None, ""
     try:
@@ -106,7 +106,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 
 
 def _images(drive: Drive) -> dict[str, str]:
-    """The pictures by name; empty where there is nothing to draw."""
+    """The pictures by name; an empty text for a picture in which there is nothing to draw."""
     scene = ReviewScene.of(drive).with_attribution()
     made = {"speed": figures.drive_figure(scene)}
     if drive.calls:
@@ -175,7 +175,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
 
 
 def browser() -> str:
-    """The program of a Chromium; DasError where none is installed."""
+    """The program of an installed Chromium; DasError if there is none."""
     for name in BROWSERS:
         found = shutil.which(name)
         if found is not None:
@@ -184,7 +184,7 @@ def browser() -> str:
 
 
 def write_pdf(page: str, path: Path) -> None:
-    """Write a page as PDF; DasError where the browser does not print it, or the file cannot be written."""
+    """Write a page as PDF; DasError if the browser does not print it, or the file cannot be written."""
     program = browser()
     with tempfile.TemporaryDirectory(prefix="das-report-") as folder:
         source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"

@@ -26,9 +26,9 @@ from sim.runs.what_if.origin import CHANGED, OF
 from sim.world.disturbances import NOTHING
 
 MAIN_CAUSES: Final = 3
-"""Causes that the paragraph names."""
+"""The paragraph names at most this many causes."""
 NAMED_KWH: Final = 0.1
-"""A cause of less than this is not named in the paragraph."""
+"""The paragraph does not name a cause of less than this (kWh)."""
 LASTS_S: Final = 3.0
 """A display message counts as shown for at most this long (s) if no other follows."""
 RIGHT_TRAIN: Final = "Is it the right train?"
@@ -47,7 +47,7 @@ HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
 
 
 def title(drive: Drive) -> str:
-    """Train, way, day and file, for the head of the page."""
+    """Train, first and last stop, day and file, for the head of the page."""
     calls = [call for call in drive.calls if call.reached]
     way = f"{calls[0].name} – {calls[-1].name}, " if len(calls) > 1 else ""
     return f"{drive.recording.train}, {way}{_day(drive)} ({drive.name})"
@@ -85,7 +85,7 @@ def _late(late_s: float) -> str:
 
 
 def came_about(drive: Drive) -> list[str]:
-    """Sentences about how the drive came about; none if the recording does not tell."""
+    """Sentences about how the drive came about; none if the recording does not say."""
     run = drive.recording.metadata.get("run", {})
     told = []
     if run.get("kind") == "run":
@@ -105,12 +105,12 @@ def came_about(drive: Drive) -> list[str]:
 
 
 def _presentation(name: str) -> str:
-    """A presentation in words; one that is not known by its name."""
+    """A presentation in words; an unknown presentation by its name."""
     return presenter_of(Presentation(name)).phrase if name in list(Presentation) else name
 
 
 def _took(drive: Drive) -> list[str]:
-    """How much energy the drive took, how much more than the best, and why."""
+    """How much energy the drive took, how much more than the optimum, and why."""
     attribution = drive.attribution
     if attribution is None:
         return [f"Where its energy went cannot be said: {drive.why_no_attribution}."]
@@ -143,7 +143,7 @@ def _took(drive: Drive) -> list[str]:
 
 
 def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:
-    """The causes with their energies (J), the largest first; without those that nobody could measure."""
+    """The causes with their energies (J), the largest first; of an estimated drive without causes of exactly 0."""
     parts = [one for one in attribution.by_cause.items() if one[1] or attribution.measured]
     return sorted(parts, key=lambda one: -one[1])
 
@@ -173,7 +173,7 @@ def _kept(drive: Drive) -> list[str]:
 
 
 def _fast(events: Sequence[DriveEvent], kind: EventKind, words: str) -> list[str]:
-    """How often, how long and by how much the train was faster than allowed or possible; nothing where it was not."""
+    """How often, how long and by how much the train was faster than allowed or possible; nothing if it was not."""
     over = [one.facts for one in events if one.kind is kind]
     if not over:
         return []
@@ -186,7 +186,7 @@ def _times(count: int) -> str:
 
 
 def at_signals(drive: Drive) -> list[str]:
-    """What the advice was worth at a signal at danger; nothing where the driver saw none, or no advice."""
+    """What to expect of advice at a signal at danger; nothing if the driver saw no such signal, or no advice."""
     seen = [one for one in drive.events if one.kind is EventKind.SIGNAL]
     if not seen or not drive.shown.any_shown:
         return []
@@ -194,7 +194,10 @@ def at_signals(drive: Drive) -> list[str]:
 
 
 def compliance(drive: Drive) -> float | None:
-    """Share of the time with a shown speed to keep in which the train was within 2 km/h of it, or below a top speed."""
+    """Share of the time with a shown speed to keep in which it was kept within 2 km/h; None without such a time.
+
+    A speed shown as the highest is also kept at any lower speed.
+    """
     shown, trip = drive.shown, drive.course
     speed_mps = trip.at(shown.time_ns, trip.speed_mps)
     given = shown.comparable & (speed_mps > 1.0)

@@ -26,7 +26,7 @@ from sim.review.words import readable
 BEFORE_S: Final = 10.0
 """The page lists changes of the advice from this long (s) before a bookmark on."""
 AFTER_S: Final = 5.0
-"""It lists them until this long (s) after the bookmark was over."""
+"""The page lists changes of the advice until this long (s) after a bookmark was over."""
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
@@ -149,7 +149,7 @@ def stop_rows(drive: Drive) -> list[Row]:
 
 
 def cause_rows(attribution: Attribution) -> list[Row]:
-    """Every cause with its energy, its share, how long it went on and what it means."""
+    """Every cause with its energy, its share, its duration and its meaning."""
     lasted, whole_j = seconds_by_cause(attribution), attribution.difference_j
     always = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     return [
@@ -165,7 +165,7 @@ def cause_rows(attribution: Attribution) -> list[Row]:
 
 
 def time_rows(attribution: Attribution) -> list[Row]:
-    """What the times themselves cost against the timetable; nothing without one."""
+    """What departing and arriving off the timetable cost; nothing without a timetable."""
     against = attribution.against_timetable
     return [
         {"label": cause.label, "kwh": f"{kwh(against[cause]):+.1f}", "meaning": cause.meaning}

@@ -40,8 +40,8 @@ which finds 0.5 % for a driver who drove the optimum."""
 class TripEnergies:
     """The energy of a replayed trip beside that of the optimum with the same arrivals, leg by leg.
 
-    `energy` is the range of the energy as driven. `above_range` is the range of the energy above the optimum, also by
-    each unknown alone; it is None where trip and optimum cannot be compared.
+    `energy` is the range of the energy as driven. `above_range` is the range of the energy above the optimum, in all
+    and for each unknown alone; it is None if trip and optimum cannot be compared.
     """
 
     legs: tuple[ComparedLeg, ...]
@@ -77,9 +77,9 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
 def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> dict[str, Any]:
     """The replay's figures (times in s, energies in kWh at the current collector, without comfort systems).
 
-    `energy_optimum_kwh` is the least energy for the same arrival as driven (of the fastest run, where the train cannot
-    arrive so early). `above_optimum_*` are None where trip and optimum cannot be compared; that the trip took more than
-    the optimum is certain only with `above_optimum_certain`. `timetable_*` are for the arrival the timetable wants.
+    `energy_optimum_kwh` is the least energy for the same arrival as driven (that of the fastest trajectory if the train
+    cannot arrive so early). `above_optimum_*` are None if trip and optimum cannot be compared; only
+    `above_optimum_certain` says that the trip surely took more. `timetable_*` are for the arrival by the timetable.
     """
     trip, traffic = job.trip, outcome.traffic
     return {
@@ -149,7 +149,7 @@ def _sections(found: TripEnergies) -> list[dict[str, Any]]:
 
 
 def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
-    """The run for the arrival that the timetable wants, and how late the trip arrived."""
+    """The trajectory for the arrival that the timetable wants, and how late the trip arrived."""
     left_s = (job.timing.arrival_ns - job.departed_ns) * NS
     front = found.legs[0].front if len(found.legs) == 1 else job.front
     wanted = front.trajectory(max(left_s, 1e-3))
@@ -233,7 +233,7 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """The sections of a trip with stops on the way; the optimum for the timetable of one without."""
+    """The sections of a trip with stops on the way; for a trip without, the optimum for the timetable."""
     if len(found["sections"]) < 2:
         return [("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh")]
     return [
@@ -243,7 +243,7 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """The rows about the energy above the optimum: a figure only if it is above 0 whatever the unknowns are."""
+    """The rows about the energy above the optimum, with a figure only if it is above 0 whatever the unknowns are."""
     what = "above the optimum"
     if found["above_optimum_kwh"] is None:
         return [(what, NOT_COMPARABLE)]
@@ -259,7 +259,7 @@ def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def notes(found: dict[str, Any]) -> list[str]:
-    """What should be known about the figures, a sentence a note."""
+    """What should be known about the figures, one sentence per note."""
     return [*_notes_of_figures(found), *_notes_of_trip(found)]
 
 

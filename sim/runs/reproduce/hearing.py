@@ -1,4 +1,4 @@
-"""Rebuilds the cab of a recording from the options of its node, and lets it hear the recorded messages again."""
+"""Rebuilds the cab of a recording from the options of its node, and sends it the recorded messages again."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ FILES: Final = {"--route": "route", "--vehicle": "vehicle", "--loss-map": "loss_
 class NodeGiven:
     """The command line of a recording's node, and notes about how well it is known.
 
-    `typed` are its words as recorded or given by the user; `words` name the recording's own files, clock and train.
+    `typed` are its arguments as recorded or given by the user; in `words`, they name the recording's own files, clock
+    and train.
     """
 
     words: list[str]
@@ -41,7 +42,7 @@ class NodeGiven:
     typed: list[str] = field(default_factory=list)
 
     def options(self) -> NodeOptions:
-        """The words as options of the node; DasError for options that this version's node does not have."""
+        """The arguments as options of the node; DasError for options that this version's node does not have."""
         kept: list[NodeOptions] = []
 
         def keep(line: LineServed, driven: TrainServed, place: NodePlace, advice: AdviceGiven) -> None:
@@ -61,7 +62,7 @@ def node_given(contents: Contents, train: str, folder: Path, said: str | None) -
 
     `said` is the command line that the user gives instead of the recorded one; the files that it names are used. If
     neither is known, the command line is guessed from the journey and the topics, and a note says so. Raises DasError
-    for a command line that cannot be used, and for a file that a recording names but neither it nor das holds.
+    for an unusable command line, and for a file that a recording names but that is neither attached to it nor bundled.
     """
     given = _words(contents, train, contents.metadata.get("run", {}), said)
     given.typed = list(given.words)
@@ -92,7 +93,7 @@ def _words(contents: Contents, train: str, run: Mapping[str, str], said: str | N
 
 
 def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGiven:
-    """The command line as far as the journey and the messages of the node tell it."""
+    """The command line, guessed from the journey and the messages of the node."""
     heard = [one for one in contents.messages if one.train == train]
     journey = next((one.message for one in heard if one.topic is topics.JOURNEY), None)
     if journey is None:
@@ -110,7 +111,7 @@ def _guessed(contents: Contents, train: str, run: Mapping[str, str]) -> NodeGive
 
 
 def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]:
-    """The words, with the recording's own files in place of names and of paths on another machine."""
+    """The arguments, with the recording's own files in place of names and of paths on another machine."""
     words, files = list(given.words), AttachedFiles(contents, folder)
     for option, kind in FILES.items():
         if option not in words[:-1]:
@@ -125,9 +126,9 @@ def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]
 
 
 def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Path) -> None:
-    """Raise DasError where the words of a recording would open a file that is neither attached to it nor bundled.
+    """Raise DasError if the arguments in a recording would open a file that is neither attached to it nor bundled.
 
-    Files of `folder` are attached ones. The options are looked at as they will be used, however they were spelled.
+    Files in `folder` are the attached ones. The options are checked as parsed, however they were spelled.
     """
     line, driven, bundled = options.line, options.driven, {*catalogue("routes"), *catalogue("vehicles")}
     named: list[tuple[str, str | Path | None]] = [
@@ -147,14 +148,14 @@ def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Pa
 
 
 def by_bus_clock(options: NodeOptions) -> bool:
-    """Whether a node was asked for each advice by a simulation."""
+    """Whether a simulation asked the node for its advice at every tick."""
     return options.advice.clock is ClockKind.BUS
 
 
 STATES = (JOURNEY, RESTRICTION, TARGET)
-"""What the bus keeps for a node that is started anew."""
+"""The topics whose last message the bus keeps for a node that starts anew."""
 HeardAgain = Callable[[float, float], None]
-"""Called with the number of messages heard so far and the number of all."""
+"""Called with the number of messages received so far and the number of all messages."""
 
 
 class Said(NamedTuple):
@@ -167,7 +168,7 @@ class Said(NamedTuple):
 
 @dataclass
 class Rehearing:
-    """A cab that hears a recording again. `make` makes a new cab, as at every start of the node."""
+    """A cab that receives the messages of a recording again. `make` makes a new cab, as at every start of the node."""
 
     make: Callable[[], Cab]
     by_bus_clock: bool
@@ -177,13 +178,13 @@ class Rehearing:
     _judged_ns: int = 0
 
     def run(self, messages: Sequence[RecordedMessage], progress: HeardAgain) -> list[Said]:
-        """Hear all messages of one train in the order of the file; returns what the cab said."""
+        """Receive all messages of one train in the order of the file; returns what the cab sent."""
         for i, _ in enumerate(self.steps(messages), start=1):
             progress(i, len(messages))
         return self.said
 
     def steps(self, messages: Sequence[RecordedMessage]) -> Iterator[tuple[RecordedMessage, Sequence[Said]]]:
-        """Hear the messages of one train one by one: each message, and what the cab said upon it."""
+        """Receive the messages of one train one by one; yields each message, and what the cab sent in answer."""
         self._cab = self.make()
         self._kept: dict[str, RecordedMessage] = {}
         self._waiting = _announced(messages) if self.by_bus_clock else {}
@@ -205,7 +206,7 @@ class Rehearing:
             self._cab.close()
 
     def _start_anew(self) -> None:
-        """Replace the cab by one that has heard only what the bus keeps, as after a restart of the node."""
+        """Replace the cab by one that has received only what the bus keeps, as after a restart of the node."""
         self._cab.close()
         self._cab = self.make()
         self._judged_ns = 0
@@ -223,7 +224,7 @@ class Rehearing:
             self._keep(self._cab.hear(heard), 0)
 
     def _answer(self, control: Any) -> None:
-        """Answer a simulation as the node does: first hear the states that were sent before it was asked."""
+        """Answer a simulation as the node does: first receive the states that were sent before the question."""
         if codec.finishes(control):
             return
         for name, wanted_ns in _wanted(control).items():
@@ -245,7 +246,7 @@ class Rehearing:
 
 
 def _wanted(control: Any) -> dict[str, int]:
-    """The times (ns) of the restrictions and targets that a node must have heard before it answers."""
+    """The times (ns) of the restrictions and targets that a node must have received before it answers."""
     return {RESTRICTION.name: control.restrictions_ns, TARGET.name: control.targets_ns}
 
 
@@ -253,7 +254,7 @@ def _announced(messages: Sequence[RecordedMessage]) -> dict[str, list[RecordedMe
     """Restrictions and targets by topic that a Control message names, in the order of their times.
 
     States reach the recorder on paths of their own, so it may have written them some ticks too early or too late. The
-    Control messages tell when the node heard them.
+    Control messages show when the node received them.
     """
     latest = {RESTRICTION.name: 0, TARGET.name: 0}
     for one in messages:
@@ -281,7 +282,7 @@ OF_THE_PROCESS = (NodeState.STARTING, NodeState.STOPPING)
 
 
 def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic]) -> list[Said]:
-    """The recorded messages of a node on these topics, without those of the process around its cab."""
+    """The recorded messages of a node on these topics, except messages of the process around its cab."""
     said, ticks = [], 0
     for one in messages:
         if one.topic not in topics or (one.topic is STATUS and of_the_process(one.message)):
@@ -293,6 +294,6 @@ def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic])
 
 
 def of_the_process(status: Any) -> bool:
-    """Whether a status is that of the process around the cab, which starts, waits for a journey, or stops."""
+    """Whether a status comes from the process around the cab, which starts, waits for a journey, or stops."""
     waits = status.state == NodeState.WAITING and status.reason == "waiting for a journey" and not status.advices
     return waits or status.state in OF_THE_PROCESS

@@ -1,4 +1,4 @@
-"""Reproduces a recording: today's cab hears the recorded messages, and its messages are compared with the recorded."""
+"""Reproduces a recording: today's cab receives the recorded messages, and its answers are compared with the old."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sim.recording.opening import open_contents
 from sim.runs.reproduce.hearing import HeardAgain, Rehearing, Said, by_bus_clock, node_given, recorded_words
 
 COMPARED: Final = (ADVICE, PLAN, ESTIMATE, STATUS, EVENT)
-"""The topics on which a cab speaks."""
+"""The topics on which a cab sends messages."""
 IGNORED: Final = {
     "status.version": "it says which program speaks, not what it decides",
     "status.solve_s": "it is measured with a stopwatch",
@@ -43,15 +43,15 @@ TOLERANCES: Final = {
     "_ns": 1e7,
 }
 """How far numbers may be apart, by the unit at the end of their names. Another machine rounds differently in the last
-digits; a decision that differs is larger than these."""
+digits; another decision changes numbers by more than this."""
 RELATIVE: Final = 1e-5
 """Numbers without one of these units, such as energies, may differ by this share."""
 
 
 class FieldDifference(NamedTuple):
-    """One field of a message that differs: its path, what was recorded, what is said today, and by how much.
+    """One field of a message that differs: its path, its recorded value, today's value, and their difference.
 
-    `by` is NaN where the values are no numbers.
+    `by` is NaN if the values are no numbers.
     """
 
     path: str
@@ -62,7 +62,7 @@ class FieldDifference(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """A message that differs; one of `recorded` and `today` is None where the other has no counterpart."""
+    """A message that differs; `recorded` or `today` is None if there is no counterpart."""
 
     topic: str
     time_ns: int
@@ -94,7 +94,7 @@ def _largest(amounts: Sequence[float]) -> float:
 
 
 def compare(recorded: Sequence[Said], today: Sequence[Said]) -> Comparison:
-    """Compare message by message; those of a topic and a time belong together, in their order."""
+    """Compare message by message; messages with the same topic and time are paired in their order."""
     before, after = _by_moment(recorded), _by_moment(today)
     result = Comparison()
     for topic, time_ns in dict.fromkeys([*before, *after]):
@@ -198,15 +198,15 @@ def tolerance(name: str, value: float) -> float:
 
 
 def _bare(path: str) -> str:
-    """A path without the places in lists."""
+    """A path without the indices of lists."""
     return "".join(part.partition("]")[2] if "]" in part else part for part in path.split("["))
 
 
 HEARD = (POSITION, DELAY, EFFORT, JOURNEY, RESTRICTION, TARGET)
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
-"""Metadata of an extract: a recording of everything that its node heard, with a part of what the node said."""
+"""Metadata of an extract: a recording of everything that its node received, with a part of what the node sent."""
 CONTEXT_S = 5.0
-"""The messages heard in this time (s) before the first difference are shown."""
+"""The messages received in this time (s) before the first difference are shown."""
 BY_THE_WALL = (
     "the node went by the time of day and looked for its plans in the background: when it had them depended on its "
     "machine, and so does every plan made after that; differences do not mean that this version advises differently"
@@ -215,7 +215,7 @@ BY_THE_WALL = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reproduction:
-    """The result. `context` has the messages heard before the first difference: (seconds before it, topic, text)."""
+    """The result. `context`: the messages received before the first difference, as (seconds before it, topic, text)."""
 
     path: Path
     train: str
@@ -226,7 +226,7 @@ class Reproduction:
 
     @property
     def same(self) -> bool:
-        """Whether today's cab says what was recorded."""
+        """Whether today's cab sends what was recorded."""
         return not self.comparison.differences
 
     def as_dict(self) -> dict[str, Any]:
@@ -264,9 +264,9 @@ def _as_dict(one: Difference) -> dict[str, Any]:
 def reproduce(
     path: Path, progress: HeardAgain, *, train: str | None = None, node: str | None = None, tables: Path | None = None
 ) -> Reproduction:
-    """Let today's cab hear a recording; `node` is the command line of its node, if the recording does not hold it.
+    """Send a recording to today's cab; `node` is the command line of its node, if the recording does not hold it.
 
-    Raises DasError for a recording that cannot be read, or in which no node said anything.
+    Raises DasError for a recording that cannot be read, or in which no node advised.
     """
     contents = open_contents(path)
     train = recording_of(contents, train).train
@@ -297,7 +297,7 @@ def reproduce(
 
 
 def without_waiting(plan: CabPlan) -> CabPlan:
-    """The same cab, which looks for its plans within a tick and measures no time."""
+    """The same cab, but it makes its plans within a tick and measures no time."""
     return replace(plan, settings=replace(plan.settings, background=False, stopwatch=no_stopwatch))
 
 
@@ -311,7 +311,7 @@ def _span(contents: Contents) -> tuple[int, int]:
 
 
 def within(said: list[Said], span: tuple[int, int]) -> list[Said]:
-    """What was said in a span of time (ns)."""
+    """The messages that were sent in a span of time (ns)."""
     return [one for one in said if span[0] <= message_time_ns(one.message) <= span[1]]
 
 
@@ -323,7 +323,7 @@ def _tables_note(contents: Contents, found: Comparison, tables: Path | None) -> 
 
 
 def _context(messages: list[RecordedMessage], first: Difference) -> list[tuple[float, str, str]]:
-    """What was heard in the last seconds before a difference."""
+    """The messages received in the last seconds before a difference."""
     lines = []
     for one in messages:
         before_s = (first.time_ns - message_time_ns(one.message)) * NS

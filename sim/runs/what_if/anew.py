@@ -37,14 +37,14 @@ from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_s
 from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
 LEAST_DELAY_S: Final = 1.0
-"""A departure that was late by less than this (s) was in time."""
+"""A departure that was late by less than this (s) was on time."""
 EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def attached_scenario(origin: Origin) -> Scenario:
     """The scenario of a simulated day, with the input files that the recording brings along.
 
-    Raises DasError where the scenario, or a file that it needs, is not attached.
+    Raises DasError if the scenario, or a file that it needs, is not attached.
     """
     files, path = origin.files, origin.path
     if not files.has("scenario"):
@@ -68,7 +68,7 @@ def _truth(origin: Origin, truth: Truth) -> Truth:
 
 
 def _file(origin: Origin, kind: str, name: str) -> str:
-    """A route by its name, if today's bundled route is that of the recording; else the attached file."""
+    """A route by its name, if the bundled route equals the recorded one; else the attached file."""
     bundled = catalogue("routes").get(name)
     if bundled is not None and sha256(bundled) == origin.files.sha256(kind):
         return name
@@ -76,7 +76,7 @@ def _file(origin: Origin, kind: str, name: str) -> str:
 
 
 def _vehicle(origin: Origin, prefix: str, name: str) -> str:
-    """A vehicle by its name, if the bundled vehicle and loss map are those of the recording; else the attached file."""
+    """A vehicle by its name, if bundled vehicle and loss map equal the recorded ones; else the attached file."""
     files = origin.files
     if name in catalogue("vehicles") and all(
         sha256(path) == files.sha256(f"{prefix}{kind}") for kind, path in vehicle_files(name).items()
@@ -96,7 +96,7 @@ def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """A scenario made from a drive without a simulator: line, train, stops, late departures and restrictions.
 
     `node` is the command line of the recording's node, if the recording does not hold it. Nobody recorded what held the
-    train up between stops, nor resistance, wind and rail. Raises DasError where line or train are not known.
+    train up between stops, nor resistance, wind and rail. Raises DasError if line or train is not known.
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
@@ -152,13 +152,13 @@ def _quoted(text: str) -> str:
 
 
 def _dwell_s(stops: Any) -> float:
-    """The shortest time at a stop on the way (s), by the timetable."""
+    """The shortest scheduled dwell at a stop on the way (s)."""
     dwells = [(stop.departure_ns - stop.arrival_ns) * NS for stop in stops[1:-1]]
     return max(min(dwells, default=0.0), 0.0)
 
 
 def _delay(call: KeptCall, dwell_s: float) -> Iterator[str]:
-    """By how much a departure was held up: later than the timetable and the dwell after the arrival allow."""
+    """The delay of a departure, if it was later than timetable and dwell after the arrival allow, as a disturbance."""
     if not call.departed_ns or not call.due_departure_ns:
         return
     ready_ns = max(call.due_departure_ns, call.arrived_ns + round(dwell_s / NS) if call.arrived_ns else 0)
@@ -194,7 +194,7 @@ def _restrictions(origin: Origin, trip: DrivenCourse) -> Iterator[str]:
 
 
 def _window(one: Restriction, departure_ns: int) -> list[str] | None:
-    """The lines of a restriction's window on the run's clock; None where it does not hold on the day of the drive."""
+    """The lines of a restriction's window on the run's clock; None if it does not hold on the day of the drive."""
     from_s, until_s = (round((at_ns - departure_ns) * NS, 9) for at_ns in (one.valid_from_ns, one.valid_until_ns))
     if (one.valid_from_ns and from_s > LONGEST_DWELL_S) or (one.valid_until_ns and until_s <= 0):
         return None
@@ -203,9 +203,9 @@ def _window(one: Restriction, departure_ns: int) -> list[str] | None:
 
 
 TRUE_LEVEL: Final = "what_if_true_level"
-"""The key of the metadata that says with which losses the train was driven, where its advice is planned with others."""
+"""The key of the metadata for the loss level of the simulated train, if its advice is planned with another level."""
 BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
-"""How human drivers braked in recordings that are older than the choice."""
+"""How human drivers braked in recordings that are older than the choice of a `FrictionPolicy`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,8 +219,8 @@ class AgainDay:
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainDay:
     """The recorded day with the changes of the what-if; raises DasError if it cannot be driven again.
 
-    Of a simulated day, scenario and seed are the recorded ones. Of any other drive the scenario is made from what was
-    heard, and the driver is a simulated one with seed 0.
+    For a simulated day, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
+    recorded messages, and the driver is a simulated one with seed 0.
     """
     whole = new.over(Otherwise.of(origin.run))
     scenario = attached_scenario(origin) if origin.is_simulated else scenario_of_drive(origin, node)
@@ -239,14 +239,14 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> AgainD
 
 
 def drive_again(again: AgainDay, out: Path, progress: HeardAgain) -> None:
-    """Drive the day into a recording, with node and recorder as processes; DasError where it cannot be driven."""
+    """Drive the day into a recording, with node and recorder as processes; DasError if it cannot be driven."""
     day, how = again.day, again.how
     assert not isinstance(how.driver, External)
     drive_day(day, day.driver(how.driver, how.friction), how, out, progress)
 
 
 def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -> Scenario:
-    """The scenario with another train or other braking of the coach; `true_level`: the losses that the train keeps."""
+    """The scenario with another train, planning brake or margin to limits; the train keeps the losses `true_level`."""
     if cab.vehicle is not None:
         scenario = replace(scenario, vehicle=cab.vehicle, load=cab.load, loss_map=None)
     elif cab.load is not None:
@@ -261,7 +261,7 @@ def _scenario(scenario: Scenario, cab: CabOtherwise, true_level: Level | None) -
 
 
 def _levels(origin: Origin, cab: CabOtherwise, scenario: Scenario) -> tuple[Level | None, Level | None]:
-    """The level of the advice, and that of the true train where it must stay another one than the advice's."""
+    """The loss level of the advice, and the true train's level if that must differ from the advice's."""
     recorded = None if cab.vehicle is not None else _level(origin, "level")
     if cab.level is None or cab.vehicle is not None:
         return cab.level or recorded, None if cab.vehicle is not None else _level(origin, TRUE_LEVEL)

@@ -1,4 +1,4 @@
-"""What a what-if changed: the recorded day and the new one beside each other."""
+"""What a what-if changed: compares the recorded day with the new one."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from sim.recording.course import minutes
 from sim.recording.opening import open_contents
 
 LEAST_TOLD_KMH: Final = 0.05
-"""A mean difference of the advised speed below this is not told: it would read 0.0."""
+"""A mean difference of the advised speed below this is not stated: it would read 0.0."""
 NAMES: Final = ("recorded", "what if")
 
 
 class AdviceThen(NamedTuple):
-    """An advice: its place (m), mode and speed (m/s), and mode and speed of the coach (0 and 0: it says nothing)."""
+    """Advice at a moment: place (m), mode and speed (m/s), and the coach's mode and speed (0 and 0: it is silent)."""
 
     s_m: float
     mode: int
@@ -44,11 +44,11 @@ class AdviceThen(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class SaidAdvice:
-    """The advice of two recordings at the moments of both: how many there are, how many differ, and by how much.
+    """The advice of two recordings at their common moments: how many there are, how many differ, and by how much.
 
-    `first` is the first moment that differs. `apart_mps` is the mean difference of the advised speeds where both
-    advise. `withdrawn`, `coached` and `plans` count for each recording the moments without advice, those at which the
-    coach said something, and the plans.
+    `first` is the first moment at which the advice differs. `apart_mps` is the mean difference of the advised speeds
+    where both advise. `withdrawn`, `coached` and `plans` count for each recording the moments without advice, the
+    moments with advice from the coach, and the plans.
     """
 
     moments: int
@@ -62,7 +62,7 @@ class SaidAdvice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Changed:
-    """The two drives aligned on track position (None, and `why_not`: they cannot be), and their advice."""
+    """The two drives aligned on track position (None if they cannot be, for the reason `why_not`), and their advice."""
 
     kind: WhatIfKind
     aligned: AlignedDrives | None
@@ -71,13 +71,13 @@ class Changed:
 
     @property
     def first(self) -> Advised | None:
-        """Where the advice differs first: at a moment of an open loop, at a place of a day driven anew."""
+        """Where the advice differs first: compared by time in an open loop, by place for a day driven anew."""
         if self.kind is WhatIfKind.OPEN_LOOP:
             return None if self.advice.first is None else _advised(*self.advice.first)
         return None if self.aligned is None else self.aligned.first_different_advice(1)
 
     def as_dict(self) -> dict[str, Any]:
-        """The same for JSON."""
+        """What changed, for JSON."""
         advice = self.advice
         return {
             "comparison": None if self.aligned is None else as_dict(self.aligned),
@@ -112,7 +112,7 @@ class Changed:
             return ["The advice is the same at every moment."]
         told = []
         if self.kind is WhatIfKind.OPEN_LOOP:
-            known = kmh(advice.apart_mps) >= LEAST_TOLD_KMH  # NaN, where there is nothing to compare, is not
+            known = kmh(advice.apart_mps) >= LEAST_TOLD_KMH  # False for NaN: there was nothing to compare
             by = f", its speed by {kmh(advice.apart_mps):.1f} km/h on average" if known else ""
             told.append(f"The advice differs at {advice.differing} of {advice.moments} moments{by}.")
         if first is not None:
@@ -168,7 +168,7 @@ def _by_time(recording: Recording) -> dict[int, AdviceThen]:
 
 
 def _advised(old: AdviceThen, new: AdviceThen) -> Advised:
-    """A moment that differs in words: the coach's where only the coach says something else."""
+    """A moment at which the advice differs, in words; those of the coach if only its advice differs."""
     plain = [(one.mode, one.speed_mps) for one in (old, new)]
     if (old.mode, old.speed_mps) != (new.mode, new.speed_mps):
         return Advised(old.s_m, *told_apart(*plain))

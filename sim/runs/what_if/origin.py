@@ -34,7 +34,7 @@ class Origin:
 
     @classmethod
     def read(cls, path: Path, train: str | None, folder: Path) -> Origin:
-        """Read a recording; DasError for one without a journey, which says where the train goes and when."""
+        """Read a recording; DasError if it has no journey, which says where the train goes and when."""
         contents = open_contents(path)
         recording = recording_of(contents, train)
         if not recording.of(topics.JOURNEY):
@@ -82,7 +82,7 @@ class Origin:
         return any(one.message.HasField("coach") for one in self.recording.of(topics.ADVICE))
 
     def timetables(self) -> list[Timetable]:
-        """The timetable of each section; DasError where the journey lacks a time."""
+        """The timetable of each section; DasError if the journey lacks a time."""
         tables = []
         for start, end in pairwise(self.journey.stops):
             if not 0 < start.departure_ns < end.arrival_ns:

@@ -60,7 +60,7 @@ class CabOtherwise:
     ] = None  # fmt: skip
 
     def over(self, earlier: CabOtherwise) -> CabOtherwise:
-        """These changes, and the earlier ones that they leave as they are; another train comes with its own load."""
+        """These changes, and the earlier ones that they do not override; another train comes with its own load."""
         return CabOtherwise(
             level=self.level or earlier.level,
             vehicle=self.vehicle or earlier.vehicle,
@@ -139,7 +139,7 @@ class Otherwise:
         return [*said, *(f"restriction to {one.words}" for one in self.restrictions)]
 
     def kept(self) -> str:
-        """The changes that a what-if of this what-if has to repeat, as JSON; the train is attached to the recording."""
+        """The changes that a what-if based on this one must repeat, as JSON; the train is attached to the recording."""
         cab = {name: value for name, value in asdict(self.cab).items() if name in KEPT_OF_CAB}
         restrictions = [one.figures for one in self.restrictions]
         return json.dumps({**cab, "restrictions": restrictions, "without_restrictions": self.without_restrictions})
@@ -163,7 +163,8 @@ class Otherwise:
 def read_restriction(text: str, departure_ns: int = 0) -> Restriction:
     """The restriction that a text names: "12.5-14:80" (km, km/h), or "12.5-14:80@08:10-08:25" with a window of UTC.
 
-    The window is that of the day of a departure (ns since 1970). Raises DasError for any other text.
+    The window is on the day of the departure (ns since 1970), or a day later if it would be over by then. Raises
+    DasError for any other text.
     """
     found = _RESTRICTION.fullmatch(text.strip())
     if found is None:
