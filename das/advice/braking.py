@@ -34,6 +34,8 @@ BACK_IN_S = 4.0
 """A train above a limit brakes so hard that it is back at the limit after this time (s)."""
 LEAST_MPS2 = 0.02
 """If less than this deceleration (m/s²) is enough to reach a lower speed ahead, it is too early to brake for it."""
+BRAKED_MORE = 1.1
+"""A train above its plan is told to brake this many times as hard as needed, so that it need not brake harder later."""
 AT_MARK_M = 10.0
 """This near to a stop (m) the driver sees the mark, and the uncertainty of the position no longer counts."""
 ALIKE = 0.9

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from das.advice.braking import ABOVE_MPS, braking_mode
+from das.advice.braking import ABOVE_MPS, BRAKED_MORE, braking_mode
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.plan import Floats
 from das.advice.planner import Planner
@@ -20,8 +20,6 @@ GAINS_MPS2 = 0.1
 """Below this acceleration the speed gained until the driver acts is negligible."""
 AT_FOOT_MPS = 0.5
 """A train above the allowed speed by more than this, just before a lower limit, must use all of its brakes."""
-BRAKED_MORE = 1.1
-"""A train above its plan is told to brake this many times as hard as needed, so that it need not brake harder later."""
 
 
 def braked_enough(

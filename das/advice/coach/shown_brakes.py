@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.braking import AT_MARK_M, LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
+from das.advice.braking import AT_MARK_M, BRAKED_MORE, LEAST_MPS2, BrakingAhead, NeededBrake, braking_mode
 from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.shown_safely import BRAKED_MORE
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
