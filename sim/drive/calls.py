@@ -208,9 +208,10 @@ def _at(call: KeptCall, trip: DrivenCourse) -> AtStop:
 
 
 def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
-    """How the stops were kept, for programs: times (s) since the timetable's first departure, None if there is none.
+    """How the stops were kept, for programs; None stands for what there is none of.
 
-    `due_s` is the due arrival, at the first stop the due departure.
+    Times (s) count from the timetable's first departure. `due_s` is the due arrival, at the first stop the due
+    departure; `missed_m` is by how much the train stood beyond the stop.
     """
     zero_ns = made[0].due_departure_ns if made else 0
 
@@ -223,8 +224,8 @@ def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
             "due_s": since_s(one.due_arrival_ns or one.due_departure_ns),
             "arrived_s": since_s(one.arrived_ns),
             "departed_s": since_s(one.departed_ns),
-            "late_s": one.late_s,
-            "missed_m": one.missed_m,
+            "late_s": None if math.isnan(one.late_s) else one.late_s,
+            "missed_m": None if math.isnan(one.missed_m) else one.missed_m,
         }
         for one in made
     ]

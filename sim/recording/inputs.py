@@ -142,7 +142,7 @@ class AttachedFiles:
         return next((one for one in self._attached.values() if Path(one.name).name == name), None)
 
 
-ELSEWHERE: Final = ("trip", "what_if_of")
+ELSEWHERE: Final = ("trip", "what_if_of", "driver")
 """Kinds of files that the metadata name by their hash, but that are not attached to a recording."""
 
 

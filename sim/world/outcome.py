@@ -347,8 +347,9 @@ def _stops(result: DayResult) -> Table:
         table.add_column(name, justify="right")
     for call in as_rows(found.drive.calls):
         times = ("" if time_s is None else minutes(time_s) for time_s in (call[f"{one}_s"] for one in TIMES))
+        late = "" if call["late_s"] is None else f"{call['late_s']:+.0f} s"
         missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
-        table.add_row(call["name"], *times, f"{call['late_s']:+.0f} s", missed)
+        table.add_row(call["name"], *times, late, missed)
     return table
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from sim.drive.calls import at_stops, calls_of
+from sim.drive.calls import as_rows, at_stops, calls_of
 from sim.recording.course import DrivenCourse
 from sim.review.lanes import lane_of_stops
 from tests.sim.drive.events.test_events import STOPS, drive
@@ -28,6 +29,13 @@ def test_when_the_train_was_at_its_stops() -> None:
     changes = lane_of_stops((first, passed, last)).changes
     assert [change.state for change in changes] == ["Aarau", "to Brugg", "to Cham", "Cham", ""]
     assert [change.time_ns for change in changes] == sorted(change.time_ns for change in changes)
+
+
+def test_a_stop_that_was_passed_has_no_figures_for_programs() -> None:
+    recording = drive(stops=STOPS)
+    passed = as_rows(calls_of(recording, DrivenCourse.of(recording)))[1]
+    assert (passed["name"], passed["missed_m"]) == ("Brugg", None)
+    assert not any(isinstance(value, float) and math.isnan(value) for value in passed.values())
 
 
 def test_a_part_of_a_drive_has_the_stops_of_that_part() -> None:

@@ -129,7 +129,7 @@ def test_what_the_recorder_could_not_write(tmp_path: Path) -> None:
 
 
 def test_an_input_file_that_is_not_the_one_of_the_run(tmp_path: Path) -> None:
-    hashes = {"route_sha256": "00" * 32, "trip_sha256": "11" * 32}
+    hashes = {"route_sha256": "00" * 32, "trip_sha256": "11" * 32, "driver_sha256": "22" * 32}
     (finding,) = check_file(small(tmp_path / "run.mcap", "t1", attached=b"[route]", run=hashes)).findings
     assert finding.kind is CheckKind.INPUT
     assert finding.text == "the route of the run is not among the attached files"
