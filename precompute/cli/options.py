@@ -249,11 +249,11 @@ def _seconds(option: str, text: str, none: str, unlimited: str) -> float:
 
 
 def numbers(option: str, text: str) -> list[float]:
-    """The numbers of a list with commas between, as an option takes it; DasError for what is no number."""
+    """The numbers of a list separated by commas, as an option takes it; DasError for what is no number."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise DasError(f"{option} {text}: expected numbers with commas between, like 0,5,10") from None
+        raise DasError(f"{option} {text}: expected numbers separated by commas, like 0,5,10") from None
 
 
 def buffer_numbers(text: str) -> list[float]:

@@ -138,7 +138,7 @@ def test_what_is_wrong_with_a_class_is_said_in_one_line(folder: Path, driver: st
     ("options", "said"),
     [
         (("--driver", "external", "--in-process"), "--driver external: a run --in-process has no bus"),
-        (("--driver-at", "tcp/127.0.0.1:7450"), "--driver-at tcp/127.0.0.1:7450: expected with --driver external"),
+        (("--driver-at", "tcp/127.0.0.1:7450"), "--driver-at tcp/127.0.0.1:7450: needs --driver external"),
     ],
 )
 def test_options_of_an_external_driver_that_contradict_each_other_are_refused(
