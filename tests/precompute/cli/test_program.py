@@ -184,7 +184,7 @@ REFUSED = {
     "solve flat-6km train.json --buffer 7 --level l3": (
         "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map"
     ),
-    f"{FRONT} --buffers 0,x": "--buffers 0,x: expected numbers with",
+    f"{FRONT} --buffers 0,x": "--buffers 0,x: expected numbers separated",
     f"{FRONT} --step 2": "--step 2: expected a step from 5 to 150 m",
     f"{FRONT} --max-buffer 3": "--out, --bucket and --max-buffer belong to --exact",
     f"{FRONT} --exact --max-buffer 3 --buffers 1,5": "--buffers 5: expected at most --max-buffer, 3 %",

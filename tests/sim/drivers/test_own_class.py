@@ -203,7 +203,7 @@ def test_a_batch_takes_a_class_and_names_the_hash_of_its_file(folder: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("drivers", "said"), [("external", "a batch has no place for a process of its own"), ("gone:X", "no module gone")]
+    ("drivers", "said"), [("external", "a batch cannot use an external driver"), ("gone:X", "no module gone")]
 )
 def test_a_batch_refuses_a_driver_that_it_cannot_have(folder: Path, drivers: str, said: str) -> None:
     assert said in refusal("batch", "flat.toml", "--drivers", drivers, "-o", "runs", cwd=folder)
