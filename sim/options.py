@@ -48,7 +48,10 @@ OfTrainOption = Annotated[
     ),
 ]
 SpeedOption = Annotated[
-    str, typer.Option("--speed", metavar="TIMES", help="How many times real time; or real, or max (no waiting).")
+    str,
+    typer.Option(
+        "--speed", metavar="TIMES", help="Speed as a multiple of real time; real means 1, max means without waiting."
+    ),
 ]
 ParticipantOption = Annotated[
     int | None,
@@ -65,7 +68,7 @@ PopulationOption = Annotated[
     typer.Option(
         "--population",
         metavar="FILE",
-        help="From whom participants are drawn: a TOML file [default: the bundled population].",
+        help="TOML file of the population that participants are drawn from [default: the bundled population].",
         show_default=False,
     ),
 ]
@@ -79,7 +82,7 @@ class NodeSaid:
         str | None,
         typer.Option(
             "--node", metavar="OPTIONS", show_default=False,
-            help="What das-node was started with, in quotes [default: as the recording says].",
+            help="Options with which das-node was started, in quotes [default: those in the recording].",
         ),
     ] = None  # fmt: skip
     tables: TablesOption = None

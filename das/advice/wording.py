@@ -11,12 +11,12 @@ from das.domain.units import KM, KMH, NS
 from das.estimate.estimate import Problem, ProblemKind
 
 RESTRICTIONS_UNTOLD: Final = (
-    "no list of restrictions has been heard yet (a site that has none says so: das-node --no-restrictions)"
+    "no list of restrictions received yet (if there are none, start das-node with --no-restrictions)"
 )
 
 UNSTAMPED: Final = (
-    "positions come without their sender's time stamp, or with one ahead of the clock: nobody can tell whether one or "
-    "two send them"
+    "positions come without their sender's time stamp, or with one ahead of the clock: it cannot be told whether one "
+    "or two publishers send them"
 )
 
 
@@ -26,8 +26,8 @@ def withdrawal(why: Withdrawal) -> str:
         return problem(why.problem)
     texts = {
         Cause.TWO_PUBLISHERS: f"two publishers of the position: {why.text}" if why.text else UNSTAMPED,
-        Cause.TWO_OPERATORS: f"two publishers of restrictions say different things: {why.text}",
-        Cause.RESTRICTIONS_UNHEEDED: f"restrictions that cannot be heeded: {why.text}",
+        Cause.TWO_OPERATORS: f"two publishers send different restrictions: {why.text}",
+        Cause.RESTRICTIONS_UNHEEDED: f"restrictions cannot be applied: {why.text}",
         Cause.RESTRICTIONS_UNTOLD: RESTRICTIONS_UNTOLD,
         Cause.JOURNEY_REFUSED: f"journey refused: {why.text}",
         Cause.NO_JOURNEY: "no journey yet",
@@ -47,16 +47,16 @@ def problem(what: Problem) -> str:
         ProblemKind.NO_POSITION: "no position yet",
         ProblemKind.MARKED_UNUSABLE: "the position is marked unusable",
         ProblemKind.NOT_A_NUMBER: "the position is not a number",
-        ProblemKind.SPEED_IMPOSSIBLE: f"a speed of {value / KMH:.4g} km/h cannot be",
-        ProblemKind.POSITION_IMPOSSIBLE: f"a position of {value:.4g} m cannot be",
-        ProblemKind.TOO_UNCERTAIN: f"a position uncertain by {value:.4g} m is of no use",
-        ProblemKind.UNCERTAINTY_IMPOSSIBLE: f"an uncertainty of {value:.4g} cannot be",
+        ProblemKind.SPEED_IMPOSSIBLE: f"a speed of {value / KMH:.4g} km/h is impossible",
+        ProblemKind.POSITION_IMPOSSIBLE: f"a position of {value:.4g} m is impossible",
+        ProblemKind.TOO_UNCERTAIN: f"the position is too uncertain: {value:.4g} m",
+        ProblemKind.UNCERTAINTY_IMPOSSIBLE: f"an uncertainty of {value:.4g} is impossible",
         ProblemKind.SPEED_JUMPED: f"the speed jumped by {value / KMH:.0f} km/h",
         ProblemKind.JUMPED: f"the position jumped by {value:.0f} m",
         ProblemKind.JUMPED_BACK: f"the position jumped back by {value:.0f} m",
         ProblemKind.FROZEN: f"the position is frozen at {value:.0f} m",
         ProblemKind.STALE: f"the position is {value:.1f} s old",
-        ProblemKind.RARE: f"positions come every {value:.1f} s only",
+        ProblemKind.RARE: f"positions come only every {value:.1f} s",
         ProblemKind.AHEAD_OF_CLOCK: f"the position is {value:.1f} s ahead of the clock",
         ProblemKind.POSITION_UNCERTAIN: f"the position is uncertain by {value:.0f} m",
         ProblemKind.SPEED_UNCERTAIN: f"the speed is uncertain by {value / KMH:.0f} km/h",
@@ -89,7 +89,7 @@ def departs_when_cleared(then: str) -> str:
 STOP_HERE: Final = "stop here"
 
 
-NOTHING_TO_JUDGE_BY: Final = "the advice could not be judged: no position or speed"
+NOTHING_TO_JUDGE_BY: Final = "no advice: position or speed unknown"
 
 
 def brake_for(speed_mps: float, at_m: float, *, stops: bool) -> str:

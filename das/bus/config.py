@@ -80,7 +80,7 @@ class BusFile:
         except OSError as error:
             raise DasError(f"{self.path}: cannot be read ({error.strerror})") from error
         except UnicodeDecodeError as error:
-            raise DasError(f"{self.path}: expected a text in UTF-8") from error
+            raise DasError(f"{self.path}: expected text in UTF-8") from error
         except zenoh.ZError as error:
             raise DasError(f"{self.path}: not a Zenoh configuration: {one_line(error)}") from error
         self._check_train(config, train)
@@ -117,7 +117,7 @@ class BusFile:
                 continue
             path = self.path.resolve().parent / named
             if not path.is_file():
-                raise InputError(self.path, _dotted(f"{SECRETS}/{name}"), named, "a file that is there")
+                raise InputError(self.path, _dotted(f"{SECRETS}/{name}"), named, "an existing file")
             config.insert_json5(f"{SECRETS}/{name}", json.dumps(str(path)))
 
     def _check_closed(self, config: zenoh.Config) -> None:
@@ -155,7 +155,7 @@ class BusFolder:
         """The file of one role; raises DasError where it is missing."""
         file = self.path / f"{role}.json5"
         if not file.is_file():
-            raise DasError(f"{file}: not there; expected a folder as das-node tls-init makes it")
+            raise DasError(f"{file}: does not exist; expected a folder made by das-node tls-init")
         return BusFile(file, self.insecure)
 
 
@@ -176,7 +176,9 @@ def bus_options(file: Path | None, insecure: bool, listen: str | None, connect: 
         _refuse_lone_insecure(insecure)
         return None
     if listen or connect:
-        raise DasError(f"--{'listen' if listen else 'connect'}: with --bus the file says so ({file})")
+        raise DasError(
+            f"--{'listen' if listen else 'connect'}: not together with --bus, whose file states the endpoints ({file})"
+        )
     return BusFile(file, insecure)
 
 
@@ -191,7 +193,7 @@ def locked_down(listen: str | None, connect: Sequence[str]) -> zenoh.Config:
 
 def _refuse_lone_insecure(insecure: bool) -> None:
     if insecure:
-        raise DasError("--insecure-bus: expected with --bus; without it the bus stays on this machine")
+        raise DasError("--insecure-bus: needs --bus; without --bus, the bus stays on this machine")
 
 
 def one_line(error: Exception) -> str:

@@ -224,7 +224,7 @@ def with_options(function: Callable[..., Any]) -> Callable[..., Any]:
             parameters.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation))
     names = [parameter.name for parameter in parameters]
     if len(set(names)) < len(names):
-        raise TypeError(f"{function.__name__}: two options of one name among {', '.join(names)}")
+        raise TypeError(f"{function.__name__}: two of these options have the same name: {', '.join(names)}")
 
     def flat(**given: Any) -> Any:
         return function(

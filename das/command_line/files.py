@@ -85,7 +85,7 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (
         if path is None:
             continue
         if path.resolve() in read:
-            raise DasError(f"{path}: the file to write is one that is read")
+            raise DasError(f"{path}: the output file is also an input")
         if path.resolve() in seen:
             raise DasError(f"{path}: two outputs name the same file")
         seen.add(path.resolve())

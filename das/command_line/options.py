@@ -48,7 +48,10 @@ ToOption = Annotated[
 ReverseOption = Annotated[bool, typer.Option("--reverse", help="Drive the route from its end to its start.")]
 DirectionOption = Annotated[
     bool | None,
-    typer.Option("--reverse/--no-reverse", help="The trip runs from the route's end to its start, or it does not."),
+    typer.Option(
+        "--reverse/--no-reverse",
+        help="Direction of the trip: from the route's end to its start, or (--no-reverse) from its start to its end.",
+    ),
 ]
 LevelOption = Annotated[Level | None, typer.Option("--level", help="Loss level [default: the vehicle's].")]
 LossMapOption = Annotated[
@@ -66,7 +69,10 @@ LoadOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
 StrictOption = Annotated[
-    bool, typer.Option("--strict", help="Refuse a trip with rows that would be dropped or turned round.")
+    bool,
+    typer.Option(
+        "--strict", help="Refuse a trip if points would have to be dropped, or their order or its direction reversed."
+    ),
 ]
 
 # --- the bus ------------------------------------------------------------------------------------------------------
@@ -122,7 +128,7 @@ class BusPlace:
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 OverwriteOption = Annotated[
-    bool, typer.Option("--overwrite", help="Replace a file that is there already; a symbolic link is refused.")
+    bool, typer.Option("--overwrite", help="Replace an existing file; a symbolic link is refused.")
 ]
 OutFolder = Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]
 OutFolderOption = Annotated[Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.")]

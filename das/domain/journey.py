@@ -139,7 +139,7 @@ class Journey:
         for key, window, dwell_s in self._windows():
             reached_s += dwell_s
             if window.latest_s < reached_s:
-                expected = f"at least {reached_s:g} s, for {since} cannot be earlier"
+                expected = f"at least {reached_s:g} s, because of the earliest time of the {since}"
                 raise InputError(self.source, f"{key}, latest", f"{window.latest_s:g} s", expected)
             if window.earliest_s > reached_s:
                 reached_s, since = window.earliest_s, key
@@ -169,7 +169,7 @@ def _check_point(source: str, point: Call | Passing) -> None:
     elif not (0 <= point.lowest_mps <= point.highest_mps and point.highest_mps > 0 and point.lowest_mps < math.inf):
         shown = f"{point.lowest_mps / KMH:g} … {point.highest_mps / KMH:g} km/h"
         raise InputError(
-            source, f"speeds of {point.name}", shown, "a lowest speed >= 0 not above the highest, that > 0"
+            source, f"speeds of {point.name}", shown, "0 <= lowest speed <= highest speed, and highest speed > 0"
         )
 
 

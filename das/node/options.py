@@ -79,7 +79,11 @@ class CoachGiven:
 
     coach: Annotated[
         bool,
-        typer.Option("--coach/--no-coach", help="Lead the driver along a reference that stands (the field coach)."),
+        typer.Option(
+            "--coach/--no-coach",
+            help="Advise with the field coach: it leads the driver along a reference plan that it keeps as long as "
+            "possible.",
+        ),
     ] = True
     planning_brake: Annotated[
         float | None,
@@ -88,20 +92,24 @@ class CoachGiven:
             metavar="M/S2",
             min=0.1,
             max=1.5,
-            help="Deceleration for limits and stops to plan with, as drivers here brake "
-            "[default: that of the train in service].",
+            help="Deceleration that plans assume for limits and stops: as drivers here usually brake "
+            "[default: the train's service deceleration].",
             show_default=False,
         ),
     ] = None
     reaction: Annotated[
         float,
         typer.Option(
-            "--reaction", metavar="S", min=0.0, max=10.0, help="How late drivers begin to brake, to plan with."
+            "--reaction",
+            metavar="S",
+            min=0.0,
+            max=10.0,
+            help="Reaction time that plans allow for: how late drivers begin to brake.",
         ),
     ] = REACTION_S
     below_limit: Annotated[
         float,
-        typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits to plan with."),
+        typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Plans stay this far below every limit."),
     ] = 0.0
 
 
@@ -114,7 +122,7 @@ class AdviceGiven:
         typer.Option(
             "--rate",
             metavar="HZ",
-            help=f"Advices per second with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}.",
+            help=f"How many times a second to advise with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}.",
         ),
     ] = 1.0
     clock: Annotated[
@@ -129,7 +137,7 @@ class AdviceGiven:
         bool,
         typer.Option(
             "--no-restrictions",
-            help="This site has no temporary restrictions: advise without having heard a list of them.",
+            help="This site has no temporary restrictions: advise without waiting for a list of them.",
         ),
     ] = False
     led: CoachGiven

@@ -16,7 +16,8 @@ EXAMPLES = (
 def record(options: RecorderOptions) -> None:
     """Record every message on the bus about a train in an MCAP file, until stopped.
 
-    It hears the processes to which it connects, by default the node. What it heard is on the disk within a second.
+    It receives messages from the processes to which it connects, by default the node. Each message is on the disk
+    within a second.
     """
     from das.recorder.process import record as run
 

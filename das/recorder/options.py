@@ -28,10 +28,10 @@ class FileMade:
             "--out",
             "-o",
             metavar="FILE",
-            help="Recording (.mcap) to write; where it is there already, a new one beside it [default: TRAIN.mcap].",
+            help="Recording (.mcap) to write; if it exists, a new one is written beside it [default: TRAIN.mcap].",
         ),
     ] = None
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Write to --out even if it is there already.")] = False
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace --out if it exists already.")] = False
     metadata: Annotated[
         str | None,
         typer.Option("--metadata", metavar="JSON", help="JSON object of texts, stored as metadata record 'run'."),

@@ -78,7 +78,7 @@ def _place(path: Path, made: FileMade) -> Path:
         return path
     free = new_file(path, begun(LIBRARY))
     if free != path:
-        say(f"{path} is there already: recording to {free}")
+        say(f"{path} exists already: recording to {free}")
     return free
 
 

@@ -83,10 +83,10 @@ def _whole(least: int, most: int) -> Test:
 
 _NUMBER: Test = ("a finite number", _is_number)
 _POSITIVE: Test = ("a finite number > 0", lambda x: _is_number(x) and x > 0)
-_TEXT: Test = ("a text", _is_text)
+_TEXT: Test = ("a string", _is_text)
 _HASH: Test = ("a SHA-256", _is_hash)
 _NUMBER_OR_NULL: Test = ("a finite number or null", lambda x: x is None or _is_number(x))
-_TEXT_OR_NULL: Test = ("a text or null", lambda x: x is None or _is_text(x))
+_TEXT_OR_NULL: Test = ("a string or null", lambda x: x is None or _is_text(x))
 _OBJECT: Test = ("an object", lambda x: isinstance(x, dict))
 _LIST: Test = ("a list that is not empty", lambda x: isinstance(x, list) and len(x) > 0)
 

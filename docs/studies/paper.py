@@ -40,7 +40,7 @@ ITEMS: Final[dict[str, Callable[[Workbench, Output], dict[str, Any]]]] = {
 def study(
     out: OutFolder,
     only: Annotated[
-        str | None, typer.Option("--only", metavar="LIST", help=f"Only these, with commas between: {', '.join(ITEMS)}.")
+        str | None, typer.Option("--only", metavar="LIST", help=f"Only these, separated by commas: {', '.join(ITEMS)}.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -34,7 +34,7 @@ GIGA = 1e9
 WIDTH = 80
 LEGEND = (
     "median, least, most: of all rounds of the figure, in its unit.",
-    "baseline: the median of what it is compared with, measured in turns with it.",
+    "baseline: the median of the alternative that the figure is compared with; both are measured in turns.",
     "× better: how many times better than the baseline; below 1 it is worse.",
     "roof %: the share of what memory and arithmetic of this machine allow.",
 )
@@ -42,19 +42,22 @@ LEGEND = (
 
 def bench(
     only: Annotated[
-        str | None, typer.Option(help=f"Only these, with commas between: {', '.join(NAMES)}.", show_default=False)
+        str | None,
+        typer.Option(help=f"Only these figures, separated by commas: {', '.join(NAMES)}.", show_default=False),
     ] = None,
     track: Annotated[
-        str, typer.Option(help="Route of the reference section, the longest between two of its stops.")
+        str, typer.Option(help="Route; its longest section between two neighbouring stops is the reference section.")
     ] = ROUTE,
     train: Annotated[str, typer.Option(help="Vehicle of the reference section.")] = VEHICLE,
     threads: Annotated[
         int | None, typer.Option(min=1, help="Threads of one front [default: the cores, at most 2].")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Short lines and few rounds: whether it works.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Short lines and few rounds, only to see whether the bench works.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure how fast the solver is on this machine, beside baselines and what the machine could do.
+    """Measure the solver's speed on this machine, and compare it with baselines and the machine's limits.
 
     Everything is measured in the same run. Each figure is a median, with the least and the most; a legend below the
     table explains its columns. It takes half a minute, and half a minute more the first time. Other work on the

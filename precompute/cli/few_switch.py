@@ -73,12 +73,12 @@ class FewSwitchRow:
 def few_switch(
     pose: Pose,
     buffers: Annotated[
-        str, typer.Option("--buffers", metavar="LIST", help="Buffers in %, with commas between.")
+        str, typer.Option("--buffers", metavar="LIST", help="Buffers in %, separated by commas.")
     ] = BUFFERS_PERCENT,
     prices: Annotated[
         str,
         typer.Option(
-            "--prices", metavar="LIST", help="Prices of a change, in s of the train's full power, with commas between."
+            "--prices", metavar="LIST", help="Prices of a change, in s of the train's full power, separated by commas."
         ),
     ] = PRICES_S,
     as_json: JsonOption = False,

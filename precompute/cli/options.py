@@ -253,7 +253,7 @@ def numbers(option: str, text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise DasError(f"{option} {text}: expected numbers with commas between, like 0,5,10") from None
+        raise DasError(f"{option} {text}: expected numbers separated by commas, like 0,5,10") from None
 
 
 def buffer_numbers(text: str) -> list[float]:

@@ -87,7 +87,7 @@ COMMANDS = (
     Entry(
         name="bench",
         where="precompute.bench.command:bench",
-        summary="Measure how fast the solver is on this machine, beside baselines and what the machine could do.",
+        summary="Measure the solver's speed on this machine, and compare it with baselines and the machine's limits.",
         examples=("das-precompute bench --only front,trajectory --json",),
     ),
 )

@@ -204,7 +204,7 @@ def front(
     buffers: Annotated[
         str | None,
         typer.Option(
-            "--buffers", metavar="LIST", help=f"Buffers in %, with commas between [default: {BUFFERS_PERCENT}]."
+            "--buffers", metavar="LIST", help=f"Buffers in %, separated by commas [default: {BUFFERS_PERCENT}]."
         ),
     ] = None,
     refine: RefineOption = "on",

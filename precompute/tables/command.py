@@ -55,8 +55,8 @@ def build(
     """Solve every section of a plan into a table for the cab.
 
     A table that is already there is kept if it is whole and neither an input nor the solver has changed. A build that
-    was stopped goes on where it was. A section that fails is reported and does not stop the rest; the exit code is
-    then 1. DIR/build.json says what became of each section.
+    was stopped continues where it left off. A section that fails is reported and does not stop the rest; the exit code
+    is then 1. DIR/build.json says what became of each section.
 
     By default the trajectories of a table are refined, which takes 2 to 3 s a section, where solving takes half a
     second. The policies, which are all that a node uses, are not refined. SECONDS

@@ -248,7 +248,7 @@ class LookUp:
         )
         if code == STUCK:
             raise InfeasibleError(
-                f"{section.route.source}: no way on is known from {s_m:.1f} m at {v_mps / KMH:.1f} km/h"
+                f"{section.route.source}: no feasible continuation is known from {s_m:.1f} m at {v_mps / KMH:.1f} km/h"
             )
         return Continuation(
             fit=_FITS[code],

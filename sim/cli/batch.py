@@ -38,15 +38,13 @@ if TYPE_CHECKING:
 
 TABLE = "runs.parquet"
 """Name of the table of runs in the folder of a batch."""
-DaysOption = Annotated[
-    str, typer.Option("--seeds", metavar="LIST", help="Days, like 0-3 or 1,5: the same for every driver.")
-]
+DaysOption = Annotated[str, typer.Option("--seeds", metavar="LIST", help="Seeds of the days, like 0-3 or 1,5.")]
 ParametersOption = Annotated[
     str | None,
     typer.Option(
         "--parameters",
         metavar="LIST",
-        help="Parameters to vary, with commas between [default: all].",
+        help="Parameters to vary, separated by commas [default: all].",
         show_default=False,
     ),
 ]
@@ -71,9 +69,9 @@ def batch(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run every scenario with every driver, presentation and seed; a batch that was stopped goes on where it was.
+    """Run every scenario with every driver, presentation and seed; a stopped batch continues where it left off.
 
-    The table runs.parquet in the folder has one row a run; a run is made again only if one of its inputs changed.
+    The table runs.parquet in the folder has one row per run; a run is repeated only if one of its inputs has changed.
     """
     with busy("reading the scenarios …"):
         from sim.jobs.batch import Batch, parse_seeds, require_pyarrow
@@ -140,7 +138,7 @@ def _drivers(text: str) -> list[DriverKind | OwnClass]:
     for part in text.split(","):
         driver = named_driver("--drivers", part.strip())
         if not isinstance(driver, DriverKind | OwnClass):
-            raise DasError(f"--drivers {driver}: a batch has no place for a process of its own; expected das-sim run")
+            raise DasError(f"--drivers {driver}: a batch cannot use an external driver; use das-sim run")
         found[driver] = None
     return list(found)
 
@@ -154,10 +152,10 @@ def _participants(
 
     if numbers is None:
         if population is not None:
-            raise DasError(f"--population {population}: expected with --participants")
+            raise DasError(f"--population {population}: needs --participants")
         return []
     if DriverKind.HUMAN not in drivers:
-        raise DasError(f"--participants {numbers}: expected with the driver human, who alone has parameters")
+        raise DasError(f"--participants {numbers}: needs --drivers human: only this driver has parameters")
     found = load_population(population or DEFAULT)
     return [Participant(population=found, number=number) for number in parse_seeds(numbers, "--participants")]
 
@@ -176,8 +174,9 @@ def sensitivity(
 ) -> None:
     """Say by how many points the gap to the optimum changes with one standard deviation of each parameter.
 
-    Every parameter is set one standard deviation below and above its median, all others to theirs, on the same days
-    with the same chances. A parameter that the population does not draw is varied by a fifth of its default.
+    Every parameter is set one standard deviation below and above its median, while all others stay at their
+    medians; days and random numbers are the same. A parameter that the population does not draw is varied by a fifth
+    of its default.
     """
     with busy("reading the scenario …"):
         from sim.drivers.parameters import DEFAULT, load_population
@@ -215,7 +214,7 @@ def _runs_made(jobs: Sequence[SensitivityJob], workers: int) -> list[Sensitivity
     with closing(made_with_progress(drive, jobs, Workers(count=workers), words, f"{len(jobs)} runs")) as coming:
         for made in coming:
             if made.result is None:
-                raise made.error or DasError("a run came to nothing")
+                raise made.error or DasError("a run ended without a result")
             found.append(made.result)
     return found
 

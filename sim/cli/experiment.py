@@ -77,8 +77,7 @@ def run(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive all trials of a design; an experiment that was stopped goes on where it was, and failed trials are tried
-    again.
+    """Drive all trials of a design; a stopped experiment continues where it left off and tries failed trials again.
 
     The folder holds trials.csv with one row a trial, and for each trial its events and a series. The design is checked
     and frozen there first, unless it was before.
@@ -113,7 +112,7 @@ def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bo
     if recordings and measures_only:
         raise DasError("give either --recordings or --measures-only")
     if recordings and scheduler is not None:
-        raise DasError("--recordings: expected without --scheduler, because recordings are written on this machine")
+        raise DasError("--recordings: not together with --scheduler, because recordings are written on this machine")
 
 
 def _checked(design: Design, folder: Path) -> None:
@@ -194,7 +193,7 @@ ComparisonOption = Annotated[
     typer.Option("--comparison", metavar="NAME", help="Planned comparison [default: the first].", show_default=False),
 ]
 NumbersOption = Annotated[
-    str, typer.Option("--participants", metavar="LIST", help="Numbers of participants, with commas between.")
+    str, typer.Option("--participants", metavar="LIST", help="Numbers of participants, separated by commas.")
 ]
 WantedOption = Annotated[
     float, typer.Option("--power", metavar="X", help="Share of studies that are to find the difference.")
@@ -343,5 +342,5 @@ def _print_power(found: PowerAnswer) -> None:
 def _counts(text: str) -> tuple[int, ...]:
     parts = [part.strip() for part in text.split(",")]
     if len(parts) > MOST_ROWS or not all(part.isascii() and part.isdigit() and len(part) < 8 for part in parts):
-        raise DasError(f"--participants {text}: expected at most {MOST_ROWS} whole numbers with commas between")
+        raise DasError(f"--participants {text}: expected at most {MOST_ROWS} whole numbers separated by commas")
     return tuple(sorted({int(part) for part in parts}))

@@ -59,7 +59,7 @@ DriverOption = Annotated[
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
 AdviceListOption = Annotated[
     str,
-    typer.Option("--advice", metavar="LIST", help="What the display shows, with commas between (see das-sim run -h)."),
+    typer.Option("--advice", metavar="LIST", help="What the display shows, separated by commas (see das-sim run -h)."),
 ]
 FrictionOption = Annotated[
     FrictionPolicy,
@@ -98,7 +98,7 @@ DriversOption = Annotated[
     typer.Option(
         "--drivers",
         metavar="LIST",
-        help="Who drives, with commas between: names (das-sim drivers lists them) or classes of your own "
+        help="Who drives, separated by commas: names (das-sim drivers lists them) or classes of your own "
         "(package.module:Class).",
     ),
 ]

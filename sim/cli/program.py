@@ -16,7 +16,7 @@ EXPERIMENTS: Final = (
     Entry(
         name="run",
         where="sim.cli.experiment:run",
-        summary="Drive all trials of a design; an experiment that was stopped goes on where it was.",
+        summary="Drive all trials of a design; a stopped experiment continues where it left off.",
         examples=("das-sim experiment run smoke -o study", "das-sim experiment run design.toml -o study --workers 4"),
     ),
     Entry(
@@ -66,7 +66,7 @@ ENTRIES: Final = (
     Entry(
         name="drive",
         where="sim.cli.run:drive",
-        summary="Drive a run from a process of its own, over the bus.",
+        summary="Be the driver of a simulated run, as a separate process on the bus.",
         examples=("das-sim drive clear-day --driver human --seed 3",),
     ),
     Entry(
@@ -95,7 +95,7 @@ ENTRIES: Final = (
     Entry(
         name="check",
         where="sim.cli.recordings:check",
-        summary="Check a recording: checksums, holes, topics, rates, gaps, late advice, versions, input files.",
+        summary="Check a recording: checksums, missing messages, topics, rates, gaps, late advice, versions, inputs.",
         examples=("das-sim check recordings/run.mcap", "das-sim check run.mcap --json"),
     ),
     Entry(
@@ -107,13 +107,13 @@ ENTRIES: Final = (
     Entry(
         name="reproduce",
         where="sim.cli.recordings:reproduce",
-        summary="Let today's cab hear a recording again, and compare all that it says with what was recorded.",
+        summary="Feed a recording to this version's cab again, and compare its messages with the recorded ones.",
         examples=("das-sim reproduce recordings/run.mcap",),
     ),
     Entry(
         name="export",
         where="sim.cli.recordings:export",
-        summary="Write a recording as tables: one a topic, one by time, one by position; units are in their columns.",
+        summary="Write a recording as tables: one per topic, one by time, one by position; column names state units.",
         examples=("das-sim export run.mcap -o tables", "das-sim export run.mcap -o shared --trim-ends --anonymous"),
     ),
     Entry(
@@ -170,7 +170,7 @@ ENTRIES: Final = (
     Entry(
         name="example",
         where="sim.cli.trips:example",
-        summary="Write a working set of own files: route, vehicle, plan, trip, posts, scenario.",
+        summary="Write example files for a line of your own: route, vehicle, plan, trip, posts, scenario.",
         examples=("das-sim example my-line",),
     ),
     Entry(
@@ -182,7 +182,7 @@ ENTRIES: Final = (
 )
 ABOUT: Final = (
     "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
-    "Without a command, das-sim replays the bundled recording and tells how to view it."
+    "Without a command, das-sim replays the bundled recording and says how to view it."
 )
 
 

@@ -46,7 +46,7 @@ FROM_A_DRIVE = (
 
 
 def check(file: RecordingArgument, of_train: OfTrainOption = None, as_json: JsonOption = False) -> None:
-    """Check a recording: checksums, holes, topics, rates, gaps, late advice, versions, input files.
+    """Check a recording: checksums, missing messages, topics, rates, gaps, late advice, versions, inputs.
 
     The exit code is 1 where something is wrong, 0 where nothing is.
     """
@@ -118,7 +118,7 @@ def reproduce(
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Let today's cab hear a recording again, and compare all that it says with what was recorded.
+    """Feed a recording to this version's cab again, and compare its messages with the recorded ones.
 
     The exit code is 1 where something differs, 0 where nothing does.
     """
@@ -196,7 +196,7 @@ def export(
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a recording as tables: one a topic, one by time, one by position; units are in their columns."""
+    """Write a recording as tables: one per topic, one by time, one by position; column names state units."""
     from sim.drive.export.export import ExportSettings, FileFormat
     from sim.drive.export.export import export as write
 

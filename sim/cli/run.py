@@ -170,7 +170,7 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
     """Where the run listens for an external driver, None if it has none; DasError if the options contradict that."""
     if driver is not EXTERNAL:
         if endpoint is not None:
-            raise DasError(f"--driver-at {endpoint}: expected with --driver external")
+            raise DasError(f"--driver-at {endpoint}: needs --driver external")
         return None
     if in_process:
         raise DasError("--driver external: a run --in-process has no bus")
@@ -185,7 +185,7 @@ def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
 
     for what, path in scenario_files(scenario).items():
         if out is not None and out.resolve() == path.resolve():
-            raise DasError(f"{out}: the recording to write is the {what.replace('_', ' ')} to read")
+            raise DasError(f"{out}: the recording to write would replace the {what.replace('_', ' ')} that is read")
 
 
 def _drive(day: Day, how: How, out: Path | None, speed: float | None) -> DayResult:

@@ -233,7 +233,7 @@ def example(
     ] = False,
     seed: SeedOption = 1,
 ) -> None:
-    """Write a working set of own files, with the commands to run on them.
+    """Write a working set of example files for a line of your own, with the commands to run on them.
 
     The set holds a route, a vehicle, a journey, a plan of tables, a scenario, a recorded trip, kilometre posts and a
     README.txt. Route and vehicle are invented; the trip is simulated.

@@ -57,11 +57,11 @@ class TemporaryLimit(NamedTuple):
         return np.asarray(told & self.restriction.holds_at(time_ns))
 
     def changes(self) -> list[tuple[int, str]]:
-        """The moments (ns) at which the restriction was announced, began, ended and was lifted, each with its word."""
+        """The moments (ns) at which the restriction was received, began, ended and was lifted, each with that word."""
         one = self.restriction
         window = ((one.valid_from_ns, "begins"), (one.valid_until_ns, "ends"))
         inside = [(at_ns, word) for at_ns, word in window if self.told_ns < at_ns < self.lifted_ns]
-        return [(self.told_ns, "told"), *inside, (self.lifted_ns, "lifted")]
+        return [(self.told_ns, "received"), *inside, (self.lifted_ns, "lifted")]
 
 
 def temporary_limits(recording: Recording, trip: DrivenCourse) -> tuple[TemporaryLimit, ...]:

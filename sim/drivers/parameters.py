@@ -275,10 +275,10 @@ def participant_of(driver: DriverName, number: int | None, population: str | Non
     """
     if number is None:
         if population is not None:
-            raise DasError(f"--population {population}: expected with --participant")
+            raise DasError(f"--population {population}: needs --participant")
         return None
     if driver is not DriverKind.HUMAN:
-        raise DasError(f"--participant {number}: expected with --driver human, who alone has parameters")
+        raise DasError(f"--participant {number}: needs --driver human: only this driver has parameters")
     return Participant(population=load_population(population or DEFAULT), number=number)
 
 

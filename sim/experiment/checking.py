@@ -250,11 +250,11 @@ def _order_notes(design: Design) -> list[str]:
         return []
     if not design.people.learning:
         return [
-            "the order is idle: trips made before do not matter to these drivers (participants.learning = false), "
+            "the order has no effect: earlier trips do not change these drivers (participants.learning = false), "
             "and nothing else carries over from trial to trial"
         ]
     if design.procedure.order is ConditionOrder.LISTED:
-        return ["order listed: practice grows from condition to condition, and the comparisons contain it"]
+        return ["order listed: practice grows from condition to condition, so the comparisons include its effect"]
     return []
 
 
@@ -266,8 +266,8 @@ def group_notes(design: Design) -> list[str]:
     names, groups = " and ".join(factor.name for factor in between), len(design.conditions(within=False))
     each = design.people.count // groups
     said = [
-        f"{names}: each participant meets one level, so that groups of {each} are compared without pairs; that takes "
-        "many more participants than pairs do (das-sim experiment power --groups)"
+        f"{names}: each participant meets one level, so groups of {each} are compared unpaired, which takes "
+        "many more participants than a paired comparison (das-sim experiment power --groups)"
     ]
     if each < LEAST_PARTICIPANTS:
         said.append(
@@ -305,8 +305,8 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
     )
     cores = os.cpu_count() or 1
     paragraph(
-        f"driving them takes about {math.ceil(found.work_s / cores / MINUTE_S)} min on {cores} cores, as busy as this "
-        "machine is now"
+        f"driving them takes about {math.ceil(found.work_s / cores / MINUTE_S)} min on {cores} cores at this "
+        "machine's present load"
     )
     paragraph(f"measures: {len(design.plan.measures)}; planned comparisons: {_comparison_words(design)}")
     for note in found.notes:

@@ -59,17 +59,17 @@ FIXED: Final = "not varied"
 PROCEDURE: Final = {
     "order": "order of the conditions", "repetitions": "repetitions of all conditions",
     "practice_trials": "practice trials for each driver", "break_after": "trials between breaks",
-    "days": "days", "chances": "chances",
+    "days": "days", "chances": "random numbers",
 }  # fmt: skip
 """The settings of the procedure that the report lists, and its name for each."""
 PROCEDURE_WORDS: Final = {
     "order williams": "Williams squares: every condition follows every other equally often",
     "order full": "all orders in turn",
-    "order random": "drawn by chance for each driver",
+    "order random": "drawn at random for each driver",
     "order listed": "the same for all, as the design lists them",
     "days own": "each driver has days of his own, and meets the same day under every condition",
     "days common": "all drivers meet the same days, under every condition",
-    "days new": "every trial has another day",
+    "days new": "every trial has a day of its own",
     "chances new": "reactions, errors and lapses are drawn anew on every trial",
     "chances paired": "reactions, errors and lapses are the same for all trials of a driver on one day",
 }
@@ -218,10 +218,10 @@ def _practice(people: Mapping[str, Any]) -> str:
 
 
 def _texts(fields: Fields, key: str) -> list[str]:
-    listed = fields.rows(key, "a list of texts")
+    listed = fields.rows(key, "a list of strings")
     for one in listed:
         if not isinstance(one, str):
-            raise fields.error(key, one, "a text")
+            raise fields.error(key, one, "a string")
     return list(listed)
 
 
@@ -272,7 +272,7 @@ def _comparison(
         raise table.error("measure", measure, f"one of the measures {', '.join(measures)}")
     a, b = (levels[factor](table, key) for key in ("a", "b"))
     if a == b:
-        raise table.error("b", table.data["b"], "another level than a")
+        raise table.error("b", table.data["b"], "a level other than that of a")
     where = table.optional_table("where")
     where.check_keys([name for name in levels if name != factor])
     fixed = {name: levels[name](where, name) for name in where.data}

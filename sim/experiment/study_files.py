@@ -67,7 +67,7 @@ EVENT_KINDS: Final = {
     "followed": "the driver decides to follow the advice that was noticed; value: its mode",
     "refused": "the driver decides not to follow the advice that was noticed; value: its mode",
     "acted": "a decision takes effect; value: 1 if the driver now follows the advice, else 0",
-    "lapse": "the driver's attention goes away; value: for how long (s), unless the train warns",
+    "lapse": "the driver's attention goes away; value: its length (s); a warning of the train ends it earlier",
     "lever": "a controller that stood still begins to move; value: its aim (−1 … 1)",
     "changed": "advice was replaced before the driver acted on it; value: mode of the advice that is gone",
     "shown": "what is read off the display changes; value: mode shown, 0 for none",
@@ -77,7 +77,7 @@ EVENT_KINDS: Final = {
 """Kinds of events, and what the value of each means."""
 CLOCKS: Final = {
     "monotonic_ns": ("Monotonic clock", "time since the trial began, on a clock that is never set", "ns"),
-    "utc_ns": ("UTC", "time since 1970-01-01 UTC; of a simulated trial that of the simulated day", "ns"),
+    "utc_ns": ("UTC", "time since 1970-01-01 UTC; for a simulated trial, the time on the simulated day", "ns"),
 }
 EVENT_COLUMNS: Final = {
     "onset": ("Onset", "time since the trial began, which is when its series begins", "s"),
@@ -116,10 +116,10 @@ _DRIVERS: Final = {
     DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
 }
 _LEVELS: Final = {
-    Level.L0_NOREG: "no losses, and everything that is braked is turned into heat",
+    Level.L0_NOREG: "no losses, but all braking energy becomes heat",
     Level.L0_REG: "no losses",
     Level.L1: "a constant efficiency",
-    Level.L2: "a constant efficiency and an idle part",
+    Level.L2: "a constant efficiency and an idle loss",
     Level.L3: "a map of losses over force and speed",
     Level.OWN: "the losses that the train's file gives",
 }
@@ -229,7 +229,7 @@ def _readme(design: Design) -> str:
         f"{CHECKSUMS} has the SHA-256 of the tables that are analysed.\n"
         f"{DESIGN_TEXT} is the design as it was frozen, and {DESIGN_JSON} the same with all defaults and its hash.\n"
         "sub-XX/ses-YY/beh has for each trial what the driver decided (events.tsv), how the trial was set up\n"
-        "(events.json) and a series of one row a second (series.parquet).\n"
+        "(events.json) and a series with one row per second (series.parquet).\n"
         f"task-{TASK}_events.json and task-{TASK}_series.json say what their columns are.\n"
         "All participants are simulated drivers. Their clocks are those of the simulated day.\n"
     )
@@ -270,7 +270,7 @@ def participants_sidecar(design: Design, parameters: list[str]) -> Sidecar:
     for name in parameters:
         item = HumanParameters.__dataclass_fields__[name].metadata
         unit = "1" if item["unit"] == "–" else item["unit"]
-        found[name] = _entry(name, f"{item['meaning']}, before practice and what the scenario says", unit)
+        found[name] = _entry(name, f"{item['meaning']}, before the effects of practice and of the scenario", unit)
     return found
 
 

@@ -335,6 +335,6 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
     named(speed, y=QUANTITIES["speed"].title)
     named(time, y="Later than\nthe first (s)")
-    named(energy, y="Lost more than\nthe first (kWh)", x="Position (km)")
+    named(energy, y="More energy lost\nthan by the first (kWh)", x="Position (km)")
     page_legend(speed)
     return figure

@@ -93,7 +93,7 @@ class Process:
 
     def _last_words(self) -> str:
         lines = Path(self._log.name).read_text(errors="replace").strip().splitlines()
-        return lines[-1].removeprefix("error: ") if lines else "it said nothing"
+        return lines[-1].removeprefix("error: ") if lines else "it printed nothing"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -178,7 +178,7 @@ def test_a_recorded_trip_of_another_section_is_refused(tmp_path: Path) -> None:
 
 FLAT = ("--route", "flat-6km", "--vehicle", "re460-ic")
 BAD = [
-    (["view", "junk.mcap", "--save", "junk.mcap"], "the file to write is one that is read"),
+    (["view", "junk.mcap", "--save", "junk.mcap"], "the output file is also an input"),
     (["replay", "nothing.csv", *FLAT, "--line", "posts.csv"], "nothing.csv"),
     (["replay", "empty.csv", *FLAT, "--line", "posts.csv"], "empty.csv"),
     (["replay", "nan.csv", *FLAT, "--line", "posts.csv"], "nan.csv.*line 2"),

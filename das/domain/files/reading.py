@@ -110,14 +110,14 @@ class Fields:
         """The text under a key; InputError where it is missing without a default, or is not a text."""
         value = self.data.get(key, default)
         if not isinstance(value, str):
-            raise self.error(key, self.data.get(key, MISSING), "a text")
+            raise self.error(key, self.data.get(key, MISSING), "a string")
         return value
 
     def name(self, key: str, default: str | None = None) -> str:
         """A text that fits on a line: without control characters, of at most `MOST_OF_A_NAME` characters."""
         value = self.text(key, default)
         if not is_seen(value) or len(value) > MOST_OF_A_NAME:
-            raise self.error(key, value, f"a text of at most {MOST_OF_A_NAME} characters without control characters")
+            raise self.error(key, value, f"a string of at most {MOST_OF_A_NAME} characters without control characters")
         return value
 
     def flag(self, key: str, default: bool) -> bool:

@@ -36,7 +36,7 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
     if path.is_dir():
         raise DasError(f"{path}: is a folder, expected a file to write")
     if path.exists() and not overwrite:
-        raise DasError(f"{path}: is there already, expected a new file (--overwrite replaces it)")
+        raise DasError(f"{path}: exists already; --overwrite replaces it")
     if not folder.is_dir():
         raise DasError(f"{path}: no such folder {path.parent}")
     try:

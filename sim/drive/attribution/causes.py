@@ -76,7 +76,7 @@ MEANINGS = {
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
     EnergyCause.FRICTION: "The friction brake took what the motors could have fed back: a habit, or its control.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
-    EnergyCause.RESTRICTION: "Restrictions that the optimum does not know were told or lifted.",
+    EnergyCause.RESTRICTION: "Restrictions that the optimum does not know were received or lifted.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",
     EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",

@@ -51,8 +51,8 @@ REPLANS: Final = {
     2: "the time of arrival changed",
     3: "limits, line or train changed",
     4: "the time window of a point ahead changed",
-    5: "keeping the plan would mean to arrive too late",
-    6: "keeping the plan would mean to arrive early, and slower driving saves energy",
+    5: "keeping the plan would mean arriving too late",
+    6: "keeping the plan would mean arriving early, and slower driving saves energy",
     7: "keeping the plan would cost more energy than a new one",
     8: "the plan could no longer be kept",
 }
@@ -89,9 +89,9 @@ def new_plans(recording: Recording, trip: DrivenCourse) -> tuple[NewPlan, ...]:
 def _news(recording: Recording) -> list[tuple[int, str]]:
     """The messages that make the node plan anew: time (ns) and cause in words, in order of time."""
     words = (
-        (topics.RESTRICTION, "restrictions were told or lifted"),
+        (topics.RESTRICTION, "restrictions were received or lifted"),
         (topics.TARGET, "traffic management wants another time"),
-        (topics.JOURNEY, "a journey was told"),
+        (topics.JOURNEY, "a journey was received"),
     )
     return sorted((int(entry.message.time_ns), text) for topic, text in words for entry in recording.of(topic))
 
@@ -286,7 +286,7 @@ def _told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
             stops = " – ".join(stop.name for stop in entry.message.stops)
             at = int(entry.message.time_ns)
             yield DriveEvent(
-                time_ns=at, kind=EventKind.JOURNEY, text=f"another journey was told: {stops}", s_m=place_m(trip, at)
+                time_ns=at, kind=EventKind.JOURNEY, text=f"another journey was received: {stops}", s_m=place_m(trip, at)
             )
     yield from _delays(recording, trip)
     for signal in signals(recording):
@@ -308,7 +308,7 @@ def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
         one = span.restriction
         facts = {"start_m": one.start_m, "end_m": one.end_m, "limit_mps": one.limit_mps}
         for at, word in span.changes():
-            if word == "told" or at <= trip.time_ns[-1]:
+            if word == "received" or at <= trip.time_ns[-1]:
                 yield DriveEvent(
                     time_ns=at, kind=EventKind.RESTRICTION, s_m=place_m(trip, at), facts=facts,
                     text=f"restriction {word}: {one.words}",
@@ -322,7 +322,7 @@ def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     for time_ns, delay_s in zip(delay["time_ns"].tolist(), delay["delay_s"].tolist(), strict=True):
         if abs(delay_s - before_s) >= DELAY_STEP_S:
             yield DriveEvent(
-                time_ns=time_ns, kind=EventKind.DELAY, text=f"the operator says {lateness_text(delay_s)}",
+                time_ns=time_ns, kind=EventKind.DELAY, text=f"the operator reports {lateness_text(delay_s)}",
                 s_m=place_m(trip, time_ns), facts={"delay_s": delay_s},
             )  # fmt: skip
             before_s = delay_s

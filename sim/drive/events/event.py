@@ -189,7 +189,7 @@ def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[Drive
     firsts = [
         (int(time_ns[at]), float(late_s[at]), words)
         for time_ns, late_s, words in (
-            (told["time_ns"], told["delay_s"], "the operator says"),
+            (told["time_ns"], told["delay_s"], "the operator reports"),
             (said["time_ns"], expected, "the next arrival is expected"),
         )
         for at in np.flatnonzero(np.abs(late_s) >= LARGE_DEVIATION_S)[:1]

@@ -221,7 +221,7 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
 def check_folder(folder: Path) -> None:
     """Raise DasError if a folder is not empty or cannot be made."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise DasError(f"{folder}: is there already, expected a new or empty folder")
+        raise DasError(f"{folder}: exists already, expected a new or empty folder")
     if not folder.resolve().parent.is_dir():
         raise DasError(f"{folder}: no such folder {folder.parent}")
 

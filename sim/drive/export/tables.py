@@ -39,7 +39,9 @@ LEFT_OUT: Final = {
 }
 """Fields that our programs do not fill, and times that have a column of their own."""
 LOG_TIME, TIME, SINCE_START = "log_time_ns", "time_ns", "time_s"
-ON_THE_CLOCK: Final = "on the drive's clock: 0 at the timetable's first departure, without one at the first position"
+ON_THE_CLOCK: Final = (
+    "on the drive's clock: 0 at the timetable's first departure, or at the first position if there is no timetable"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -77,7 +77,7 @@ def _data(study: RunStudy, comparison: PlannedComparison) -> _Data:
         raise DasError(f"fewer than {LEAST_DRIVERS} drivers")
     within = study.plan.factor(comparison.factor).within
     if not within and len(rows) < 1.5 * len(np.unique(driver)):
-        raise DasError("each driver made one trial, so that his level cannot be told from chance")
+        raise DasError("each driver made only one trial, so the level of a driver cannot be told from chance")
     scale = float(values.std())
     if scale <= 1e-12 * max(float(np.abs(values).max()), 1e-300):
         raise DasError("all values are the same")
@@ -198,7 +198,9 @@ def _remarks(small: list[bool], certain: bool, slopes: bool, converged: bool, er
     if small[1:] and small[1]:
         said.append("Singular: the effect does not differ between drivers by more than chance explains.")
     if certain:
-        said.append("Singular: level and effect of the drivers go together completely, so they cannot be told apart.")
+        said.append(
+            "Singular: level and effect of the drivers are completely correlated, so they cannot be told apart."
+        )
     if not slopes:
         said.append(
             "Each driver made one trial in a condition, so effects of single drivers cannot be told from chance, "

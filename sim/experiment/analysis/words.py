@@ -45,7 +45,7 @@ def in_short(found: StudyFindings) -> list[tuple[str, str]]:
     """Each planned comparison by its name, with what was found in a sentence or two."""
     if not found.differences and not found.failed:
         return [("", "No comparison was planned; the tables describe the conditions.")]
-    broken = [(name, f"It could not be made. {why}.") for name, why in found.failed]
+    broken = [(name, f"The comparison could not be made: {why}.") for name, why in found.failed]
     said = [(one.comparison.title, verdict(one, found.study.plan)) for one in found.differences]
     return [*said, *broken, *_safety(found)]
 
@@ -94,10 +94,10 @@ def _but(one: FoundDifference) -> str:
         parts = "; ".join(
             f"{part.factor} {part.level}: {one.shown.changed(part.estimate.mean)}" for part in one.opposed
         )
-        said += f" This is a mean over conditions that differ: the other way round with {parts}."
+        said += f" This is a mean over conditions that differ; the difference is the other way round with {parts}."
     if one.broken:
         names = "; ".join(f"“{check.name}”" for check in one.broken)
-        said += f" What does not hold below: {names}."
+        said += f" Assumptions that do not hold (see the checks below): {names}."
     return said
 
 
@@ -153,8 +153,8 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
         ("practice trials, left out", str(int(trials.practice.sum()))),
         (
             "missing trials",
-            f"{missing}, of {', '.join(fewer)}, against drivers who finished {most}" if fewer else "0: all drivers "
-            f"finished {most}",
+            f"{missing}: {', '.join(fewer)} finished fewer than the {most} of the other drivers" if fewer
+            else f"0: all drivers finished {most}",
         ),
         ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
          if failed else "0 (a trial fails where the train does not reach its last stop)"),
@@ -170,7 +170,7 @@ def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
     rows = [("study", plan.name), ("design frozen with hash", plan.hash or "not frozen"), ("seed", str(plan.seed))]
     rows += [row for name, value in plan.setting for row in (_fixed_rows(value) if name == FIXED else [(name, value)])]
     for one in plan.factors:
-        kind = "every driver drives all" if one.within else "each driver drives one"
+        kind = "every driver drives all levels" if one.within else "each driver drives one level"
         rows.append((one.name, f"{', '.join(one.levels)} ({kind})"))
     rows += list(found.study.made.items())
     return [*rows, ("stands out from chance", f"where the corrected p is below {plan.alpha:g}")]

@@ -134,7 +134,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     """
     _check(options)
     if out.resolve() == trip_path.resolve():
-        raise DasError(f"{out}: the recording to write is the trip to read")
+        raise DasError(f"{out}: the recording to write would replace the trip that is read")
     bus = bus_folder(options.bus, options.insecure_bus, options.train)
     folder = tempfile.TemporaryDirectory(prefix="das-replay-")
     of_trip, trip = open_trip(trip_path, options.trip, Path(folder.name))

@@ -88,7 +88,7 @@ def _words(contents: Contents, train: str, run: Mapping[str, str], said: str | N
             raise DasError(f"{contents.path}: metadata run.{NODE_ARGUMENTS}: not JSON ({error})") from None
         if isinstance(words, list) and all(isinstance(word, str) for word in words):
             return NodeGiven(words)
-        raise DasError(f"{contents.path}: metadata run.{NODE_ARGUMENTS}: expected a list of texts")
+        raise DasError(f"{contents.path}: metadata run.{NODE_ARGUMENTS}: expected a list of strings")
     return _guessed(contents, train, run)
 
 

@@ -272,9 +272,7 @@ def reproduce(
     train = recording_of(contents, train).train
     messages = [one for one in contents.messages if one.train == train]
     if not any(one.topic is ADVICE for one in messages):
-        raise DasError(
-            f"{path}: no node advised in this recording, so that there is nothing to reproduce (das-sim replay)"
-        )
+        raise DasError(f"{path}: the recording holds no advice, so there is nothing to reproduce (das-sim replay)")
     with tempfile.TemporaryDirectory(prefix="das-reproduce-") as folder:
         given = node_given(contents, train, Path(folder), node)
         given.words += ["--tables", str(tables)] if tables is not None else []

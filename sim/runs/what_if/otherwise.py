@@ -48,13 +48,13 @@ class CabOtherwise:
         float | None,
         typer.Option(
             "--planning-brake", metavar="M/S2", min=0.1, max=1.5,
-            help="Deceleration for limits and stops to plan with.", show_default=False,
+            help="Deceleration that plans assume for limits and stops.", show_default=False,
         ),
     ] = None  # fmt: skip
     below_limit: Annotated[
         float | None,
         typer.Option(
-            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin to limits to plan with.",
+            "--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Plans stay this far below every limit.",
             show_default=False,
         ),
     ] = None  # fmt: skip

@@ -35,7 +35,7 @@ def written(folder: Path, text: str) -> BusFile:
         ("{metadata: {das: {train: 'T2'}}}", "metadata.das.train = 'T2': expected 'T1', the train of this process"),
         (
             "{transport: {link: {tls: {root_ca_certificate: 'no.pem'}}}}",
-            "transport.link.tls.root_ca_certificate = 'no.pem': expected a file that is there",
+            "transport.link.tls.root_ca_certificate = 'no.pem': expected an existing file",
         ),
         (
             "{listen: {endpoints: ['tcp/0.0.0.0:7447']}}",
@@ -62,16 +62,18 @@ def test_a_bus_file_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, t
 def test_a_missing_file_or_folder_is_said(tmp_path: Path) -> None:
     with pytest.raises(DasError, match="cannot be read"):
         BusFile(tmp_path / "none.json5").config("T1")
-    with pytest.raises(DasError, match=r"simulator\.json5: not there; expected a folder as das-node tls-init makes it"):
+    with pytest.raises(
+        DasError, match=r"simulator\.json5: does not exist; expected a folder made by das-node tls-init"
+    ):
         bus_folder(tmp_path, False, "T1")
 
 
 def test_options_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DasError, match="--insecure-bus: expected with --bus"):
+    with pytest.raises(DasError, match="--insecure-bus: needs --bus"):
         bus_options(None, True, None, None)
-    with pytest.raises(DasError, match="--listen: with --bus the file says so"):
+    with pytest.raises(DasError, match="--listen: not together with --bus, whose file states the endpoints"):
         bus_options(tmp_path / "x", False, "tcp/127.0.0.1:7447", None)
-    with pytest.raises(DasError, match="--connect: with --bus the file says so"):
+    with pytest.raises(DasError, match="--connect: not together with --bus, whose file states the endpoints"):
         bus_options(tmp_path / "x", False, None, ["tcp/127.0.0.1:7447"])
     assert bus_options(None, False, "tcp/127.0.0.1:7447", []) is None
 

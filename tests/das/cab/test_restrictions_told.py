@@ -25,7 +25,7 @@ def test_a_node_that_was_told_nothing_of_restrictions_does_not_advise_until_it_i
     cab.tell(JOURNEY, journey())
     silent = cab.tick(50)
     assert (silent.mode, silent.cause) == (das_pb2.MODE_NONE, Cause.RESTRICTIONS_UNTOLD)
-    assert silent.reason.startswith("no list of restrictions has been heard yet")
+    assert silent.reason.startswith("no list of restrictions received yet")
     sent = cab.sink.of(STATUS)[-1]
     assert (sent.state, sent.cause, sent.reason) == (
         *(das_pb2.Status.STATE_WITHDRAWN, Cause.RESTRICTIONS_UNTOLD, silent.reason),
@@ -39,7 +39,7 @@ def test_a_list_that_cannot_be_heeded_is_no_list() -> None:
     cab = DrivenNode(told=False)
     cab.tell(JOURNEY, journey())
     cab.tell(RESTRICTION, restrictions(49, -1.0))
-    assert "restrictions that cannot be heeded" in cab.tick(50).reason
+    assert "restrictions cannot be applied" in cab.tick(50).reason
     cab.tell(RESTRICTION, restrictions(51, 10.0))
     assert cab.tick(52).limit_mps == 10.0
 

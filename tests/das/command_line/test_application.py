@@ -123,7 +123,7 @@ def test_what_a_group_refuses_and_what_is_mistyped_are_one_line(run: Run) -> Non
 
 
 def test_one_name_for_two_options_is_a_mistake_of_the_programmer() -> None:
-    with pytest.raises(TypeError, match="two options of one name"):
+    with pytest.raises(TypeError, match="two of these options have the same name"):
         with_options(broken)
 
 

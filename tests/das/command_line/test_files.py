@@ -58,7 +58,7 @@ def test_no_command_replaces_a_file_or_follows_a_link_unasked(name: str, tmp_pat
     out, target = tmp_path / args[-1], tmp_path / "target"
     out.write_bytes(b"mine")
     done = call()
-    said = f"error: {out.name}: is there already, expected a new file (--overwrite replaces it)\n"
+    said = f"error: {out.name}: exists already; --overwrite replaces it\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
     assert out.read_bytes() == b"mine"
     out.rename(target)
@@ -91,10 +91,10 @@ def test_outputs_replace_neither_inputs_nor_one_another(tmp_path: Path, monkeypa
     one, other = tmp_path / "a.csv", tmp_path / "b.png"
     check_outputs(one, None, other, inputs=["flat-6km", None, "in.toml"])
     for overwrite in (False, True):
-        with pytest.raises(DasError, match=r"in\.toml: the file to write is one that is read"):
+        with pytest.raises(DasError, match=r"in\.toml: the output file is also an input"):
             check_outputs(tmp_path / "in.toml", inputs=["in.toml"], overwrite=overwrite)
     (tmp_path / "link.toml").symlink_to("in.toml")
-    with pytest.raises(DasError, match=r"link\.toml: the file to write is one that is read"):
+    with pytest.raises(DasError, match=r"link\.toml: the output file is also an input"):
         check_outputs(tmp_path / "link.toml", inputs=["in.toml"])
     with pytest.raises(DasError, match=r"a\.csv: two outputs name the same file"):
         check_outputs(one, tmp_path / "." / "a.csv")

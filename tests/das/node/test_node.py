@@ -109,7 +109,7 @@ def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
         one.limit_mps = -1.0
         bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=7, restrictions=[one]))
         until(bus, lambda r: r.topic is EVENT and "restriction" in r.message.message, child)
-        assert "restrictions that cannot be heeded" in ask(2).reason
+        assert "restrictions cannot be applied" in ask(2).reason
 
 
 @pytest.mark.processes

@@ -90,7 +90,7 @@ def test_restrictions_that_fail_withdraw_the_advice_until_there_are_others(
     breaking.undo()
     assert cab.node.cab.urgent
     for second in (51, 52):
-        assert "restrictions that cannot be heeded" in cab.tick(second).reason
+        assert "restrictions cannot be applied" in cab.tick(second).reason
     cab.tell(RESTRICTION, restrictions(53, 10.0))
     assert cab.tick(54).limit_mps == 10.0
 

@@ -46,7 +46,7 @@ def test_a_session_is_recorded_beside_what_is_there_already(tmp_path: Path) -> N
     child.send_signal(signal.SIGINT)
     said = child.communicate(timeout=30)[1]
     assert child.returncode == 0
-    assert "IC1.mcap is there already: recording to IC1-2.mcap" in said
+    assert "IC1.mcap exists already: recording to IC1-2.mcap" in said
     assert (tmp_path / "IC1.mcap").read_bytes() == b"mine"
     recording = read_recording(tmp_path / "IC1-2.mcap")
     assert recording.metadata == {"run": {"kind": "session", "version": __version__, "train": "IC1"}}

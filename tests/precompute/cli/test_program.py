@@ -151,7 +151,7 @@ SOLVE, FRONT, FEW_SWITCH, VARY = (
     f"{name} flat-6km re460-ic" for name in ("solve", "front", "few-switch", "sensitivity")
 )
 ONE_TIME = "give either --time (s) or --buffer (%)"
-READ = "the file to write is one that is read"
+READ = "the output file is also an input"
 REFUSED = {
     f"{SOLVE}": ONE_TIME,
     f"{SOLVE} --time 220 --buffer 7": ONE_TIME,
@@ -184,7 +184,7 @@ REFUSED = {
     "solve flat-6km train.json --buffer 7 --level l3": (
         "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map"
     ),
-    f"{FRONT} --buffers 0,x": "--buffers 0,x: expected numbers with",
+    f"{FRONT} --buffers 0,x": "--buffers 0,x: expected numbers separated",
     f"{FRONT} --step 2": "--step 2: expected a step from 5 to 150 m",
     f"{FRONT} --max-buffer 3": "--out, --bucket and --max-buffer belong to --exact",
     f"{FRONT} --exact --max-buffer 3 --buffers 1,5": "--buffers 5: expected at most --max-buffer, 3 %",
@@ -194,11 +194,11 @@ REFUSED = {
     ),
     f"{FRONT} --exact --out no/front.csv": "no/front.csv: no such folder no",
     "front flat-6km own.toml --exact -o own.toml": f"own.toml: {READ}",
-    f"{FEW_SWITCH} --prices 0,much": "--prices 0,much: expected numbers with commas between, like 0,5,10",
+    f"{FEW_SWITCH} --prices 0,much": "--prices 0,much: expected numbers separated by commas, like 0,5,10",
     f"{FEW_SWITCH} --prices -1": "--prices -1: expected times from 0 to 100 s",
     f"{FEW_SWITCH} --prices 101": "--prices 101: expected times from 0 to 100 s",
     f"{FEW_SWITCH} --buffers -1": "buffer -1.0 %: expected a number from 0 to 10000",
-    f"{FEW_SWITCH} --buffers ''": "--buffers : expected numbers with commas between, like 0,5,10",
+    f"{FEW_SWITCH} --buffers ''": "--buffers : expected numbers separated by commas, like 0,5,10",
     f"{VARY}": ONE_TIME,
     f"{VARY} --buffer 7 --time 220": ONE_TIME,
     f"{VARY} --buffer 7 --vary mass": "--vary mass: cannot read 'mass'",

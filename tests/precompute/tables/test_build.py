@@ -130,7 +130,7 @@ BAD_PLANS: dict[str, tuple[str, str]] = {
     "routes is no list": (HEAD + "routes = 1\n" + TRAIN, r"routes = 1: expected \[\[routes\]\] tables"),
     "unknown route": (HEAD + ROUTE.replace("flat-6km", "nowhere") + TRAIN, r"routes\[0\].route = 'nowhere': .*bundled"),
     "missing file": (HEAD + ROUTE.replace("flat-6km", "a.toml") + TRAIN, r"routes\[0\].route = 'a.toml': .*no such"),
-    "route without name": (HEAD + "[[routes]]\n" + TRAIN, r"routes\[0\].route is missing: expected a text"),
+    "route without name": (HEAD + "[[routes]]\n" + TRAIN, r"routes\[0\].route is missing: expected a string"),
     "reverse": (HEAD + ROUTE + "reverse = 1\n" + TRAIN, r'routes\[0\].reverse = 1: expected true, false or "both"'),
     "unknown stop": (HEAD + ROUTE + 'stops = ["A", "Q"]\n' + TRAIN, r"routes\[0\].stops = 'Q'"),
     "one stop": (HEAD + ROUTE + 'stops = ["A"]\n' + TRAIN, "expected at least two stops"),

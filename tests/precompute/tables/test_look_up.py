@@ -68,7 +68,7 @@ def test_look_up_above_the_envelope_brakes_with_all_there_is(look_up: LookUp, se
         (LENGTH_M, 10.0, 60.0, DasError, "position 5000.0 m"),
         (100.0, -1.0, 60.0, DasError, "speed -1.0 m/s"),
         (100.0, 10.0, float("nan"), DasError, "time left nan s"),
-        (LENGTH_M - 1.0, 0.0, 60.0, InfeasibleError, "no way on is known"),
+        (LENGTH_M - 1.0, 0.0, 60.0, InfeasibleError, "no feasible continuation is known"),
     ],
 )
 def test_look_up_refuses(

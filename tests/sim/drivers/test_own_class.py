@@ -138,7 +138,7 @@ def test_what_is_wrong_with_a_class_is_said_in_one_line(folder: Path, driver: st
     ("options", "said"),
     [
         (("--driver", "external", "--in-process"), "--driver external: a run --in-process has no bus"),
-        (("--driver-at", "tcp/127.0.0.1:7450"), "--driver-at tcp/127.0.0.1:7450: expected with --driver external"),
+        (("--driver-at", "tcp/127.0.0.1:7450"), "--driver-at tcp/127.0.0.1:7450: needs --driver external"),
     ],
 )
 def test_options_of_an_external_driver_that_contradict_each_other_are_refused(
@@ -203,7 +203,7 @@ def test_a_batch_takes_a_class_and_names_the_hash_of_its_file(folder: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("drivers", "said"), [("external", "a batch has no place for a process of its own"), ("gone:X", "no module gone")]
+    ("drivers", "said"), [("external", "a batch cannot use an external driver"), ("gone:X", "no module gone")]
 )
 def test_a_batch_refuses_a_driver_that_it_cannot_have(folder: Path, drivers: str, said: str) -> None:
     assert said in refusal("batch", "flat.toml", "--drivers", drivers, "-o", "runs", cwd=folder)

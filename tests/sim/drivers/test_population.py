@@ -117,7 +117,7 @@ def test_a_fixed_value_and_a_normal_one_cut_off(tmp_path: Path) -> None:
         (HASTE.replace("median = 0.4", "median = 1.0"), "expected a ratio between 0 and 1"),
         (HASTE.replace("logit_sd = 1.0", "logit_sd = -1.0"), "logit_sd = -1.0: expected 0 to 1000"),
         (HASTE.replace("logit_sd", "log_sd"), "parameters.haste_ratio.log_sd = 1.0"),
-        (HASTE.replace('source = "assumption"', ""), "parameters.haste_ratio.source is missing: expected a text"),
+        (HASTE.replace('source = "assumption"', ""), "parameters.haste_ratio.source is missing: expected a string"),
         (BRAKING.replace("low = 0.3", "low = 0.01"), "parameters.braking_mps2.low = 0.01: expected 0.1 to 1.5"),
         (SPREAD.replace("braking_mps2", "glance_least_s").replace("= 0.5", "= 0.0"), "more than 0"),
         (SPREAD.replace("braking_mps2", "notches"), "expected fixed, with a whole number"),
@@ -195,13 +195,13 @@ def test_runs_of_a_participant_are_paired(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("run", "flat.toml", "--participant", "1", "--driver", "perfect"), "expected with --driver human"),
-        (("run", "flat.toml", "--population", "default"), "--population default: expected with --participant"),
+        (("run", "flat.toml", "--participant", "1", "--driver", "perfect"), "needs --driver human"),
+        (("run", "flat.toml", "--population", "default"), "--population default: needs --participant"),
         (("run", "flat.toml", "--participant", "1", "--population", "gone.toml"), "gone.toml: no such file"),
         (("run", "flat.toml", "--participant", "1", "--population", "gone"), "not a bundled population (default)"),
-        (("batch", "flat.toml", "-o", "o", "--population", "default"), "expected with --participants"),
+        (("batch", "flat.toml", "-o", "o", "--population", "default"), "needs --participants"),
         (("batch", "flat.toml", "-o", "o", "--participants", "x"), "--participants x: cannot read 'x'"),
-        (("batch", "flat.toml", "-o", "o", "--participants", "1", "--drivers", "rms"), "with the driver human"),
+        (("batch", "flat.toml", "-o", "o", "--participants", "1", "--drivers", "rms"), "needs --drivers human"),
     ],
 )  # fmt: skip
 def test_options_that_cannot_be_meant_are_refused_in_one_line(

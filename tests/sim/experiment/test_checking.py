@@ -74,7 +74,7 @@ def test_a_check_counts_trials_and_says_how_long_they_take(designed: Designed) -
     assert found.person_s == pytest.approx(3 * (timetable_s + 20.0) + 100.0)
     assert found.all_s == pytest.approx(2 * found.person_s)
     assert found.refusals == []
-    assert [note[:17] for note in found.notes] == ["the order is idle"]
+    assert [note[:23] for note in found.notes] == ["the order has no effect"]
 
 
 @pytest.mark.parametrize("driver", ["human", "perfect"])

@@ -98,7 +98,7 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ('levels = ["none", "vector"]', 'levels = ["none", 3]', "factors[0].levels = 3: expected one of none"),
         ('measure = "energy_kwh"', 'measure = "joy"', "comparisons[0].measure = 'joy': expected one of the measures"),
         ('b = "vector"', 'b = "coach"', "comparisons[0].b = 'coach': expected one of the levels none, vector"),
-        ('b = "vector"', 'b = "none"', "comparisons[0].b = 'none': expected another level than a"),
+        ('b = "vector"', 'b = "none"', "comparisons[0].b = 'none': expected a level other than that of a"),
         ('factor = "presentation"', 'factor = "colour"', "factor = 'colour': expected one of the factors presentation"),
         ("{ hold_s = 5.5 }", "{ colour = 1 }", "comparisons[0].where.colour = 1: expected one of the keys hold_s"),
         ("[[comparisons]]", f"{COMPARISON}\n[[comparisons]]", "expected a name of its own for each comparison"),

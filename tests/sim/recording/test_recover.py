@@ -149,7 +149,7 @@ def test_nothing_is_written_where_nothing_can_be_saved(tmp_path: Path) -> None:
 
 
 def test_a_recording_never_replaces_itself(whole: Path) -> None:
-    with pytest.raises(DasError, match="the file to write is one that is read"):
+    with pytest.raises(DasError, match="the output file is also an input"):
         recover_command(whole, whole)
 
 

@@ -83,7 +83,7 @@ def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.M
     recording = write_recording(tmp_path / "r.mcap", seconds=2)
     before = recording.read_bytes()
     for arguments, reason in (
-        (["--save", str(recording)], "is one that is read"),
+        (["--save", str(recording)], "is also an input"),
         (["--png", str(tmp_path / "nowhere" / "x.png")], "no such folder"),
         (["--plot", str(tmp_path / "x.svg"), "--save", str(tmp_path / "x.svg")], "name the same file"),
         (["--plot", str(tmp_path / "x.jpg")], "expected a file name that ends in .png, .pdf or .svg"),

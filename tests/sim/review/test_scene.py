@@ -57,7 +57,7 @@ def test_a_restriction_with_a_window_is_the_limit_only_while_its_window_is_open(
     assert slow_s(recording) == (30.0, 39.0)
     (span,) = Drive(source=recording).temporary_limits
     assert [(round((at_ns - START_NS) / 1e9), word) for at_ns, word in span.changes()] == [
-        (5, "told"), (30, "begins"), (40, "ends"), (90, "lifted"),
+        (5, "received"), (30, "begins"), (40, "ends"), (90, "lifted"),
     ]  # fmt: skip
 
 

@@ -163,7 +163,7 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "itself": ({"out": "trip.csv"}, "the file to write is one that is read"),
+    "itself": ({"out": "trip.csv"}, "the output file is also an input"),
     "nowhere": ({"plot": "no/x.png"}, "no such folder"),
     "strict": ({"strict": True}, "line 43: time given twice"),
     "stops": ({"from_stop": "nowhere"}, "no stop 'nowhere'"),

@@ -88,7 +88,7 @@ def test_a_true_train_from_a_file_beside(flat: Callable[[str], Path]) -> None:
 
 BAD = [
     ("[truth]\nloss_map = 'no.csv'", "truth.loss_map = .*no.csv': no such file"),
-    ("[truth]\nloss_map = 3", "truth.loss_map = 3: expected a text"),
+    ("[truth]\nloss_map = 3", "truth.loss_map = 3: expected a string"),
     ("[truth]\nvehicle = 'nothing'", "nothing: not a bundled vehicle"),
     ("[truth]\nload = 'heavy'", "no load 'heavy'"),
     ("[truth]\nlevel = 'l9'", "truth.level = 'l9': expected one of l0"),

@@ -272,7 +272,7 @@ BAD_TRACKS: list[tuple[tuple[str | int, ...], Any, str]] = [
     (("curvatures", "values", 1), [9, 59, 500], r"curves\[1\] radius = 59\.0: expected a radius of at least 60 m"),
     (("curvatures", "values", 1), [9, 500, 0], r"curves\[1\] radius = 0\.0: expected a radius of at least 60 m"),
     (("altitude", "value"), INF, r"altitude.* = inf: expected a finite number"),
-    (("metadata", "id"), 7, r"metadata\.id = 7: expected a text"),
+    (("metadata", "id"), 7, r"metadata\.id = 7: expected a string"),
     (("tunnels", "values", 1), [3000, 400, 0], r"tunnels.*\[1\].*: expected"),
     (("tunnels", "values", 1), [3000, "infinity", 42], r"tunnels.*\[1\].* = .*inf"),
 ]

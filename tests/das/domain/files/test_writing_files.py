@@ -55,7 +55,7 @@ def test_a_file_that_is_there_is_replaced_only_if_that_is_asked_for(tmp_path: Pa
     path = tmp_path / "out.csv"
     writing.check_writable(path, overwrite=False)
     path.write_bytes(b"mine")
-    with pytest.raises(DasError, match=r"out\.csv: is there already, expected a new file \(--overwrite replaces it\)"):
+    with pytest.raises(DasError, match=r"out\.csv: exists already; --overwrite replaces it"):
         writing.check_writable(path, overwrite=False)
     writing.check_writable(path, overwrite=True)
 

@@ -133,9 +133,9 @@ def test_a_change_of_the_advice_tells_whether_the_plan_went_on_or_why_it_is_new(
     texts = [one.text for one in of_kind(recording, EventKind.ADVICE)]
     assert texts[:2] == ["full traction: the first advice", "cruise at 0 km/h: the plan goes on"]
     assert "7.2 km/h above the plan" in texts[2]
-    assert texts[3] == "reduced brake: new plan: restrictions were told or lifted"
+    assert texts[3] == "reduced brake: new plan: restrictions were received or lifted"
     assert [one.text for one in of_kind(recording, EventKind.RESTRICTION)] == [
-        "restriction told: 18 km/h, km 0.90 to 0.95"
+        "restriction received: 18 km/h, km 0.90 to 0.95"
     ]
 
 
@@ -145,7 +145,7 @@ def test_the_window_of_a_restriction_is_told_with_its_begin_and_end() -> None:
     listed = (topics.RESTRICTION, das_pb2.Restrictions(time_ns=at_ns(20), restrictions=[one]))
     events = of_kind(drive(listed), EventKind.RESTRICTION)
     assert [(one.text.split(":")[0], one.time_ns) for one in events] == [
-        ("restriction told", at_ns(20)), ("restriction begins", at_ns(60)), ("restriction ends", at_ns(100)),
+        ("restriction received", at_ns(20)), ("restriction begins", at_ns(60)), ("restriction ends", at_ns(100)),
     ]  # fmt: skip
     place = "18 km/h, km 0.90 to 0.95" + decode_restriction(one, Restriction).window_words()
     assert all(event.text.endswith(place) for event in events)

@@ -159,8 +159,8 @@ def test_nothing_is_written_over(recorded: Path, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "mine.txt").write_text("mine")
     for folder, expected in (
-        (tmp_path / "there", "is there already"),
-        (tmp_path / "there" / "mine.txt", "is there already"),
+        (tmp_path / "there", "exists already"),
+        (tmp_path / "there" / "mine.txt", "exists already"),
         (tmp_path / "nowhere" / "x", "no such folder"),
     ):
         with pytest.raises(DasError, match=expected):

@@ -28,7 +28,7 @@ def test_the_model_recovers_the_difference_and_the_spread_of_the_drivers() -> No
 
 
 def test_drivers_with_one_trial_have_no_model() -> None:
-    with pytest.raises(DasError, match="each driver made one trial"):
+    with pytest.raises(DasError, match="each driver made only one trial"):
         fit_mixed_model(made_up_groups(replace(SAME, days=1), 1), APART)
 
 

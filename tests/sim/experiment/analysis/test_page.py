@@ -155,7 +155,7 @@ def test_missing_trials_are_counted_by_driver() -> None:
     practice = study.trials.practice.copy()
     practice[:2] = True
     said = page(analysed(replace(study, trials=replace(study.trials, practice=practice))))
-    assert "2, of sub-001, against drivers who finished 9" in said
+    assert "2: sub-001 finished fewer than the 9 of the other drivers" in said
 
 
 def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:

@@ -119,7 +119,7 @@ BAD = {
     "no table": (lambda folder: (folder / "trials.csv").unlink(), "trials.csv: cannot be read"),
     "alpha": (of_design(lambda one: one.update(alpha=5)), "alpha = 5.0: expected a probability between 0 and 1"),
     "seed": (of_design(lambda one: one.update(seed=-1)), "seed = -1: expected a whole number of at least 0"),
-    "measures": (of_design(lambda one: one.update(measures=[3])), "measures = 3: expected a text"),
+    "measures": (of_design(lambda one: one.update(measures=[3])), "measures = 3: expected a string"),
     "column": (of_table(lambda lines: [lines[0].replace("participant", "who"), *lines[1:]]), "column participant"),
     "two columns": (
         of_table(lambda lines: [lines[0].replace("session", "trial"), *lines[1:]]),

@@ -198,7 +198,7 @@ def test_a_file_that_the_user_names_is_opened(beginning: Path, tmp_path: Path) -
 
 
 def test_a_trip_without_a_node_cannot_be_reproduced() -> None:
-    with pytest.raises(DasError, match="no node advised in this recording"):
+    with pytest.raises(DasError, match="the recording holds no advice"):
         heard_again(bundled_recording())
 
 

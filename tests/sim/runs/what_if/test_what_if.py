@@ -281,7 +281,7 @@ def test_a_file_that_an_attached_scenario_names_is_not_opened(key: str, tmp_path
 
 
 def test_a_drive_without_advice_has_no_open_loop(tmp_path: Path) -> None:
-    with pytest.raises(DasError, match=r"no node advised in this recording: drive it anew \(--driven-anew\)"):
+    with pytest.raises(DasError, match=r"the recording holds no advice: use --driven-anew"):
         open_loop(bundled_recording(), tmp_path / "new.mcap")
     assert not list(tmp_path.iterdir())
 
