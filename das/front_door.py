@@ -1,7 +1,7 @@
 """The functions of `import das`: few parameters, plain results, and errors that say in one line what is wrong.
 
-Each function calls the part of the system that does the work, and imports it when it is called: loading a route does
-not load the compiled solver. The other names that `das` offers are defined where they belong, see `das.__init__`.
+Each function imports the code that does the work only when it is called, so that loading a route does not load the
+compiled solver. The other names that `das` offers are defined where they belong, see `das.__init__`.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ def build_section(
     `start` and `end` are stops of the route: a name (case does not matter) or a number counted from 1. The defaults are
     the first and the last stop. `between_m` gives two positions on the route (m) instead. `level` says how the train's
     losses are modelled ("l0-noreg", "l0-reg", "l1", "l2", "l3", "own"); the default is the level that the vehicle's
-    file names. The section is planned with the train's full brakes; `das.in_service` brakes as the advice on board.
+    file names. The section is planned with the train's full brakes; `das.in_service` plans it as the advice does.
 
     `route.reversed()` is the other direction of a line, `route.with_restrictions(…)` a line with temporary limits.
     `Conditions(…).train(vehicle)` and `.line(route)` are a train and a line under other conditions.
 
-    Raises InputError for an unknown stop or level or a wrong order of stops, DasError where the vehicle has no data for
-    the level, InfeasibleError where the train cannot brake or climb.
+    Raises InputError for an unknown stop or level or a wrong order of stops, DasError if the vehicle has no data for
+    the level, InfeasibleError if the train cannot brake or climb.
 
         >>> import das
         >>> route, train = das.load_route("zurich-luzern"), das.load_vehicle("re460-ic")
@@ -85,9 +85,9 @@ def build_section(
 
 
 def in_service(section: Section, site: SiteBraking | None = None) -> Section:
-    """A section as advice plans it: with the service braking of its train, or that of the drivers of a site.
+    """A section as the advice plans it: braked as usual in service for its train, or as the drivers of a site brake.
 
-    Raises as `build_section` does.
+    Raises what `build_section` raises.
 
         >>> import das
         >>> section = das.build_section(das.load_route("flat-6km"), das.load_vehicle("re460-ic"))
@@ -103,9 +103,9 @@ def in_service(section: Section, site: SiteBraking | None = None) -> Section:
 def solve(section: Section) -> Front:
     """The least energy for every trip time of a section, as a front.
 
-    `front.fastest()` is the fastest solution, `front.trajectory(time_s)` that of least energy in that time. Both have
+    `front.fastest()` is the fastest solution, `front.trajectory(time_s)` the best one in that time. Both have
     `time_s`, `balance` (where the energy goes, in J), `gap_ratio` (how far the energy can be above the least possible;
-    NaN where that is not proven) and `trajectory`, whose `columns()` are arrays over the distance. Solving takes 0.1 to
+    NaN if that is not proven) and `trajectory`, whose `columns()` are arrays over the distance. Solving takes 0.1 to
     3 s; a machine that has never solved a section first compiles for up to a minute.
 
         >>> import das
@@ -149,7 +149,7 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
     time. The points end at the solution of least energy of all: a slower one would cost more. `time_s` and
     `buffer_percent` are those of the solution found, `energy_j` is its net energy at the current collector (without
     comfort systems), `table_bound_j` a lower bound from the solver's table (see `Solution`), and `lambda_w` the price
-    of time: what a second less would cost (W).
+    of time (W): the energy (J) that one second less would cost.
 
     Raises InputError for buffers that do not rise from 0 or more.
 
@@ -195,10 +195,10 @@ def plan_journey(
 
     Every time of the plan is in its window. `split` says how the time between two fixed times is shared among the
     sections: "equal-marginal" (the optimum) or "proportional" (the same buffer in per cent on each). The plan has
-    `sections` (one part from stop to stop, each with `departure`, `arrival`, `trajectory` and `balance`), `input_j`,
+    `sections` (one for each part from stop to stop, with `departure`, `arrival`, `trajectory`, `balance`), `input_j`,
     `gap_ratio` and `time_s`; `plan.trajectory().columns()` is the whole journey as arrays.
 
-    Raises InputError for an unknown level or split, InfeasibleError where the windows cannot be kept.
+    Raises InputError for an unknown level or split, InfeasibleError if the windows cannot be kept.
 
         >>> import das
         >>> route = das.load_route("zurich-luzern")
@@ -233,7 +233,7 @@ def to_pandas(columns: Mapping[str, ArrayLike]) -> pd.DataFrame:
     """Columns as a DataFrame: those of a trajectory, of a front's points or of a topic, or the terms of an energy
     balance.
 
-    Nothing else in `das` needs pandas. Raises DasError where it is not installed, or where columns differ in length.
+    Nothing else in `das` needs pandas. Raises DasError if it is not installed, or if columns differ in length.
 
         das.to_pandas(run.trajectory.columns())
         das.to_pandas(run.balance.as_dict())
@@ -276,7 +276,7 @@ def _stop(route: Route, key: str, wanted: object, default: int) -> Stop:
 
 
 def _positions(route: Route, between_m: object, start: object, end: object) -> tuple[float, float]:
-    """The two positions (m); InputError for anything else, and if a stop is given as well."""
+    """The two positions (m) of `between_m`; InputError if they are unusable, or if a stop is given as well."""
     for key, stop in (("start", start), ("end", end)):
         if stop is not None:
             raise InputError(route.source, key, stop, "none beside between_m, which gives both ends")

@@ -6,7 +6,8 @@ sender's certificate, and its own messages (`egress`). The judgement of the rece
 `write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
 
 Zenoh reports refusals only in its log, which goes to standard output together with everything else. The processes that
-advise and record write nothing to standard output themselves, so `Refusals` turns it into a pipe and reads it.
+advise and record write nothing to standard output themselves, so `Refusals` turns standard output into a pipe and
+reads that.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class Role(StrEnum):
 
 
 PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control")}
-"""The publishers in the registry of topics that a role stands for, where their names differ from that of the role."""
+"""For a role, its publishers in the registry of topics, if their names differ from the name of the role."""
 SUBSCRIBING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 """Zenoh's messages of a subscriber, including the queries for the last message of a latched topic."""
 PUBLISHING = ["put", "reply", "declare_queryable", "liveliness_token"]
@@ -125,10 +126,10 @@ def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> 
 
 
 def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: float) -> datetime:
-    """Make an authority, certificates, keys (mode 0600) and a bus file for each role; returns until when they hold.
+    """Make an authority, certificates, keys (mode 0600) and a bus file for each role; returns when they expire.
 
     A certificate serves both sides of a connection on this machine. The key of the authority is kept nowhere. `ports`
-    are those of the roles in `LISTENERS`. Raises DasError where the folder exists or cannot be written.
+    are those of the roles in `LISTENERS`. Raises DasError if the folder exists or cannot be written.
     """
     if folder.exists():
         raise DasError(f"{folder}: exists already, expected a new folder (nothing is overwritten)")
@@ -199,7 +200,7 @@ def _authority_of(train: str) -> str:
 
 
 class Refusals:
-    """Finds in Zenoh's log what was refused; `now_ns` is the clock of the moderation (ns since 1970)."""
+    """Finds refusals in Zenoh's log; `now_ns` is the clock (ns since 1970) by which too many reports are held back."""
 
     def __init__(self, now_ns: Callable[[], int] = WALL_NS) -> None:
         from das.cab.outputs import Moderation  # Loads the solver, which readers of recordings do without.

@@ -62,7 +62,7 @@ class Budget:
             raise DasError(f"unpacks to more than {MOST_EXPANSION} times its size: not a recording")
 
     def take_message(self) -> None:
-        """Spend one message; raises DasError where there are too many."""
+        """Spend one message; raises DasError if there are too many."""
         self.left_messages -= 1
         if self.left_messages < 0:
             raise DasError(f"holds more than {MOST_MESSAGES} messages: cut it into shorter recordings")
@@ -128,7 +128,7 @@ def contents(chunk: records.Chunk, budget: Budget) -> list[records.McapRecord]:
 
 
 def message_of(content: bytes) -> records.Message:
-    """The message in the content of a record; raises ChunkError where it is too short."""
+    """The message in the content of a record; raises ChunkError if it is too short."""
     if len(content) < MESSAGE.size:
         raise ChunkError("a message that is too short")
     channel, sequence, log_ns, sent_ns = MESSAGE.unpack_from(content)
@@ -151,7 +151,7 @@ def _unpacked(chunk: records.Chunk, budget: Budget) -> bytes:
 
 
 def _decompressed(chunk: records.Chunk) -> bytes:
-    """The decompressed bytes: at most one more than the chunk states."""
+    """The decompressed bytes, at most one byte more than the chunk states."""
     if chunk.compression == "zstd":
         if zstandard.frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
             raise ValueError("another size")

@@ -1,4 +1,4 @@
-"""The contents of an MCAP file: decoded messages, metadata and attachments, each if a checksum covers it."""
+"""The contents of an MCAP file: decoded messages, metadata and attachments, as far as they can be trusted."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ class Contents:
 class Raw:
     """The records of a file before their messages are decoded.
 
-    `loose` are records outside of chunks. `metadata` are paired with whether their own checksum is right (None: there
-    is none). Records without a checksum can be trusted only if the whole file is sound.
+    `loose` are records outside of chunks. Each entry of `metadata` states whether its own checksum is right (None: it
+    has none). Records without a checksum can be trusted only if the whole file is sound.
     """
 
     schemas: dict[int, records.Schema] = field(default_factory=dict)
@@ -112,7 +112,7 @@ class Raw:
 
 
 def read_raw(path: Path) -> tuple[Raw, Health]:
-    """All records of a file; raises DasError for one that is missing, not MCAP, or would keep its reader busy."""
+    """All records of a file; raises DasError if it is missing, not MCAP, or unpacks to more than its budget."""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
@@ -150,7 +150,7 @@ def _read(file: IO[bytes]) -> tuple[Raw, Health]:
 
 
 def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
-    """Keep the records outside of chunks unless they may be altered; returns the names of those without checksum."""
+    """Keep the records outside of chunks unless they may be altered; returns the parts that no checksum covers."""
     trusted = scan.data_proven is True or (scan.data_proven is None and not scan.damage and scan.has_footer)
     data = [one for one in raw.loose if isinstance(one.record, records.Message | records.Attachment)]
     names = [one for one in raw.loose if isinstance(one.record, records.Schema | records.Channel)]
@@ -173,7 +173,7 @@ def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
 
 
 def _take_out_repeated(raw: Raw) -> int:
-    """Take out messages whose running number came before, and count them; only in files of the recorder."""
+    """Take out messages that repeat a running number, and count them; only in files of the recorder."""
     if not raw.numbered:
         return 0
     once = {message.sequence: message for message in reversed(raw.messages)}
@@ -184,7 +184,7 @@ def _take_out_repeated(raw: Raw) -> int:
 
 
 def _missing(messages: list[records.Message]) -> int | None:
-    """How many messages are missing by their running numbers; None where these do not rise through the file."""
+    """How many messages are missing by their running numbers; None if these do not rise through the file."""
     numbers = [message.sequence for message in messages]
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         return None
@@ -195,7 +195,7 @@ def _missing(messages: list[records.Message]) -> int | None:
 def read_contents(path: Path) -> Contents:
     """The decoded contents of a file; damaged parts are left out and noted in `health`.
 
-    Raises DasError as `read_raw` does, and where a channel of ours holds messages of another type than its topic's.
+    Raises DasError as `read_raw` does, and if a channel of ours holds messages of another type than its topic's.
     """
     raw, health = read_raw(path)
     result = Contents(path=path, attachments=raw.attachments, library=raw.library)
@@ -232,7 +232,7 @@ def _decode(result: Contents, message: records.Message, key: str, topic: Topic, 
 
 
 def _our_topic(path: Path, channel: records.Channel, raw: Raw) -> Topic | None:
-    """The topic of a channel, None for a foreign one; raises DasError for one of ours with messages of another type."""
+    """The topic of a channel, None if it is foreign; raises DasError if it is ours but has messages of another type."""
     topic = topic_of(channel.topic)
     if topic is None:
         return None

@@ -37,10 +37,10 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""Messages are on disk this long (s) after the recorder received them, or 0.1 s later. So a kill loses at most 1.0 s,
-even if a write takes a while."""
+"""Messages are on disk at most 0.1 s later than this (s) after the recorder received them. So a kill loses at most
+1.0 s, even if a write takes a while."""
 CHUNK_BYTES = 1 << 18
-"""A chunk is written at the latest when it has this many bytes unpacked; damage to one loses no more than that."""
+"""A chunk is written at the latest when it has this many bytes unpacked; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"
 """The program that wrote a recording, as the file states it."""
 REPORT_EVERY_S = 1.0
@@ -144,7 +144,7 @@ def _begin(path: Path) -> tuple[IO[bytes], Path | None]:
 
 
 def message_time_ns(message: Any) -> int:
-    """The time that a message states (ns since 1970); 0 where it has none."""
+    """The time that a message states (ns since 1970); 0 if it has none."""
     if hasattr(message, "time_ns"):
         return int(message.time_ns)
     if hasattr(message, "timestamp"):
@@ -209,7 +209,7 @@ def comments() -> dict[str, str]:
 
 
 def schema_of(message: type[Message]) -> bytes:
-    """A serialized FileDescriptorSet of a message, with the comments of its fields and of those within them."""
+    """A serialized FileDescriptorSet of a message, with the comments of its fields and of the messages in them."""
     found = build_file_descriptor_set(message)
     for file in found.file:
         if file.name == das_pb2.DESCRIPTOR.name:

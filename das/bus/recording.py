@@ -154,13 +154,13 @@ def _as_dict(message: Message) -> dict[str, Any]:
 
 
 def read_recording(path: str | Path, *, train: str | None = None, skip_damage: bool = False) -> Recording:
-    """Read a recording; of one that was cut off, everything before the cut.
+    """Read a recording; if it was cut off, everything before the cut.
 
     `train` chooses the train of a recording that holds several. With `skip_damage`, damaged parts are left out and
     noted in `health`; otherwise a damaged file is refused.
 
-    Raises DasError for a file that is missing, not MCAP, damaged, without a message of a train, or of several trains
-    where none is named.
+    Raises DasError for a file that is missing, not MCAP or damaged, that has no message of a train, or that has several
+    trains while `train` is None.
 
         recording = das.read_recording("recordings/zurich-zug-late.mcap")
         position = recording.columns("position")
@@ -173,7 +173,7 @@ def read_recording(path: str | Path, *, train: str | None = None, skip_damage: b
 
 
 def recording_of(found: Contents, train: str | None = None) -> Recording:
-    """The recording of one train from the contents of a file; raises DasError as `read_recording` does for trains."""
+    """The recording of one train from the contents of a file; raises DasError if the train cannot be chosen."""
     trains = found.trains
     chosen = _chosen(found, trains, train)
     messages: dict[str, list[Stamped]] = {}
@@ -204,7 +204,7 @@ def refuse_damage(found: Contents) -> None:
 
 
 def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
-    """The train to read; raises DasError where there is none, or where there are several and none is named."""
+    """The train to read; raises DasError if there is none, or if there are several and none is named."""
     path = found.path
     if not trains:
         if found.health.damage:

@@ -63,7 +63,7 @@ class Damage:
     """A damaged stretch of a file.
 
     `what` describes it in words. `lost` says whether it held messages, attachments or metadata, which are left out.
-    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0 where the file does not state
+    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0 if the file does not state
     them.
     """
 
@@ -82,9 +82,9 @@ class Damage:
 class Health:
     """The health of a file as found while reading it.
 
-    `complete` is False for a file that was cut off. `cut_byte` is where a record begins that the cut goes through (-1:
-    none does). `missing` counts messages that are missing by their running numbers; None where these do not rise
-    through the file. `unchecked` names the parts without a checksum.
+    `complete` is False for a file that was cut off. `cut_byte` is where the record begins that was cut in two (-1: none
+    was). `missing` counts messages that are missing by their running numbers; None if these do not rise through the
+    file. `unchecked` names the parts without a checksum.
     """
 
     size_bytes: int
@@ -149,9 +149,9 @@ class FoundRecord(NamedTuple):
 class Scan:
     """A walk through a file. `walk` yields the records; the attributes are complete when it has ended.
 
-    `ended` says whether the file has its last bytes, `data_proven` whether the checksum over all data is right (None:
-    there is none), and `index_proven` the same of the index at the end. `cut_byte` is where the last record of a cut
-    file begins; -1 where the file ends with a whole one.
+    `ended` states whether the file has its last bytes, `data_proven` whether the checksum over all data is right (None:
+    there is none), and `index_proven` whether the one over the index at the end is right. `cut_byte` is where the last
+    record of a cut file begins; -1 if the file ends with a whole record.
     """
 
     file: IO[bytes]
@@ -214,7 +214,7 @@ class Scan:
         self.ended = self.size >= 2 * len(MAGIC) and self._read(self.size - len(MAGIC), len(MAGIC)) == MAGIC
 
     def _record(self, at: int, kind: int, end: int, last: int) -> list[FoundRecord]:
-        """The records at a place; raises ChunkError where they are damaged."""
+        """The records at a place; raises ChunkError if they are damaged."""
         if end > last or end - at > LARGEST_RECORD_BYTES:
             raise ChunkError("a record is longer than the file")
         content = self._read(at + HEAD_BYTES, end - at - HEAD_BYTES)
@@ -314,7 +314,7 @@ class Scan:
         return last
 
     def _sound_chunk(self, at: int, last: int) -> tuple[int, list[FoundRecord]] | None:
-        """The stated end of the chunk at a place, and its records; None where there is no sound chunk."""
+        """The stated end of the chunk at a place, and its records; None if there is no sound chunk."""
         length = stated_length(self._read(at + HEAD_BYTES, HEAD.size + 12))
         if length is None or at + HEAD_BYTES + length > last:
             return None

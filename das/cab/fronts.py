@@ -76,7 +76,7 @@ class Fronts:
     """Finds the fronts of sections; several threads may use it."""
 
     def __init__(self, tables: Path | None = None, *, threads: int = 2, kept_bytes: int = KEPT_BYTES) -> None:
-        """List a folder of tables; `notes` says which cannot be used. Raises DasError where there is no such folder."""
+        """List a folder of tables; `notes` says which cannot be used. Raises DasError if there is no such folder."""
         self.notes: list[str] = []
         self._threads = threads
         self._known = _Kept(kept_bytes, _size)

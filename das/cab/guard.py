@@ -60,7 +60,7 @@ class Guard:
         self._news: list[str] = []
         self._nodes: list[str] = []
         self.unheeded: str | None = None
-        """Why the restrictions received last cannot be used; None where they can."""
+        """Why the restrictions received last cannot be used; None if they can."""
 
     def counts(self, message: Heard) -> bool:
         """Whether the sender of a message is the publisher that counts for its kind; `take_news` reports the others."""
@@ -370,7 +370,7 @@ class Operator:
         return self._stricter(next(iter(self._rivals.values()), None)) if source == self.source else None
 
     def contradiction(self) -> str | None:
-        """A session that states other restrictions than the one that counts; None where no session does."""
+        """A session that states other restrictions than the one that counts; None if no session does."""
         places = _places(self._newest)
         return next((source for source, rival in self._rivals.items() if _places(rival) != places), None)
 

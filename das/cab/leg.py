@@ -101,7 +101,7 @@ class Leg:
         self.use(PlanBasis(section=section, before=self.planner.last_plan, meanwhile=why))
 
     def set_timetable(self, timetable: Timetable) -> None:
-        """Take over a timetable; raises DasError where it leaves no time."""
+        """Take over a timetable; raises DasError if it leaves no time."""
         timetable.check()
         if (timetable.departure_ns, timetable.arrival_ns) != (self.goal.departure_ns, self.goal.due_ns):
             self.planner.forget()
@@ -134,7 +134,7 @@ class Leg:
         return passing is None and before is not None and self.here is not None and self.here.s_m >= before.s_m
 
     def advise(self, here: Estimate) -> Advice:
-        """The advice for a usable state, at its time; raises NoPlanError where no plan finishes the section from it."""
+        """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         stop, planner = self._settings.stop, self.planner
         state = self._state(here)
         scene = Scene(state, here, planner, self.goal)

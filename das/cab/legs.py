@@ -23,7 +23,7 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
 Moment = tuple[float, bool] | None
-"""The position of the train (m) and whether it stands there; None where it is not known."""
+"""The position of the train (m) and whether it stands there; None if it is not known."""
 
 
 class Legs:
@@ -77,7 +77,7 @@ class Legs:
             self.situation.between(a, b).section(a, b)
 
     def rehearse(self, stops_m: Sequence[float]) -> None:
-        """Find the front of the first section before there is a journey; raises DasError where there is none."""
+        """Find the front of the first section before there is a journey; raises DasError if there is none."""
         first_m, second_m = stops_m[:2]
         self.preparation.rehearse(self.situation.between(first_m, second_m).section(first_m, second_m))
 
@@ -92,7 +92,7 @@ class Legs:
     ) -> None:
         """Take over a journey, by default with the train and the level of the start.
 
-        Raises DasError where the journey cannot be driven on this line; the journey before goes on then.
+        Raises DasError if the journey cannot be driven on this line; the journey before goes on then.
         """
         started, before = self._started, self.situation
         situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
@@ -122,7 +122,7 @@ class Legs:
         self.legs, self._index = (), None
 
     def _new_leg(self, free: Situation, start: Stop, end: Stop) -> Leg:
-        """A leg that is not prepared yet; raises DasError where it cannot be driven even without restrictions."""
+        """A leg that is not prepared yet; raises DasError if it cannot be driven even without restrictions."""
         section = free.section(start.position_m, end.position_m)
         return Leg(start, end, section, self._settings, self.preparation.coach_worker)
 
@@ -177,7 +177,7 @@ class Legs:
 
 
 def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> None:
-    """Give each leg its timetable; raises DasError where a leg has no time, or begins before the last has ended."""
+    """Give each leg its timetable; raises DasError if a leg has no time, or begins before the last has ended."""
     for i, (before, after) in enumerate(pairwise(timetables), 1):
         if after.departure_ns < before.arrival_ns:
             raise DasError(event_wording.departs_before_arrival(i + 1))

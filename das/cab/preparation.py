@@ -141,7 +141,7 @@ class Preparation:
             self._prepared.pop(leg).give_up()
 
     def rehearse(self, section: Section) -> None:
-        """Find the front of a section before there is a journey; raises DasError where there is none.
+        """Find the front of a section before there is a journey; raises DasError if there is none.
 
         In the background the search for the coach's few-switch trajectories goes on afterwards, as for a leg under way:
         the front alone is enough to advise.
@@ -289,7 +289,7 @@ def _search_few_switch(fronts: Fronts, section: Section, coach: CoachSettings, s
 
 
 def _passing(question: _Question, section: Section) -> PassingFronts | None:
-    """The fronts of a point to pass on a section; None where the point sets no time or is already reached."""
+    """The fronts of a point to pass on a section; None if the point sets no time or is already reached."""
     point = question.point
     if point is None or point.s_m < question.s_m + LEAST_WAY_M:
         return None

@@ -29,7 +29,7 @@ class Trains:
         return list(self._found.values())
 
     def find(self, vehicle_id: str, load: str = "") -> Vehicle:
-        """The train of an id in a load state (empty: that of its file); DasError where there is none."""
+        """The train of an id in a load state (empty: that of its file); DasError if there is none."""
         if (vehicle_id, load) not in self._found:
             self._found[vehicle_id, load] = self._read(vehicle_id, load)
         return self._found[vehicle_id, load]

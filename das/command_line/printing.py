@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 PRINTED_WIDTH = 80
-"""Width (columns) of text for a file or a pipe; on a terminal its own width counts."""
+"""Width (columns) of text for a file or a pipe; text for a terminal has the terminal's width."""
 WIDEST_TABLE = 1000
 WIDEST_PARAGRAPH = 110
 """Widest lines of running text (columns), however wide the terminal."""
@@ -207,7 +207,7 @@ def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[
 
 @contextlib.contextmanager
 def loading_solver() -> Iterator[None]:
-    """Show on a terminal that kernels are being loaded or compiled; the first calls of kernels belong into this block.
+    """Show on a terminal that kernels are being loaded or compiled; the first calls of kernels belong in this block.
 
     A signal to end the process ends it at once, with one line and exit code 130, because an exception in the midst of a
     compilation may turn into any other error. So nothing that must be cleaned up may be open in the block.

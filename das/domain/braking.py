@@ -1,4 +1,4 @@
-"""How trains are braked in service: the figures that advice plans with, each on its own as in ETCS."""
+"""How trains are braked in service: the figures that the advice plans with, each stated separately as in ETCS."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
 
 REACTION_S = 1.0
-"""How late a driver acts on an announced change (s, assumption)."""
+"""Time (s) until a driver acts on an announced change (assumption)."""
 DEVIATION_M = 5.0
 """Largest expected error of the estimated position (m): two standard deviations of a good localisation (assumption)."""
 
 SERVICE_SHARE = 0.9
-"""Brakes in service use at most this share of the train's largest deceleration (assumption)."""
+"""Service braking uses at most this share of the train's largest deceleration (assumption)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,20 +38,20 @@ class ServiceBraking:
 
     @property
     def delay_s(self) -> float:
-        """The delay until the full brake acts (s): the reaction, and half of an even build-up."""
+        """The delay (s) of a sudden full brake with the same effect: the reaction, and half of an even build-up."""
         return self.reaction_s + 0.5 * self.build_up_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteBraking:
-    """How the drivers of a site brake, as its operator says; deceleration None: as the train's file says."""
+    """How the drivers of a site brake, as its operator states; deceleration None: as the train's file states."""
 
     deceleration_mps2: float | None = None
     reaction_s: float = REACTION_S
     below_limit_mps: float = 0.0
 
     def of(self, vehicle: Vehicle) -> ServiceBraking:
-        """The braking with which advice plans for a train."""
+        """The braking with which the advice plans for a train."""
         service = vehicle.service_brake
         asked = service.deceleration_mps2 if self.deceleration_mps2 is None else self.deceleration_mps2
         return ServiceBraking(
@@ -63,4 +63,4 @@ class SiteBraking:
 
 
 USUAL = SiteBraking()
-"""The braking planned where the operator says nothing about its drivers."""
+"""The braking planned if the operator states nothing about its drivers."""

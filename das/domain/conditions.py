@@ -48,7 +48,7 @@ class Conditions:
     def train(self, vehicle: Vehicle) -> Vehicle:
         """The train under these conditions.
 
-        Raises DasError for another adhesion of the rail where the train's file does not say which axles are driven.
+        Raises DasError for a changed adhesion if the train's file does not state the mass on the driven axles.
         """
         if self.adhesion_ratio != 1 and np.isinf(vehicle.adhesive_mass_kg):
             raise DasError(f"{vehicle.source}: adhesion is missing: expected [adhesion] adhesive_mass_t in the file")

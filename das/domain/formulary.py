@@ -35,9 +35,9 @@ def davis_resistance_n(speed_mps: ArrayLike, c0_n: float, c1_n_per_mps: float, c
 def mean_davis_resistance_n(
     speeds_mps: Floats, c0_n: float, c1_n_per_mps: float, c2_n_per_mps2: float | Floats
 ) -> Floats:
-    """Davis resistance (N) averaged over the way of each interval between n speeds (m/s): n − 1 values, exact.
+    """Davis resistance (N), averaged exactly over the distance of each interval between n speeds (m/s): n − 1 values.
 
-    At constant acceleration v² is linear in the way, so that the mean of v² is (a² + b²)/2 and that of v is
+    At constant acceleration v² is linear in the distance, so that the mean of v² is (a² + b²)/2 and the mean of v is
     (2/3)·(a² + a·b + b²)/(a + b), with a and b the speeds at both ends. Source: integration of Davis' formula.
     """
     a, b = speeds_mps[:-1], speeds_mps[1:]
@@ -49,9 +49,9 @@ def mean_davis_resistance_n(
 def davis_in_head_wind(
     c0_n: float, c1_n_per_mps: float, c2_n_per_mps2: float, wind_mps: float
 ) -> tuple[float, float, float]:
-    """Davis coefficients of c0 + c1·v + c2·(v + w)²: the air meets the train with its own speed and the wind's.
+    """Davis coefficients of c0 + c1·v + c2·(v + w)²: the air meets the train at its own speed v plus the wind speed w.
 
-    A tail wind is negative. A train slower than a tail wind would be pushed; the square holds it back by as much.
+    A tail wind is negative. It would push a slower train; in this formula it holds the train back by as much.
     Source: expansion of the square; only c2 is the resistance of the air.
     """
     w = wind_mps
@@ -61,8 +61,8 @@ def davis_in_head_wind(
 def curve_resistance_mps2(curvature_per_m: ArrayLike) -> Floats:
     """Curve resistance per mass (m/s²) at each curvature κ = 1/R (1/m, either sign).
 
-    g·0.5κ/(1 − 30κ) for R >= 300 m, else g·0.65κ/(1 − 55κ), with a step at R = 300 m. Source: Röckl's formula with
-    curvature for radius, as [B] uses it (notes on its tracks).
+    g·0.5κ/(1 − 30κ) for R >= 300 m, else g·0.65κ/(1 − 55κ), with a step at R = 300 m. Source: Röckl's formula in
+    terms of the curvature, as [B] uses it (notes on its tracks).
     """
     k = np.abs(np.asarray(curvature_per_m, dtype=float))
     wide = 0.5 * k / (1 - 30 * np.minimum(k, ROCKL_BORDER_PER_M))

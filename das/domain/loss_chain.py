@@ -5,9 +5,9 @@ Each component is a small dataclass with the textbook formula of its loss and th
 assumptions or results of the calibration, as the vehicle's file states (docs/explanation/loss-maps.md).
 
 Power is followed from the wheel to the line, so that driving and braking differ without further assumptions. When
-driving, a component also carries the losses of those nearer to the wheel; when braking, it carries less power than the
-wheel gives. Symbols: F wheel force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the motors
-relative to their rated ones, i motor current relative to the one at rated torque and flux.
+driving, a component also carries the losses of the components nearer to the wheel; when braking, it carries less power
+than the wheel gives. Symbols: F wheel force (traction > 0), v speed, f = F_shaft/F_rated torque and φ flux of the
+motors relative to their rated values, i motor current relative to the current at rated torque and flux.
 
 Sources: [S] Steimel, Electric Traction – Motive Power and Energy Supply (three-phase traction chain, pulse patterns,
 field weakening); [M] Mohan, Undeland, Robbins, Power Electronics (conduction, switching, GTO snubbers); [B] Bose,
@@ -31,12 +31,12 @@ Floats = NDArray[np.float64]
 
 MAP_SPEED_STEP_MPS = 1.0 * KMH
 MAP_FORCE_STEP_N = 1.0 * KN
-"""Grid of the map: 1 km/h × 1 kN, the paper's."""
+"""Grid of the map: 1 km/h × 1 kN, as in the paper."""
 LARGEST_PARAMETER = 1e12
 """A larger parameter (SI units) is refused."""
 
 IRON_FREQUENCY_EXPONENT = 1.5
-"""Between hysteresis (∝ f) and eddy currents (∝ f²)."""
+"""Exponent of the frequency f in the iron loss, between hysteresis (∝ f) and eddy currents (∝ f²)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +136,7 @@ class Motors:
 
     φ = min(1, base_speed/v): above the base speed the voltage is at its limit and the field is weakened.
     i² = ((m·φ)² + h·(f/φ)²)/(1 + m²), m = magnetising_ratio: the torque-forming current grows as the field weakens,
-    and near the pull-out torque T_p more than the torque does: h = 2·(1 − √(1 − x²))/x² with x = T/T_p, from Kloss's
+    and near the pull-out torque T_p faster than the torque: h = 2·(1 − √(1 − x²))/x² with x = T/T_p, from Kloss's
     equation T/T_p = 2/(s/s_p + s_p/s) and I_rotor² ∝ T·s; h = 1 for small torques, 2 at pull-out.
     T_p = pull_out_ratio·φ² times the rated torque (voltage at its limit).
     When braking, the torque-forming current is multiplied by brake_current_ratio (how well the electric brake uses
@@ -192,7 +192,7 @@ class Gear:
         _check(self, "gear", positive=("churning_speed_mps",))
 
     def drag_n(self, force_n: Floats, speed_mps: Floats) -> Floats:
-        """Loss per distance (N) at wheel force (N, either sign) and speed: what the motors give more or get less."""
+        """Loss per distance (N) at a wheel force (N, either sign) and speed: the motors give more or receive less."""
         return self.mesh_ratio * np.abs(force_n) + self.churning_w * speed_mps / self.churning_speed_mps**2
 
 
@@ -219,8 +219,8 @@ class LossChain:
     def to_map(self, name: str, max_force_n: float, max_brake_force_n: float, max_speed_mps: float) -> LossMap:
         """Tabulate at 1 kN × 1 km/h over the whole rectangle of forces and speeds.
 
-        The row of 0 km/h holds the losses of a train that just moves, so that those below 1 km/h are interpolated
-        between moving states (at standstill a map's loss is 0 anyhow).
+        The row of 0 km/h holds the losses of a train that just moves, so that losses below 1 km/h are interpolated
+        between moving states (at standstill the loss of any map is 0).
         """
         speeds = math.ceil(max_speed_mps / MAP_SPEED_STEP_MPS - 1e-9) + 2
         low, high = -math.ceil(max_brake_force_n / MAP_FORCE_STEP_N) - 1, math.ceil(max_force_n / MAP_FORCE_STEP_N) + 1
@@ -259,7 +259,7 @@ def _total(losses: dict[str, Floats]) -> Floats:
 
 
 def _check(component: object, name: str, positive: tuple[str, ...] = ()) -> None:
-    """Raise InputError unless all parameters are finite, >= 0 and of a train's size, and those named are > 0."""
+    """Raise InputError unless all parameters are finite, >= 0 and plausible in size, and the `positive` ones > 0."""
     for item in fields(component):  # type: ignore[arg-type]
         value = getattr(component, item.name)
         if not np.isfinite(value).all() or np.any(np.asarray(value) < 0):

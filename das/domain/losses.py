@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 GRID_EVENNESS = 1e-6
 """Relative deviation from even spacing allowed on the axes of a loss map."""
 MOST_MAP_POINTS = 5_000_000
-"""Most points of a loss map: 500 km/h and 10 000 kN in steps of 1. With more, a speed or force must be wrong."""
+"""Largest number of points of a loss map: 500 km/h and 10 000 kN in steps of 1; beyond, a speed or force is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +208,7 @@ class OperatingPoints:
         return self.power_w + np.where(self.force_n < 0, 0.0, self.loss_w)
 
     def efficiency_ratio(self) -> Floats:
-        """Power that comes out of the chain over the power that goes in; 0 where braking recovers nothing."""
+        """Power that comes out of the chain over the power that goes in; 0 if braking recovers nothing."""
         into = np.maximum(self.input_w(), 1e-9)
         return np.maximum(into - self.loss_w, 0.0) / into
 
@@ -251,16 +251,16 @@ def fit_error(model: LossMap, fit: EfficiencyLoss, max_power_w: float) -> FitErr
 
 
 def deviation_ratio(model: LossMap, fit: EfficiencyLoss, force_n: ArrayLike, speed_mps: ArrayLike) -> Floats:
-    """(map − fit)/fit at each force (N) and speed (m/s), e.g. along the running resistance: when cruising.
+    """(map − fit)/fit at each force (N) and speed (m/s), e.g. for forces equal to the running resistance (cruising).
 
-    Raises DasError for a state outside the map. Where the fit has no loss the deviation is inf or NaN.
+    Raises DasError for a state outside the map. Where the fit has no loss, the deviation is inf or NaN.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(model.loss_w(force_n, speed_mps) / fit.loss_w(force_n, speed_mps) - 1.0, dtype=float)
 
 
 def _fit_line(x: Floats, y: Floats) -> tuple[float, float]:
-    """Least squares y ≈ k·x + c with k, c >= 0: where one comes out negative, the best fit without it."""
+    """Least squares y ≈ k·x + c with k, c >= 0: if one of them would be negative, the best fit without it."""
     k, c = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=1), y, rcond=None)[0]
     if c < 0:
         return float(x @ y / (x @ x)), 0.0

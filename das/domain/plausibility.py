@@ -1,4 +1,4 @@
-"""Limits of what a train and a line can plausibly be: they find a unit mixed up or a digit too many.
+"""Plausible limits for the values of trains and lines: they reveal a wrong unit or a digit too many.
 
 `check_vehicle` and `check_route` refuse a value beyond a limit unless the file accepts that check by its name.
 `warnings_of` has a line for each value that is unusual or was accepted. Nothing here is printed.
@@ -20,14 +20,14 @@ from das.domain.vehicle import Vehicle
 ACCEPTED = "implausible_accepted"
 """The key in a TOML file that names the checks whose refusal is accepted."""
 INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
-"""How a refusal tells the author of a TOML file to insist on a value; `%s` is the table."""
+"""The end of the error for an implausible value: what to do if the value is meant; `%s` is the table of the file."""
 SPEEDS = 200
 """Number of speeds, from standstill to the top speed, at which efforts are checked."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Range:
-    """A value from `least` to `most` is possible; one outside `usual_least` to `usual_most` is worth a warning."""
+    """A value from `least` to `most` is possible; a value outside `usual_least` to `usual_most` causes a warning."""
 
     least: float = 0.0
     usual_least: float = 0.0
@@ -40,13 +40,13 @@ class VehicleLimits:
     """The limits of trains in SI units; each field has the name of its check."""
 
     max_deceleration: Range = Range(usual_least=0.3, usual_most=1.6, most=3.0)
-    """All brakes over mass, at most the train's largest deceleration (m/s²).
+    """Force of all brakes over mass, at most the train's largest deceleration (m/s²).
 
     Assumption: 3 is more than magnetic track brakes reach; service brakes of passenger trains stay below 1.6, and with
     less than 0.3 a train needs kilometres to stop.
     """
     max_acceleration: Range = Range(usual_least=0.01, usual_most=1.6, most=3.0)
-    """Traction over mass, at most the train's largest acceleration (m/s²).
+    """Traction force over mass, at most the train's largest acceleration (m/s²).
 
     With all axles driven, adhesion on a dry rail ends at 3.2 (Curtius & Kniffler 1944, at standstill). Assumption:
     metros reach 1.3.
@@ -65,7 +65,7 @@ class VehicleLimits:
     resistance_per_weight: Range = Range(usual_least=0.0005, usual_most=0.1, most=1.0)
     """Running resistance at the top speed over weight.
 
-    Assumption: 0.007 to 0.03 is usual; a resistance above the weight is a unit mixed up.
+    Assumption: 0.007 to 0.03 is usual; a resistance above the weight has a wrong unit.
     """
     rotating_mass: Range = Range(usual_most=0.3, most=0.5)
     """Share of rotating mass on top of the mass. Assumption: 0.02 to 0.15 is usual, 0.3 is a light locomotive."""
@@ -78,7 +78,7 @@ class RouteLimits:
     """The limits of lines in SI units; each field has the name of its check."""
 
     length: Range = Range(least=1.0, usual_least=10.0, usual_most=1e7, most=2e7)
-    """Length (m). Half the way around the Earth; the longest line there is, Moscow to Vladivostok, has 9 289 km."""
+    """Length (m), at most half the Earth's circumference; the longest line, Moscow to Vladivostok, has 9 289 km."""
     speed_limit: Range = Range(usual_least=3 * KMH, usual_most=400 * KMH, most=600 * KMH)
     """Every speed limit (m/s). The bounds are those of a train's top speed."""
     gradient: Range = Range(usual_most=0.08, most=0.2)
@@ -180,7 +180,7 @@ def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str],
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
-    """The unusual values of a train, then those of its load states that are new."""
+    """The unusual values of a train, then those of its load states that were not found before."""
     known = set()
     for name, train in (("", vehicle), *((name, vehicle.loaded(name)) for name in vehicle.loads)):
         for check, value in _vehicle_values(train).items():

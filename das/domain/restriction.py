@@ -19,11 +19,11 @@ Times = NDArray[np.int64]
 LEAST_RESTRICTION_MPS = 0.5
 """A speed restriction below this (m/s) is refused, because a train could not get through."""
 COUNTS_BEFORE_S = 900.0
-"""A restriction counts from this long (s) before its window opens. No train needs as long to brake: from 500 km/h at
-0.2 m/s² it takes 700 s. So a train that learns of the restriction now is slow enough, or past it, when it holds."""
+"""Plans keep to a restriction from this long (s) before its window opens. No train needs as long to brake: from
+500 km/h at 0.2 m/s² it takes 700 s. So the train is slow enough, or past the restriction, when the window opens."""
 COUNTS_AFTER_S = 10.0
-"""A restriction counts until this long (s) after its window has closed. The node goes on advising when its clock is set
-by up to 5 s; this is twice as much."""
+"""Plans keep to a restriction until this long (s) after its window has closed. The node goes on advising if its clock
+is set by up to 5 s; this is twice as much."""
 LATEST_NS = 2**63 - 1
 """The last moment (ns since 1970) that a message can carry."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -68,7 +68,7 @@ class Restriction:
 
     @property
     def unlimited(self) -> Restriction:
-        """The same restriction without its window, for a caller that has decided that it counts."""
+        """The same restriction without its window, for a caller that has decided that plans must keep to it."""
         return replace(self, valid_from_ns=0, valid_until_ns=0) if self.has_window else self
 
     def holds_at(self, time_ns: int | Times) -> Any:
@@ -78,14 +78,14 @@ class Restriction:
     def counts_at(self, now_ns: int) -> bool:
         """Whether a plan made now (ns since 1970) must keep to the restriction, wherever the train is.
 
-        It must from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
+        It must do so from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
         """
         from_ns, until_ns = self.counting_ns
         return from_ns <= now_ns < until_ns
 
     @property
     def counting_ns(self) -> tuple[int, int]:
-        """The time (ns since 1970) from which, and until which, it counts: 0 and `LATEST_NS` at an open end."""
+        """The times (ns since 1970) from and until which plans keep to the restriction; open: 0, `LATEST_NS`."""
         from_ns = self.valid_from_ns and max(self.valid_from_ns - round(COUNTS_BEFORE_S / NS), 0)
         until_ns = self.valid_until_ns and min(self.valid_until_ns + round(COUNTS_AFTER_S / NS), LATEST_NS)
         return from_ns, until_ns or LATEST_NS
@@ -105,7 +105,7 @@ class Restriction:
         return f"{self.limit_mps / KMH:.4g} km/h, {place}{self.window_words()}"
 
     def window_words(self) -> str:
-        """The window in words, for example " from 08:10:00 until 08:20:00 UTC"; nothing where both ends are open."""
+        """The window in words, for example " from 08:10:00 until 08:20:00 UTC"; nothing if both ends are open."""
         ends = (("from", self.valid_from_ns), ("until", self.valid_until_ns))
         said = [f" {word} {_clock(moment_ns)}" for word, moment_ns in ends if moment_ns]
         return "".join(said) + " UTC" if said else ""

@@ -80,7 +80,7 @@ class Trajectory:
     def columns(self) -> dict[str, Floats]:
         """The trajectory as arrays of shape (n,), one value per node, by names with units.
 
-        `s_m`, `t_s` and `v_mps` are those at the node; `force_el_n`, `force_friction_n`, `grade_ratio` and `limit_mps`
+        `s_m`, `t_s` and `v_mps` hold at the node; `force_el_n`, `force_friction_n`, `grade_ratio` and `limit_mps`
         hold from the node to the next. The last node has no forces (0) and repeats the gradient and limit before it.
         """
         return {
@@ -120,14 +120,14 @@ class Trajectory:
     def balance(self, vehicle: Vehicle, loss: LossModel) -> EnergyBalance:
         """Energy balance with this vehicle's masses and resistance and the given losses.
 
-        Raises DasError where a loss map does not cover the trajectory.
+        Raises DasError if a loss map does not cover the trajectory.
         """
         return self.balance_with(vehicle, self.loss_j(loss))
 
     def balance_with(self, vehicle: Vehicle, loss_j: Floats) -> EnergyBalance:
         """The energy balance from the component loss of each interval (J).
 
-        Every term is computed on its own, so that `EnergyBalance.residual_ratio` is a check.
+        Every term is computed separately, so that `EnergyBalance.residual_ratio` is a check.
         """
         step = np.diff(self.s_m)
         v2 = self.v_mps**2
@@ -149,7 +149,7 @@ class Trajectory:
 def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> EnergyBalance:
     """Energy balance of any motion at any level of losses and with the brakes of that level (cross-evaluation).
 
-    Raises DasError where the vehicle has no such level or its loss map does not cover the trajectory.
+    Raises DasError if the vehicle has no such level or its loss map does not cover the trajectory.
     """
     return trajectory.braked_as(vehicle, level).balance(vehicle, vehicle.loss_model(level))
 
@@ -164,6 +164,6 @@ def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
 
 
 def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:
-    """Running and tunnel resistance averaged over the way of each interval of constant acceleration (exact)."""
+    """Running and tunnel resistance (N), averaged exactly over the distance of each interval of even acceleration."""
     quadratic = resistance.c2_n_per_mps2 + tunnel_n_per_mps2
     return mean_davis_resistance_n(v_mps, resistance.c0_n, resistance.c1_n_per_mps, quadratic)

@@ -1,6 +1,6 @@
-"""Every unit factor of the project, and nothing else: SI inside, other units only through this file.
+"""Every unit factor of the project, and nothing else: the program computes in SI and converts other units only here.
 
-A quantity read from a file names its unit; `to_si` multiplies by the factor of its dimension or refuses.
+A quantity read from a file names its unit; `to_si` multiplies by that unit's factor, or refuses an unknown unit.
 """
 
 from __future__ import annotations

@@ -77,14 +77,15 @@ class ServiceBrake:
     """How a train is braked in ordinary service: the largest deceleration, and the time until its brakes act fully."""
 
     deceleration_mps2: float = 0.7
-    """Ordinary service braking of passenger trains (assumption where a file says nothing)."""
+    """The largest deceleration in service (m/s²); assumed if a file states none, as is usual for passenger trains."""
     build_up_s: float = 1.5
-    """Electric brakes with electronic control take 1 to 2 s, air brakes in position P 3 to 5 s (UIC 540)."""
+    """Time (s) until the brakes act fully; electric brakes with electronic control take 1 to 2 s, air brakes in
+    position P 3 to 5 s (UIC 540)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """A load state of a train: its whole mass, and its constant resistance where known (else see `with_mass`)."""
+    """A load state of a train: its whole mass, and its constant resistance if known (else see `with_mass`)."""
 
     mass_kg: float
     c0_n: float | None = None
@@ -151,9 +152,10 @@ class Vehicle:
     def loss_model(self, level: Level) -> LossModel:
         """The component losses at `level`.
 
-        L0 has no losses. L1 and L2 are the file's, or fitted to the vehicle's L3 map. L3 and OWN must be given by the
-        file. `auxiliary_power_w` is part of OWN, L2 and L3; L1 is a pure efficiency.
-        Raises DasError where the vehicle has nothing to derive the level from.
+        L0 has no losses. L1 and L2 are those of the file, or fitted to the vehicle's L3 map; L1 may also be the mean of
+        OWN's two ratios. L3 and OWN must be given by the file. `auxiliary_power_w` is part of OWN, L2 and L3; L1 is a
+        pure efficiency.
+        Raises DasError if the vehicle has nothing to derive the level from.
         """
         model = self._chain_loss(level)
         if self.auxiliary_power_w and level in (Level.OWN, Level.L2, Level.L3):
@@ -189,7 +191,7 @@ class Vehicle:
         return np.asarray(np.minimum(self.electric_brake.force_n(speed_mps), self._adhesion_n(speed_mps)))
 
     def brake_effort_n(self, speed_mps: ArrayLike) -> Floats:
-        """Largest force of both brakes together (N, >= 0); where adhesion counts, at most that of all axles."""
+        """Largest force of both brakes together (N, >= 0); if adhesion is a limit, at most that of all axles."""
         both = self.electric_brake_effort_n(speed_mps) + self.friction_brake_force_n
         if np.isinf(self.adhesive_mass_kg):
             return both
@@ -202,7 +204,7 @@ class Vehicle:
 
     @property
     def braked_adhesive_force_n(self) -> float:
-        """Weight on all axles times the state of the rail (N); inf where adhesion is no limit."""
+        """Weight on all axles times the state of the rail (N); inf if adhesion is no limit."""
         if np.isinf(self.adhesive_mass_kg):
             return np.inf
         return self.mass_kg * STANDARD_GRAVITY_MPS2 * self.adhesion_ratio
@@ -213,7 +215,7 @@ class Vehicle:
     def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level, supply: ArrayLike) -> Floats:
         """The part of each wheel force (N) at a speed (m/s) that the motors give or take; the rest is friction brake.
 
-        `supply` as in `das.domain.route.Route.supply`: where it forbids the electric brake, friction does it all.
+        `supply` as in `das.domain.route.Route.supply`: where it forbids the electric brake, only friction brakes.
         """
         force = np.asarray(force_n, dtype=float)
         brakes = self.brakes_at(level)
@@ -226,7 +228,7 @@ class Vehicle:
         return np.where(supply == NEUTRAL, 0.0, np.maximum(force, -most))
 
     def tunnel_coefficient_n_per_mps2(self, area_m2: float) -> float:
-        """Additional resistance coefficient in a tunnel of this cross section (N/(m/s)²), 0 where the file has none.
+        """Additional resistance coefficient in a tunnel of this cross section (N/(m/s)²), 0 if the file has none.
 
         Linear between the file's cross sections, constant beyond.
         """
@@ -248,7 +250,7 @@ class Vehicle:
         )
 
     def loaded(self, name: str) -> Vehicle:
-        """The train in one of its load states; DasError where the file has no such load."""
+        """The train in one of its load states; DasError if the file has no such load."""
         if name not in self.loads:
             have = ", ".join(self.loads) or "none"
             raise DasError(f"{self.source}: no load {name!r}; it has {have}")
@@ -257,12 +259,12 @@ class Vehicle:
         return train if load.c0_n is None else replace(train, resistance=replace(train.resistance, c0_n=load.c0_n))
 
     def with_loss_map(self, loss_map: LossMap) -> Vehicle:
-        """The same train with the losses of `loss_map` and nothing else of it."""
+        """The same train with `loss_map` in place of all its losses."""
         return replace(self, losses=MappingProxyType({Level.L3: loss_map}), default_level=Level.L3)
 
 
 def _check_resistance(vehicle: Vehicle) -> None:
-    """The resistance is nowhere negative up to the train's speed (c1 may be: a tail wind)."""
+    """Raise InputError if the resistance is negative at any speed up to the top speed (c1 may be: a tail wind)."""
     c = vehicle.resistance
     if not np.isfinite(c.c1_n_per_mps):
         raise InputError(vehicle.source, "resistance.c1_n_per_mps", c.c1_n_per_mps, "a finite number")

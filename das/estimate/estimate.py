@@ -49,7 +49,7 @@ class ProblemKind(StrEnum):
 
 
 class Problem(NamedTuple):
-    """A kind of problem and the value that belongs to it, in SI units; NaN where the kind has none."""
+    """A kind of problem and the value that belongs to it, in SI units; NaN if the kind has none."""
 
     kind: ProblemKind
     value: float = math.nan
@@ -64,7 +64,7 @@ class Estimate:
 
     time_ns: int
     fix_time_ns: int = 0
-    """The time of the last fix that went into the estimate; 0 where there is none."""
+    """The time of the last fix that went into the estimate; 0 if there is none."""
     s_m: float = math.nan
     speed_mps: float = math.nan
     position_sd_m: float = math.nan
@@ -72,11 +72,11 @@ class Estimate:
     speed_sd_mps: float = math.nan
     """One standard deviation of the speed."""
     problem: Problem | None = NO_POSITION_YET
-    """Why the estimate cannot be used; None where it can be used."""
+    """Why the estimate cannot be used; None if it can be used."""
     rejected: int = 0
     """How many fixes were rejected since the localisation began."""
     rejection: Problem | None = None
-    """Why the last rejected fix was rejected; None where no fix was."""
+    """Why the last rejected fix was rejected; None if no fix was."""
     restarts: int = 0
     """How many times the estimate began anew because rejected fixes agreed with each other."""
     clock_off_s: float = 0.0

@@ -24,13 +24,13 @@ class PositionFix:
 
     time_ns: int
     s_m: float
-    """The position on the route; NaN where it was not measured."""
+    """The position on the route; NaN if it was not measured."""
     speed_mps: float
-    """The speed; NaN where it was not measured."""
+    """The speed; NaN if it was not measured."""
     uncertainty_m: float = math.nan
-    """One standard deviation of the position; 0 or NaN where the sender states none."""
+    """One standard deviation of the position; 0 or NaN if the sender states none."""
     speed_uncertainty_mps: float = math.nan
-    """One standard deviation of the speed; 0 or NaN where the sender states none."""
+    """One standard deviation of the speed; 0 or NaN if the sender states none."""
     quality: Quality = Quality.GOOD
 
     def repeats(self, other: PositionFix) -> bool:

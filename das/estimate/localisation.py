@@ -103,7 +103,7 @@ class ClockSteps:
 
     @property
     def _usual_s(self) -> float | None:
-        """The time between two time stamps at the receiver's steady rate; None where it has none."""
+        """The time between two time stamps at the receiver's steady rate; None if it has none."""
         if len(self._spans_s) < self._settings.rate_fixes:
             return None
         usual_s = statistics.median(self._spans_s)

@@ -27,7 +27,7 @@ STANDSTILL_MPS: Final = 0.3
 
 
 def impossible(fix: PositionFix, settings: PossibleSettings, *, fastest_mps: float, has_state: bool) -> Problem | None:
-    """Return why a fix cannot be true, whatever came before it; None where it can.
+    """Return why a fix cannot be true, whatever came before it; None if it can.
 
     A fix without a position is possible only where there is a state (`has_state`) that its speed carries on.
     """
@@ -52,7 +52,7 @@ def impossible(fix: PositionFix, settings: PossibleSettings, *, fastest_mps: flo
 def surprise(
     fix: PositionFix, sds: Deviations, *, expected: Track, before: Track, gate: GateSettings
 ) -> Problem | None:
-    """Return how a fix deviates more than noise and the train explain; None where it does not.
+    """Return how a fix deviates more than noise and the train explain; None if it does not.
 
     `expected` is the state expected at the fix and `before` the last one. A fix behind `before` deviates as well,
     because trains do not roll back. A speed or position that was not measured never deviates.

@@ -84,7 +84,7 @@ class Estimates:
     usable: bool
     """Whether both ratios are known well enough and lie within their bounds, and the forces behind them are trusted."""
     doubt: ForceDoubt | None = None
-    """Why the forces are not trusted; None where they are."""
+    """Why the forces are not trusted; None if they are."""
 
     def differs(self, conditions: Conditions, settings: ReplanSettings = CALIBRATION.replan) -> bool:
         """Whether the train certainly differs from one under these conditions, and by enough to plan anew."""

@@ -194,7 +194,7 @@ class Pairing:
         return place.usable and on_line and abs(place.speed_mps) <= fastest_mps
 
     def _forces_at(self, time_ns: int, before: Effort | None, effort: Effort) -> tuple[float, float] | None:
-        """Return the whole wheel force and its friction part (N) at a moment; None where it is not between efforts."""
+        """Return the whole wheel force and its friction part (N) at a moment; None if it is not between efforts."""
         longest_gap_s = self._settings.longest_gap_s
         if time_ns == effort.time_ns:
             share = 1.0

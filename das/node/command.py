@@ -43,7 +43,7 @@ LAST_PORT = 65535
 
 @tls_app.callback()
 def _several() -> None:
-    """Keep `tls-init` a word of the command line: typer drops the name of an only command."""
+    """Keep `tls-init` a word of the command line: typer drops the name of a command that is the only one."""
 
 
 @tls_app.command("tls-init", epilog="Example: das-node tls-init bus-tls --train IC1")
@@ -78,7 +78,7 @@ def tls_init(
 
 
 def main() -> None:
-    """Entry point of das-node: advise, or run `tls-init` where that is the first word."""
+    """Entry point of das-node: run `tls-init` if that is the first word, else advise."""
     if sys.argv[1:2] == ["tls-init"]:
         run_app(tls_app, "das-node")
     else:

@@ -1,6 +1,6 @@
 """The node connects the bus, a clock and the cab; the cab makes every decision.
 
-The clock is the wall clock, or that of a simulation, which the node hears on the bus.
+The clock is the wall clock, or the clock of a simulation, whose time the node receives on the bus.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 
 LEAST_STEP_S = 0.05
-"""Least step (s) between wall clock and monotonic seconds that counts as setting the clock; less is reading delay."""
+"""A wall clock that steps this far (s) against the monotonic seconds was set; a smaller step is reading delay."""
 
 
 class Clock(Protocol):
@@ -35,10 +35,10 @@ class Clock(Protocol):
         """The time (ns since 1970) by which incoming messages are judged; 0 before it is known."""
 
     def set_by_s(self) -> float:
-        """By how much the clock was set since the last call (s, < 0: back); 0 if it was not set, or nobody can tell."""
+        """By how much the clock was set since the last call (s, < 0: back); 0 if it was not set, or this is unknown."""
 
     def note(self, received: Received) -> None:
-        """Take note of a message that the cab has heard."""
+        """Take note of a message that the cab has received."""
 
     def due(self) -> Any | None:
         """The Control message that must be answered now; None if there is none."""
@@ -76,8 +76,8 @@ class WallClock:
 class BusClock:
     """The clock of a replay or simulation: a Control message gives the time and asks for one advice.
 
-    The node answers it as soon as it has heard all restrictions and targets that were sent before it. The time of a
-    journey does not count for judging messages, because it may be long past.
+    The node answers the Control message once it has received all restrictions and targets sent before it. The time of
+    a journey is not used to judge messages, because it may be long past.
     """
 
     is_wall = False
@@ -88,7 +88,7 @@ class BusClock:
         self._held: Any | None = None
 
     def now_ns(self) -> int:
-        """The last time heard on the bus (ns since 1970; 0 before the first)."""
+        """The last time received on the bus (ns since 1970; 0 before the first)."""
         return self._now_ns
 
     def judged_at_ns(self) -> int:
@@ -125,7 +125,7 @@ class BusClock:
 
 
 CAUGHT_UP = 1_000
-"""Most messages that are taken at the start, before a section is prepared."""
+"""Largest number of messages that are taken at the start, before a section is prepared."""
 
 
 class Node:
@@ -134,10 +134,10 @@ class Node:
     def __init__(self, bus: Bus, cab: Cab, clock: Clock) -> None:
         self.bus, self.cab, self.clock = bus, cab, clock
         self.finished = False
-        """Whether the simulation has said that it is over."""
+        """Whether the simulation has reported that it is over."""
 
     def take(self, received: Received) -> None:
-        """Let the cab hear one message, and answer the Control message that is due, if any."""
+        """Pass one message to the cab, and answer the Control message that is due, if any."""
         self.look_around()
         heard = codec.decode(received, self.clock.judged_at_ns())
         if heard is not None:
@@ -172,7 +172,7 @@ class Node:
             self.take(received)
 
     def tick(self, now_ns: int, tick: int = 0) -> None:
-        """Advise once; an output that no message can carry (a time too late for it) becomes a fault of the cab."""
+        """Advise once; if an output does not fit into a message (its time is too late), the cab reports a fault."""
         outputs = self.cab.tick(now_ns, dropped=self.bus.dropped)
         try:
             messages = [codec.encode_output(output, tick) for output in outputs]

@@ -40,9 +40,9 @@ from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, Tr
 LOOK_S = 0.1
 """Longest time (s) between two looks at the clock and for messages."""
 SEARCH_LOOK_S = 0.005
-"""The same time (s) while a front is being solved."""
+"""Longest time (s) between two looks at the clock while a front is being solved or an advice is urgent."""
 LEAST_GAP_S = 0.05
-"""Least time (s) between an advice and an early one, however fast the situation changes."""
+"""Least time (s) from one advice to an early next one, however fast the situation changes."""
 WAITING_SAID_EVERY_S = 1.0
 """Period (s) in which a node that follows the clock of the bus reports that it waits for a journey."""
 SWITCH_S = 0.0005
@@ -62,7 +62,7 @@ class CabPlan:
     stops_m: list[float]
 
     def cab(self) -> Cab:
-        """A new cab, which has heard nothing yet."""
+        """A new cab, which has received no message yet."""
         return Cab(self.post, self.situation, self.fronts, self.settings)
 
 
@@ -104,7 +104,7 @@ def _line(line: LineServed) -> tuple[Route, list[float]]:
 
 
 def _vehicle(driven: TrainServed) -> Vehicle:
-    """The train without a load state."""
+    """The train before a load state is applied, with the loss map that the options name, if any."""
     vehicle = load_vehicle(driven.vehicle)
     return vehicle.with_loss_map(read_loss_map(driven.loss_map)) if driven.loss_map is not None else vehicle
 
@@ -195,7 +195,7 @@ def _clock(advice: AdviceGiven) -> Clock:
 
 
 def _heard(advice: AdviceGiven) -> tuple[Topic, ...]:
-    """The topics the node hears."""
+    """The topics that the node receives."""
     return (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if advice.calibrate else []))
 
 

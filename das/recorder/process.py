@@ -21,13 +21,13 @@ from das.domain.files.writing import new_file
 from das.recorder.options import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
-"""Most messages that may wait while the disk is slow; beyond that the oldest are lost and counted."""
+"""Largest number of messages that may wait while the disk is slow; beyond it the oldest are lost and counted."""
 LISTENS_S = 0.1
 """Longest time (s) for which the recorder waits for a message before it looks at its clock."""
 
 
 def record(options: RecorderOptions) -> None:
-    """Record until asked to stop. Raises DasError for unusable options and where the file cannot be written."""
+    """Record until asked to stop. Raises DasError for unusable options and if the file cannot be written."""
     bus = _bus(options)
     out = options.made.out or Path(f"{options.place.train}.mcap")
     try:

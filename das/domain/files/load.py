@@ -24,7 +24,7 @@ def catalogue(kind: str) -> dict[str, Path]:
 
 
 def load_vehicle(name_or_path: str | Path) -> Vehicle:
-    """The train of a bundled name ("re460-ic"), a TOML file of ours or a JSON train of TTOBench.
+    """The train with a bundled name ("re460-ic"), or from a TOML file of this project or a JSON train of TTOBench.
 
     Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
     in it.
@@ -38,7 +38,7 @@ def load_vehicle(name_or_path: str | Path) -> Vehicle:
 
 
 def load_route(name_or_path: str | Path) -> Route:
-    """The line of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON track of TTOBench.
+    """The line with a bundled name ("zurich-luzern"), or from a TOML file of this project or a JSON track of TTOBench.
 
     Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
     in it.
@@ -52,10 +52,10 @@ def load_route(name_or_path: str | Path) -> Route:
 
 
 def load_journey(name_or_path: str | Path, route: Route) -> Journey:
-    """The journey of a bundled name ("zurich-luzern"), a TOML file of ours or a JSON journey of TTOBench, on a route.
+    """The journey on a route, with a bundled name ("zurich-luzern") or from a file (our TOML, or JSON of TTOBench).
 
     Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it, and where a point of the journey is not on the route.
+    in it, and for a point of the journey that is not on the route.
     """
     path = _locate(name_or_path, "journeys")
     json = path.suffix.lower() == ".json"
@@ -65,12 +65,12 @@ def load_journey(name_or_path: str | Path, route: Route) -> Journey:
 
 
 def locate_vehicle(name_or_path: str | Path) -> Path:
-    """The file of a vehicle; DasError where there is none."""
+    """The file of a vehicle; DasError if there is none."""
     return _locate(name_or_path, "vehicles")
 
 
 def locate_route(name_or_path: str | Path) -> Path:
-    """The file of a route; DasError where there is none."""
+    """The file of a route; DasError if there is none."""
     return _locate(name_or_path, "routes")
 
 
@@ -85,7 +85,7 @@ def _locate(name_or_path: str | Path, kind: str) -> Path:
 def locate(
     name_or_path: str | Path, kind: str, bundled: Mapping[str, Path], suffixes: tuple[str, ...] = (".toml",)
 ) -> Path:
-    """The file of a bundled name or a path; DasError, which names the kind of thing, where there is none."""
+    """The file with a bundled name, or at a path; if there is none, DasError, which names the kind of thing."""
     if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)

@@ -16,12 +16,12 @@ from das.domain.errors import MISSING, DasError, InputError, is_seen
 from das.domain.units import FACTORS, MEGABYTE, to_si
 
 MOST_BYTES = 5_000_000
-"""Largest file of a vehicle, route, journey or loss map that is read. A route of 1000 km with a point of its geometry
-every 10 m has about 3 MB."""
+"""Largest file (bytes) of a vehicle, route, journey or loss map that is read. A route of 1000 km with a point of its
+geometry every 10 m has about 3 MB."""
 MOST_BYTES_OF_TEXT = 200_000_000
-"""Largest text file that is read at all: a recorded trip has about 5 MB a day at one row a second."""
+"""Largest text file (bytes) that is read at all: a recorded trip has about 5 MB a day at one row a second."""
 MOST_ROWS = 20_000
-"""Most rows of a list: 1000 km of track with a gradient every 50 m."""
+"""Largest number of rows of a list: 1000 km of track with a gradient every 50 m."""
 MOST_OF_A_NAME = 200
 """Longest name (characters) of a vehicle, route, journey or place."""
 LARGEST = 1e12
@@ -37,7 +37,7 @@ Kind = TypeVar("Kind", bound=StrEnum)
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
-    """Text of a UTF-8 file; DasError where it cannot be read, is not a regular file or has more than `most_bytes`."""
+    """Text of a UTF-8 file; DasError if it cannot be read, is not a regular file or has more than `most_bytes`."""
     try:
         if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
             raise DasError(f"{path}: not a regular file")  # opening a pipe would wait for its other end
@@ -56,7 +56,7 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
 
 
 def read_json(path: Path) -> Fields:
-    """Parse a JSON object; DasError where the file cannot be read or holds something else."""
+    """Parse a JSON object; DasError if the file cannot be read or holds something else."""
     try:
         data = json.loads(read_text(path, MOST_BYTES))
     except (ValueError, RecursionError) as error:
@@ -65,7 +65,7 @@ def read_json(path: Path) -> Fields:
 
 
 def read_toml(path: Path) -> Fields:
-    """Parse a TOML document; DasError where the file cannot be read or holds something else."""
+    """Parse a TOML document; DasError if the file cannot be read or holds something else."""
     try:
         data = tomllib.loads(read_text(path, MOST_BYTES))
     except (ValueError, RecursionError) as error:
@@ -83,13 +83,13 @@ class Fields:
 
     @classmethod
     def of(cls, source: Path, data: object, prefix: str = "") -> Fields:
-        """The fields of a parsed table; InputError where `data` is something else."""
+        """The fields of a parsed table; InputError if `data` is something else."""
         if not isinstance(data, Mapping):
             raise InputError(source, prefix.rstrip(".") or "the file", type(data).__name__, "a table of keys")
         return cls(source, prefix, data)
 
     def error(self, key: str, value: object, expected: str) -> InputError:
-        """The error of a value of this table."""
+        """The error for a value of this table."""
         return InputError(self.source, self.prefix + key, value, expected)
 
     def has(self, key: str) -> bool:
@@ -97,7 +97,7 @@ class Fields:
         return key in self.data
 
     def table(self, key: str) -> Fields:
-        """The table under a key; InputError where there is none."""
+        """The table under a key; InputError if there is none."""
         if key not in self.data:
             raise self.error(key, MISSING, "a table")
         return Fields.of(self.source, self.data[key], f"{self.prefix}{key}.")
@@ -107,7 +107,7 @@ class Fields:
         return self.table(key) if self.has(key) else Fields(self.source, f"{self.prefix}{key}.", {})
 
     def text(self, key: str, default: str | None = None) -> str:
-        """The text under a key; InputError where it is missing without a default, or is not a text."""
+        """The text under a key; InputError if it is missing and has no default, or is not a text."""
         value = self.data.get(key, default)
         if not isinstance(value, str):
             raise self.error(key, self.data.get(key, MISSING), "a string")
@@ -142,7 +142,7 @@ class Fields:
         return kind(value)
 
     def names(self, key: str, known: Collection[str]) -> list[str]:
-        """The list of names under a key, empty where there is none; InputError for a name that is not known."""
+        """The list of names under a key, empty if there is none; InputError for a name that is not known."""
         names = self.data.get(key, [])
         if not isinstance(names, list) or any(name not in known for name in names):
             raise self.error(key, names, f"a list of names out of {', '.join(known)}")
@@ -155,7 +155,7 @@ class Fields:
             raise self.error("schema_version", value, f"{supported}")
 
     def check_keys(self, allowed: Sequence[str]) -> None:
-        """Raise InputError for a key that is not allowed: a misspelt optional key would be ignored in silence."""
+        """Raise InputError for a key that is not allowed; otherwise a misspelt optional key would go unnoticed."""
         for key in self.data:
             if key not in allowed:
                 raise self.error(key, self.data[key], f"one of the keys {', '.join(sorted(allowed))}")
@@ -207,7 +207,7 @@ class Fields:
         return rows
 
     def check_count(self, key: str, entries: Sequence[object], most: int = MOST_ROWS) -> None:
-        """Raise InputError where a list of this table has more than `most` entries."""
+        """Raise InputError if a list of this table has more than `most` entries."""
         if len(entries) > most:
             raise InputError(self.source, f"number of {self.prefix}{key}", len(entries), f"at most {most}")
 
@@ -254,14 +254,14 @@ def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbou
 
 
 def train_length_m(source: Path, value: float) -> float:
-    """A train's length (m), 0 for a point; InputError for one so short that a mean over it would be rounding error."""
+    """A train's length (m), 0 for a point; InputError if it is so short that a mean over it is mere rounding error."""
     if 0 < value < SHORTEST_TRAIN_M:
         raise InputError(source, "vehicle.length", value, f"0 m (a point), or at least {SHORTEST_TRAIN_M:g} m")
     return value
 
 
 def bound_of_window(source: Path, key: str, time_s: float) -> float:
-    """A time on a journey's clock, infinite where its window is open; InputError for one beyond `LARGEST_TIME_S`."""
+    """A time (s) on a journey's clock, infinite if the window is open; InputError if beyond `LARGEST_TIME_S`."""
     if math.isfinite(time_s) and abs(time_s) > LARGEST_TIME_S:
         raise InputError(source, key, time_s, f"a time of at most {LARGEST_TIME_S:g} s, or an open window")
     return time_s

@@ -21,9 +21,9 @@ Floats = NDArray[np.float64]
 
 SCHEMA_VERSION = 1
 MOST_STOPS = 1000
-"""Most stops of a route. Assumption: the longest lines have some hundred."""
+"""Largest number of stops of a route. Assumption: the longest lines have a few hundred."""
 MOST_POINTS = 200_000
-"""Most points of a route's geometry: 1000 km with one every 5 m."""
+"""Largest number of points of a route's geometry: 1000 km with a point every 5 m."""
 _CLOCK = re.compile(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
 _PLACE = {"position": "length"}
 _SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
@@ -79,7 +79,7 @@ def _geometry(fields: Fields) -> tuple[Floats, Floats, Floats]:
 
 
 def _curvature(fields: Fields) -> Stretches:
-    """Mean curvature of each stretch; the line is straight where the file has no curves."""
+    """Mean curvature of each stretch; a file without curves describes a straight line."""
     rows = [[0.0, np.inf, np.inf]]
     if fields.has("curves"):
         wanted = {"position": "length", "radius_start": "length", "radius_end": "length"}
@@ -133,7 +133,7 @@ def _tunnels(fields: Fields) -> tuple[Tunnel, ...]:
 
 
 def read_journey(path: Path, route: Route) -> Journey:
-    """Read a journey on a route; raises DasError or InputError (file, key, value, expectation) where it is unusable."""
+    """Read a journey on a route; raises DasError or InputError (file, key, value, expectation) if it is unusable."""
     fields = read_toml(path)
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "journey", "stops", "passings"])
@@ -189,7 +189,7 @@ def _place_keys(fields: Fields) -> list[str]:
 
 
 def _place(fields: Fields, route: Route) -> tuple[str, float]:
-    """Name and position (m) of a point: those of a stop of the route, or its own."""
+    """Name and position (m) of a point: from the stop of the route that it names, or stated by the point itself."""
     if not fields.has("stop"):
         return fields.name("name"), fields.quantity("position", "length")
     for key in ("name", *fields.given_keys("position", "length")):

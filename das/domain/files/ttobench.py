@@ -20,11 +20,11 @@ from das.domain.units import FACTORS
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
 
 INSIST = "correct the file, or convert it to TOML (docs/reference/file-formats.md), which can accept {check}"
-"""What a refusal of an implausible value tells the author of a file that means it."""
+"""The end of the error for an implausible value: what to do if the value is meant."""
 
 
 def read_train(path: Path) -> Vehicle:
-    """Read a TTOBench train; its constant efficiencies become its own losses.
+    """Read a TTOBench train; its constant efficiencies become its losses at level OWN.
 
     Raises DasError for a missing file, InputError (file, key, value, expectation) for anything unusable in it.
     """
@@ -69,7 +69,7 @@ def read_train(path: Path) -> Vehicle:
 
 
 def read_track(path: Path) -> Route:
-    """Read a TTOBench track. Stops get their number as name, for the format has none.
+    """Read a TTOBench track. Stops are named by their numbers, because the format has no names.
 
     Raises DasError for a missing file, InputError (file, key, value, expectation) for anything unusable in it.
     """
@@ -121,14 +121,14 @@ _TIMING = {
 }
 """Columns of a journey's timing points with their dimensions."""
 _OPEN = (None, -np.inf, np.inf, 0.0, np.inf)
-"""The number that null, an open bound, stands for in each of these columns; None: null is refused."""
+"""For each of the timing columns, the number that null (an open bound) stands for; None: null is refused."""
 
 
 def read_journey(path: Path) -> Journey:
-    """Read a TTOBench journey; its points are named by their position, for the format has no names.
+    """Read a TTOBench journey; its points are named by their positions, because the format has no names.
 
-    Two rows at one position are the arrival and the departure of a stop; one row with both speeds 0 is a stop without
-    a dwell, any other a passing. Null is an open bound. Raises DasError for a missing file, InputError (file, key,
+    Two rows at one position are the arrival and the departure of a stop. One row with both speeds 0 is a stop without
+    a dwell, any other row a passing. Null is an open bound. Raises DasError for a missing file, InputError (file, key,
     value, expectation) for anything unusable in it.
     """
     fields = read_json(path)
@@ -188,7 +188,7 @@ def _unit(fields: Fields, key: str, unit: object, dimension: str) -> str:
 
 
 def _quantity(fields: Fields, key: str, dimension: str, default: float | None = None) -> float:
-    """`{"unit": …, "value": …}` in SI."""
+    """The number in `{"unit": …, "value": …}`, in SI."""
     if not fields.has(key):
         if default is None:
             raise fields.error(key, MISSING, '{"unit": …, "value": …}')
@@ -220,9 +220,9 @@ def _stop_positions(fields: Fields) -> list[float]:
 def _rows(
     fields: Fields, key: str, *columns: tuple[str, str], missing: tuple[float | None, ...] = ()
 ) -> list[list[float]]:
-    """`{"units": {column: unit}, "values": [[…], …]}` in SI; "infinity" is a number here.
+    """The rows of `{"units": {column: unit}, "values": [[…], …]}` in SI; the text "infinity" counts as a number.
 
-    `missing` holds for each column the number that null stands for, or None where null is refused (the default).
+    `missing` holds for each column the number that null stands for, or None if null is refused (the default).
     """
     table = fields.table(key)
     units_table = table.table("units")

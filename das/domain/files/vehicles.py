@@ -92,7 +92,7 @@ def _lossless(fields: Fields) -> Vehicle:
 
 
 def read_loss_chain(path: Path) -> LossChain:
-    """The parametric loss chain of a vehicle file; raises DasError where its level L3 is not `kind = "components"`."""
+    """The parametric loss chain of a vehicle file; raises DasError if its level L3 is not `kind = "components"`."""
     table = read_toml(path).table("losses").table(Level.L3)
     if table.text("kind") != "components":
         raise table.error("kind", table.text("kind"), "components")
@@ -109,7 +109,7 @@ def _resistance(fields: Fields) -> Resistance:
 
 
 def _friction_brake_n(fields: Fields) -> float:
-    """Largest force of the friction brake (N); 0 where the file has none."""
+    """Largest force of the friction brake (N); 0 if the file has none."""
     if not fields.has("friction_brake"):
         return 0.0
     table = fields.table("friction_brake")
@@ -182,7 +182,7 @@ def _brake_policy(fields: Fields, electric: EffortEnvelope, friction_n: float) -
 
 
 def read_losses(fields: Fields, vehicle: Vehicle) -> tuple[dict[Level, LossModel], Level]:
-    """The loss models of a table `[losses]`, and its default level: the named one, else the first given."""
+    """The loss models of a table `[losses]`, and its default level: as named, else the first with data, else L0 REG."""
     fields.check_keys(["source", "default", "own", "l1", "l2", "l3"])
     losses: dict[Level, LossModel] = {}
     for level in (Level.OWN, Level.L1, Level.L2):
@@ -335,7 +335,7 @@ def _row(path: Path, line: int, row: list[str], factors: list[float]) -> list[fl
 
 
 def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:
-    """The map of rows of speed, force and loss (SI), which are given by their line numbers."""
+    """The loss map from rows of speed, force and loss (SI), each under its line number."""
     data = np.array(list(rows.values()))
     speeds, i = np.unique(data[:, 0].round(9), return_inverse=True)
     forces, j = np.unique(data[:, 1].round(6), return_inverse=True)
