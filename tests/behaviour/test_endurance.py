@@ -117,6 +117,7 @@ FEASIBLE_S = 2.0
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_a_follower_on_late_days_arrives_in_time_for_the_least_energy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

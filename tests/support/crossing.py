@@ -33,13 +33,13 @@ def crossed(*lists: Sequence[Any]) -> list[Any]:
 
 
 def numbered(variable: str, usual: int, first: int = 0) -> list[Any]:
-    """The numbers of random cases, as parameters of a test: a third in the default run, the rest marked `more`.
+    """The numbers of random cases, as parameters of a test: a quarter in the default run, the rest marked `more`.
 
     If the environment variable is set, it gives the number of cases, and all of them are in the default run.
     """
     if variable in os.environ:
         return [pytest.param(range(first, first + int(os.environ[variable])), id="all")]
-    middle = first + -(-usual // 3)
+    middle = first + -(-usual // 4)
     rest = pytest.param(range(middle, first + usual), id="rest", marks=pytest.mark.more)
     return [pytest.param(range(first, middle), id="first"), rest]
 

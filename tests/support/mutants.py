@@ -112,12 +112,21 @@ MUTANTS = [
         ("v² grows", "w1 = w0 - 2.0 * h * rate", "w1 = w0 - h * rate"),
     ),
     *_of(
-        "das/advice/shown_safely.py",
+        "das/advice/braking.py",
         f"{BRAKES} tests/property/test_advice_property.py",
         ("needed force is less", "BRAKED_MORE = 1.1", "BRAKED_MORE = 0.6"),
+    ),
+    *_of(
+        "das/advice/shown_safely.py",
+        f"{BRAKES} tests/property/test_advice_property.py",
         ("traction before a brake", "pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2", "pulls = False"),
         ("above the plan nothing changes", "if effort > 0.0 and needed_n < force_n else (mode, force_n)", "if False else (mode, force_n)"),
         ("the horizon stays above", "kept[i] = min(kept[i], planner.lowest_allowed_mps(at_m, max(at_m, to_m)))", "kept[i] = kept[i]"),
+    ),
+    *_of(
+        "das/advice/braking.py",
+        f"{BRAKES} tests/property/test_advice_property.py",
+        ("needed force is less", "BRAKED_MORE = 1.1", "BRAKED_MORE = 0.6"),
     ),
     *_of(
         "das/advice/shown_safely.py",

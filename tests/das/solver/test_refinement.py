@@ -115,7 +115,10 @@ def test_a_refined_run_is_possible_in_time_and_needs_less(line: str, level: Leve
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("line", "level", "buffer_ratio"), CASES)
+@pytest.mark.parametrize(
+    ("line", "level", "buffer_ratio"),
+    [pytest.param(*one, marks=() if number % 3 == 0 else pytest.mark.more) for number, one in enumerate(CASES)],
+)
 def test_a_wider_and_finer_tube_finds_next_to_nothing_more(line: str, level: Level, buffer_ratio: float) -> None:
     found = refined_of(line, level, buffer_ratio)
     witness = refined(run_of(line, level, buffer_ratio), WITNESS)

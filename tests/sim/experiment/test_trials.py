@@ -89,7 +89,7 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(designed: Designed) ->
         "conditions have between 2 and 3 trials",
     ]
     notes = group_notes(design)
-    assert notes[0].startswith("presentation: each participant meets one level, so that groups of 2 are compared")
+    assert notes[0].startswith("presentation: each participant meets one level, so groups of 2 are compared unpaired")
     assert [note[:24] for note in notes[1:]] == ["groups of 2: with fewer ", "the groups meet differen"]
 
 
