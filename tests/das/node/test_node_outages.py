@@ -72,6 +72,7 @@ def withdrawn(received: Received) -> bool:
 
 @pytest.mark.processes
 @pytest.mark.slow
+@pytest.mark.more
 def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -> None:
     """Every process in turn, the log of all of them on a full disk."""
     node_at, simulator_at, recorder_at, cab_at = (endpoint(port) for port in free_ports(4))

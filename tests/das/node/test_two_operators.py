@@ -301,6 +301,7 @@ def test_operators_that_are_killed_and_come_back_over_the_bus() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_nodes_that_are_started_anew_agree_that_two_living_operators_differ() -> None:
     """Whichever of the two lists each of them hears first."""
     node_at, simulator_at, first_at, second_at = (endpoint(port) for port in free_ports(4))

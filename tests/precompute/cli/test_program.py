@@ -16,6 +16,7 @@ from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from precompute.cli.options import chosen
 from precompute.cli.program import COMMANDS, GONE, NAME
+from tests.support.crossing import few
 from tests.support.making import REPOSITORY, das_precompute, in_a_process, printed
 
 EVERY = pytest.mark.parametrize("entry", COMMANDS, ids=[entry.name for entry in COMMANDS])
@@ -105,7 +106,10 @@ PRINTED = {
 """What a command explains below its table."""
 
 
-@pytest.mark.parametrize("command", PRINTED)
+LONG = ("front flat-6km re460-ic --exact --max-buffer 1", "solve flat-6km re460-ic --buffer 7 --strategy rms")
+
+
+@pytest.mark.parametrize("command", few(PRINTED, PRINTED.keys() - set(LONG)))
 def test_what_is_printed_fits_80_columns_and_explains_its_abbreviations(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

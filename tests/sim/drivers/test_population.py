@@ -171,6 +171,7 @@ def test_values_that_contradict_each_other_name_the_participant(flat: Callable[[
 
 
 @pytest.mark.slow
+@pytest.mark.more
 def test_runs_of_a_participant_are_paired(tmp_path: Path) -> None:
     (tmp_path / "flat.toml").write_text(FLAT)
     asked = ("run", "flat.toml", "--in-process", "--json", "--advice", "none")
