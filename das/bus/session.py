@@ -198,7 +198,7 @@ class Presences:
             self._news[place] = Presence(topic, source, bool(tokens))
 
     def take(self) -> list[Presence]:
-        """The changes since this was last asked, the newest of each session."""
+        """The changes since the last call, the newest of each session."""
         with self._lock:
             news, self._news = list(self._news.values()), {}
         return news
@@ -292,7 +292,7 @@ class Bus:
             self._declared.append(self._session.liveliness().declare_subscriber(tokens, noted, history=True))
 
     def presences(self) -> list[Presence]:
-        """The publishers of watched topics that came or went since this was last asked, except this session itself."""
+        """The publishers of watched topics that came or went since the last call, except this session itself."""
         return [one for one in self._presences.take() if one.source != self._own]
 
     @property

@@ -59,7 +59,7 @@ class CabSettings:
     """The settings of a cab."""
 
     advice_period_s: float = 1.0
-    """The time between two advices. If it is long, each advice is valid until the next one should have come."""
+    """The time from one advice to the next. If it is long, each advice is valid until the next is due."""
     no_restrictions: bool = False
     """Whether the site has no temporary restrictions, so that there is advice without a list of them."""
     calibrate: bool = False

@@ -28,7 +28,7 @@ from das.table.hashes import combined, differing_parts, hashes_of, solver_code_s
 from das.table.reading import Table, read_front, why_not
 
 KEPT_BYTES = 60_000_000
-"""Fronts are kept up to this size in all (30 km take 18 MB); the last one always is."""
+"""Fronts are kept up to this size in all (30 km take 18 MB); the newest front is always kept."""
 EVERY_MULTIPLIER = 3
 """On board only every third of the solver's multipliers is solved. That takes 0.4 of the memory and costs 0.003 to
 0.03 % of the energy in the mean, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
@@ -86,7 +86,7 @@ class Fronts:
     def find(self, section: Section, s_m: float | None = None) -> Found:
         """The front of a section: kept, from a table, or solved now; raises as `solve_front` does.
 
-        For a train at a position (m), the way behind it is not solved; the answers are the same.
+        For a train at a position (m), the line behind it is not solved; the answers are the same.
         """
         hashes = hashes_of(section)
         key = combined(hashes)
@@ -100,7 +100,7 @@ class Fronts:
     def find_few_switch(self, section: Section, settings: CoachSettings, s_m: float | None = None) -> FewSwitchFront:
         """The few-switch trajectories for the coach on a section: kept, or solved now; raises as `solve_few_switch`.
 
-        For a train at a position (m), the way behind it is not solved; the answers are the same.
+        For a train at a position (m), the line behind it is not solved; the answers are the same.
         """
         key = f"{combined(hashes_of(section))} {settings.few_switch}"
         known = self._few_switch.get(key)

@@ -1,7 +1,7 @@
-"""The guard of the cab: it admits messages of sensible size and order, and of each kind those of one publisher only.
+"""The guard of the cab: it admits messages of sensible size and order, and only one publisher for each kind of message.
 
-A publisher is a session on the bus, known by its name. Of a state (journey, restrictions, targets) the first session
-counts until its publisher is gone (`Operator`); of a measurement, until it has gone silent (`Publishers`).
+A publisher is a session on the bus, known by its name. For a state (journey, restrictions, targets) the first session
+counts until it is gone (`Operator`); for a measurement, until it is silent (`Publishers`).
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Guard:
         return self._nodes[0] if self._nodes else ""
 
     def take_news(self) -> list[str]:
-        """The texts about publishers since this was last asked."""
+        """The texts about publishers since the last call."""
         news, self._news = self._news, []
         return news
 

@@ -142,7 +142,10 @@ class TargetsHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class Unreadable(Heard):
-    """A message that could not be read. `told` is its kind by its topic, `why` the reason (empty: another type)."""
+    """A message that could not be read.
+
+    `told` is the kind of message that its topic carries, `why` the reason (empty: it has another type).
+    """
 
     told: Kind
     why: str = ""

@@ -56,7 +56,7 @@ class Legs:
         return self.legs[self.index] if self.legs else None
 
     def take_news(self) -> list[News]:
-        """The news since this was last asked."""
+        """The news since the last call."""
         news = self.preparation.take_news() + [News(text, True) for text in self.last_words.take_news()]
         if self._accepted != self._accepted_reported:
             self._accepted_reported = self._accepted

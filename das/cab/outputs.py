@@ -137,7 +137,7 @@ class Reporting:
 
     def __init__(self) -> None:
         self.advices = 0
-        """How many advices were given or withdrawn."""
+        """How often advice was given or withdrawn."""
         self._outputs: list[Output] = []
         self._complaints, self._news = Moderation(), Moderation()
         self._shown: tuple[Regime, Cause] | None = None
@@ -148,7 +148,7 @@ class Reporting:
         self._clock_reported: tuple[float, int | None] = (0.0, None)
 
     def take(self) -> list[Output]:
-        """All outputs since this was last asked, in order."""
+        """All outputs since the last call, in order."""
         outputs, self._outputs = self._outputs, []
         return outputs
 

@@ -127,7 +127,7 @@ class Preparation:
         self._news.append(news)
 
     def take_news(self) -> list[News]:
-        """The news since this was last asked."""
+        """The news since the last call."""
         news, self._news = self._news, []
         return news
 

@@ -116,7 +116,7 @@ def _of_leg(here: Estimate, leg: LegFacts, stop: StopSettings) -> Withdrawal | N
 
 
 class LastWords:
-    """Passes advices through the last word, counts what it replaces, and collects the news about that."""
+    """Passes each advice through the last word, counts the replaced parts, and collects the news about them."""
 
     def __init__(self) -> None:
         self.acts: Counter[Part] = Counter()
@@ -146,7 +146,7 @@ class LastWords:
         return safe
 
     def take_news(self) -> list[str]:
-        """The texts about replaced parts since this was last asked."""
+        """The texts about replaced parts since the last call."""
         news, self._news = self._news, []
         return news
 

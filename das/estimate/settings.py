@@ -298,7 +298,8 @@ class ForceSettings:
     """A mass ratio below this, or above `near_mass_most`, is reported with both explanations: another train than
     planned, or a wrong force sensor."""
     near_mass_most: float = 1.4
-    """A mass ratio above this is reported as one below `near_mass_least` is."""
+    """A mass ratio above this, or below `near_mass_least`, is reported with both explanations: another train than
+    planned, or a wrong force sensor."""
 
 
 @dataclass(frozen=True, kw_only=True)
