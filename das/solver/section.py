@@ -213,11 +213,19 @@ def build_section(
     )
 
 
-def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
-    """The same section, planned with a service braking, or with the train's full brakes; raises as `build_section`."""
+def rebuilt(
+    section: Section,
+    vehicle: Vehicle,
+    brakes: BrakePolicy | None = None,
+    braking: ServiceBraking | None = None,
+) -> Section:
+    """The same stretch of the line with another vehicle, other brakes or a service braking.
+
+    None for `brakes` stands for those of the section, None for `braking` for full brakes. Raises as `build_section`.
+    """
     return build_section(
         section.route,
-        section.vehicle,
+        vehicle,
         level=section.level,
         start_m=section.start_m,
         end_m=section.end_m,
@@ -225,10 +233,15 @@ def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
             start_speed_mps=section.start_speed_mps,
             end_speed_mps=section.end_speed_mps,
             point_mass=section.train_length_m == 0,
-            brakes=section.brakes,
+            brakes=section.brakes if brakes is None else brakes,
             braking=braking,
         ),
     )
+
+
+def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
+    """The same section, planned with a service braking, or with the train's full brakes; raises as `build_section`."""
+    return rebuilt(section, section.vehicle, braking=braking)
 
 
 def capped(section: Section, cap_mps: ArrayLike) -> Section:

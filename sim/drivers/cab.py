@@ -148,7 +148,7 @@ class CabView(NamedTuple):
 
 
 class Driver(Protocol):
-    """Whoever drives: `command` is called at every look, a fraction of a second apart, in the order of time."""
+    """A driver: the run calls `command` at every look, a fraction of a second apart, in the order of time."""
 
     def command(self, cab: CabView) -> Command:
         """What the controller is set to until the next look."""

@@ -56,7 +56,7 @@ COACHED = ("clear-day", "departure-delay", "train-ahead", "restriction-ahead")
 """Days on which the coach advises; on the others it is off."""
 SEED = 1
 STEPS = {unit: 2.0 ** math.floor(math.log2(amount / 4)) for unit, amount in TOLERANCES.items() if unit != "_ns"}
-"""What is said is rounded to multiples of these, by the unit at the end of a field's name."""
+"""The recorder of references rounds answers to multiples of these, by the unit at the end of a field's name."""
 SAID_LATER_S = 15.0
 """A plan is said up to 10 s after it was made: the node hears so much more than what it said is kept."""
 BITS = 20

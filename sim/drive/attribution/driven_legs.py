@@ -22,7 +22,7 @@ from das.domain.route import Route
 from das.domain.trajectory import Trajectory
 from das.domain.units import NS
 from das.solver.front import Front
-from das.solver.section import Section, SectionOptions, build_section
+from das.solver.section import Section, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import EnergyBand, SectionEnergy
@@ -369,16 +369,4 @@ def _best_run(one: ComparedLeg, case: DrivenCase) -> Solution | None:
 
 def section_in(section: Section, case: DrivenCase) -> Section:
     """The section with the train and the brakes of a case; raises DasError if that train cannot run there."""
-    return build_section(
-        section.route,
-        case.train(section.vehicle),
-        level=section.level,
-        start_m=section.start_m,
-        end_m=section.end_m,
-        options=SectionOptions(
-            start_speed_mps=section.start_speed_mps,
-            end_speed_mps=section.end_speed_mps,
-            point_mass=section.train_length_m == 0,
-            brakes=case.brakes(section),
-        ),
-    )
+    return rebuilt(section, case.train(section.vehicle), case.brakes(section))
