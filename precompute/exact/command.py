@@ -23,7 +23,7 @@ from das.solver.section import Section
 from precompute.exact.front import STATES, ExactFront, Limits, passes, solve_exact
 
 RECENT = 6
-"""How much slower a pass is than the one before is estimated from this many of its latest layers."""
+"""This many of the latest layers of a pass show how much slower it is than the pass before."""
 MOST_GROWTH, MOST_MULTIPLE = 1.15, 12.0
 """A layer's time is forecast as a multiple of its time in the pass before. That multiple may grow by this factor from
 layer to layer, up to this value."""

@@ -29,7 +29,7 @@ LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
 """Most solved lines that a process keeps: one for the true train's losses, and two for loss levels of the advice."""
 APART: Final = 1_000_000_007
-"""Distance of a participant's random streams on two trials; it exceeds every participant's number."""
+"""Distance between the numbers of a participant's random streams; it exceeds every participant's number."""
 _services = ServiceMemory(most=LINES_KEPT)
 
 

@@ -81,8 +81,8 @@ def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT)
 def open_view(recording: Recording, *, with_map: bool = False) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
-    The viewer opens with what was recorded; the energy attribution follows as soon as it is found. It listens on
-    127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is no display.
+    The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
+    on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is no display.
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()

@@ -20,7 +20,7 @@ from das.solver.kernels.forces import (
 from das.solver.kernels.landings import landing_under
 
 SLOW_MPS = 5.0
-"""Below this speed (m/s) the brakes' delay needs no further reserve: the driver sees the mark, and they act already."""
+"""Below this speed (m/s) the brakes' delay needs no further reserve: the driver sees the mark and brakes already."""
 FULL_BRAKES = (1e9, 0.0)
 """A `service` of full brakes: no deceleration limit (m/s²) below the train's own, and no delay (s)."""
 _ROUNDING_W = 1e-9
