@@ -167,7 +167,7 @@ def _sha256(row: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Runner(Generic[Job]):
-    """Makes jobs into a folder on workers; `make` must be a function at the top of a module."""
+    """Does jobs on workers and puts the results into a folder; `make` must be a function at the top of a module."""
 
     make: Callable[[Job], JobResult]
     folder: Path

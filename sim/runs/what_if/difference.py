@@ -168,7 +168,7 @@ def _by_time(recording: Recording) -> dict[int, AdviceThen]:
 
 
 def _advised(old: AdviceThen, new: AdviceThen) -> Advised:
-    """A moment at which the advice differs, in words; those of the coach if only its advice differs."""
+    """A moment at which the advice differs, in words: the advice of the coach, if only that differs."""
     plain = [(one.mode, one.speed_mps) for one in (old, new)]
     if (old.mode, old.speed_mps) != (new.mode, new.speed_mps):
         return Advised(old.s_m, *told_apart(*plain))
