@@ -42,7 +42,7 @@ LISTED: Final = 40
 
 ROW_IN: Final = 0.185
 LETTERS: Final = 78
-"""Most characters in one line of the list of marks."""
+"""Largest number of characters in one line of the list of marks."""
 
 LETTER_SHARE: Final = 0.0085
 """Width of a letter of a stop's name, as a share of the axis."""

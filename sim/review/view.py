@@ -39,8 +39,7 @@ CLOSING_S: Final = 5.0
 def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -> None:
     """Write a recording as a rerun file, with our layout and the energy attribution in it.
 
-    Raises DasError for a recording without positions, a place that cannot be written to, or where rerun is not
-    installed.
+    Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
     _check_installed("rerun", "rerun_cli")
     check_writable(rrd_path, overwrite=True)
@@ -66,8 +65,7 @@ def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> N
 def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT) -> None:
     """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
 
-    Raises DasError for a recording without positions, a place that cannot be written to, or where matplotlib is not
-    installed.
+    Raises DasError if the recording has no positions, the place cannot be written to, or matplotlib is not installed.
     """
     _check_installed("matplotlib")
     check_picture(picture_path)

@@ -150,7 +150,7 @@ class FindingLog:
 def in_order(record: Record, log: FindingLog) -> Record:
     """The record with increasing times: of equal times the first point is kept; as few others as possible are dropped.
 
-    A file that mostly runs backwards is turned round first. Raises DasError for times in disorder, or all equal.
+    A file that mostly runs backwards is turned round first. Raises DasError if the times are in disorder, or all equal.
     """
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):

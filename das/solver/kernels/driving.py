@@ -26,7 +26,7 @@ FULL_BRAKES = (1e9, 0.0)
 _ROUNDING_W = 1e-9
 """A v² above the envelope's by no more than this comes from rounding in the iterations."""
 _FIXED_POINT_STEPS = 60
-"""Most iterations in the search for a speed that is its own image under a step."""
+"""Largest number of iterations in the search for a speed that is its own image under a step."""
 _FIXED_POINT_TOLERANCE = 1e-13
 """A speed has been found when an iteration changes it by at most this share."""
 

@@ -46,7 +46,7 @@ def on_supply(p, u):
 
 @kernel
 def adhesion_coefficient(v):
-    """Friction between wheel and rail by Curtius & Kniffler, as `das.domain.formulary.adhesion_coefficient`."""
+    """Friction between wheel and rail by Curtius & Kniffler, as in `das.domain.formulary.adhesion_coefficient`."""
     return ADHESION_LEAST + ADHESION_EXTRA / (ADHESION_SPEED * v + ADHESION_OFFSET)
 
 

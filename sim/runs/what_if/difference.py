@@ -94,7 +94,7 @@ class Changed:
         }
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """What is compared, of both recordings; in an open loop the drive is the same, and only its advice differs."""
+        """The compared figures of both recordings; in an open loop the drive is the same; only the advice is new."""
         advice, rows = self.advice, list[tuple[str, str, str]]()
         if self.aligned is not None and self.kind is WhatIfKind.DRIVEN_ANEW:
             rows += _drive_rows(self.aligned)
