@@ -11,6 +11,8 @@ from das.domain.units import KMH, NS
 
 SPEED_STEP_MPS: Final = 1.0 * KMH
 """The speeds that a driver reads are whole multiples of this."""
+TARGET_STEP_MPS: Final = 5.0 * KMH
+"""The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
 OVERSPEED_MPS: Final = 0.5
 """A train faster than allowed by more than this counts as too fast, and its driver is told so."""
 COASTS_IN_S: Final = 5.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from typing import Final
 
 import numpy as np
@@ -27,6 +27,24 @@ class Regime(IntEnum):
 
 TRACTION: Final = frozenset({Regime.FULL_TRACTION, Regime.REDUCED_TRACTION})
 BRAKES: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
+
+
+class Kind(StrEnum):
+    """A kind of instruction, whatever its speed and effort."""
+
+    TRACTION = "traction"
+    HOLD = "hold"
+    COAST = "coast"
+    BRAKE = "brake"
+
+
+KIND_OF: Final[dict[int, Kind]] = {
+    **dict.fromkeys(TRACTION, Kind.TRACTION),
+    Regime.CRUISE: Kind.HOLD,
+    Regime.COAST: Kind.COAST,
+    **dict.fromkeys(BRAKES, Kind.BRAKE),
+}
+"""The kind of each mode that tells the driver of a moving train what to do."""
 FULL_RATIO: Final = 0.97
 """An effort that the coach shows counts as full if it is at least this share of the largest one."""
 

@@ -11,17 +11,49 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake
-from das.advice.goal import TrainState
-from das.advice.regimes import BRAKES, FULL_RATIO, TRACTION, Regime
+from das.advice.goal import TARGET_STEP_MPS, TrainState
+from das.advice.regimes import BRAKES, FULL_RATIO, KIND_OF, TRACTION, Kind, Regime
+from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.in_steps import rounded_mps
 from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 BEGUN_M = 1.0
 """A limit that begins less than this (m) ahead of the place of an instruction already applies to it."""
+SAME_CHANGE_S = 10.0
+"""Two announcements of one kind that are due within this time (s) of each other announce the same change."""
 ROLLS_SOONER = 0.97
 """A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
+
+
+class Notices:
+    """Remembers, for each kind of instruction, since when it has been announced, and for when."""
+
+    def __init__(self, least_s: float) -> None:
+        self._least_s = least_s
+        self._said: dict[Kind, tuple[int, float]] = {}
+
+    def note(self, following: tuple[Instruction, ...], now_ns: int) -> None:
+        """Take in what is announced at a moment; an announcement that moves by much counts as a new one."""
+        now_s, before = now_ns * NS, self._said
+        self._said = {kind: said for kind, said in before.items() if now_s < said[1] + SAME_CHANGE_S}
+        for one in reversed(following):  # Of two of a kind, the first counts.
+            kind, due_s = KIND_OF.get(one.mode), now_s + one.in_s
+            if kind is not None:
+                since_ns, said_s = before.get(kind, (now_ns, due_s))
+                self._said[kind] = (since_ns if abs(due_s - said_s) < SAME_CHANGE_S else now_ns, due_s)
+
+    def lacks_s(self, kind: Kind, now_ns: int, in_s: float) -> float:
+        """How much longer (s) a change to a kind must be announced before it may be due; it is due in `in_s` at best.
+
+        0 if it has been announced early enough.
+        """
+        since_ns, said_s = self._said.get(kind, (now_ns, 0.0))
+        if abs(now_ns * NS + in_s - said_s) >= SAME_CHANGE_S:
+            since_ns = now_ns
+        return max(self._least_s - in_s - (now_ns - since_ns) * NS, 0.0)
 
 
 class Announcing:
@@ -181,6 +213,8 @@ def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
     first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
     slows = one.kind in (NotchRegime.BRAKE, NotchRegime.COAST)
     highest = section.envelope_mps[end] if slows else section.envelope_mps[first : end + 1].max()
+    if one.kind is NotchRegime.COAST or (one.kind is NotchRegime.BRAKE and not schedule.brakes_by_effort(number)):
+        return rounded_mps(one.target_mps, TARGET_STEP_MPS, float(highest))
     return float(min(one.target_mps, highest))
 
 

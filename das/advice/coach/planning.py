@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.coach.settings import CoachSettings
+from das.advice.goal import TARGET_STEP_MPS
 from das.domain.errors import DasError
 from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime, solve_few_switch, solve_few_switch_ahead
+from das.solver.few_switch.in_steps import Choice, in_steps
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import (
     Prospect,
@@ -65,18 +67,29 @@ def solve_coach(
 
 
 def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> Scheduled:
-    """The schedule for what is wanted; raises DasError if the train cannot reach the section's end from its state."""
+    """The schedule for what is wanted, with speeds that can be told to a driver.
+
+    Raises DasError if the train cannot reach the section's end from its state.
+    """
     left_s = max(wanted.left_s, 1.0)
+    found, choice = _unrounded(front, wanted, left_s, settings)
+    return in_steps(found, left_s, wanted.s_m, wanted.v_mps, TARGET_STEP_MPS, choice)
+
+
+def _unrounded(
+    front: FewSwitchFront, wanted: Wanted, left_s: float, settings: CoachSettings
+) -> tuple[Scheduled, Choice]:
+    """The schedule for what is wanted, at the speeds that cost least, and how these may be rounded."""
     free = scheduled(front, left_s, wanted.s_m, wanted.v_mps, settings.schedule)
     polish = polished_thoroughly if wanted.thorough else polished
     if wanted.point_m is None or wanted.point_m <= wanted.s_m:
-        return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
+        return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish), Choice.CHEAPER
     at_s = passes_s(free.schedule, free.forecast, wanted.s_m, wanted.point_m)
     if wanted.earliest_s is not None and at_s < wanted.earliest_s:
-        return _slowed(front, free, wanted, settings)
+        return _slowed(front, free, wanted, settings), Choice.LOWER
     if wanted.latest_s is not None and at_s > wanted.latest_s:
-        return _hurried(front, wanted, settings)
-    return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish)
+        return _hurried(front, wanted, settings), Choice.HIGHER
+    return polish(free, left_s, wanted.s_m, wanted.v_mps, settings.polish), Choice.CHEAPER
 
 
 def passes_s(schedule: Schedule, forecast: Prospect, s_m: float, point_m: float) -> float:

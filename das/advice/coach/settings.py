@@ -39,11 +39,11 @@ class LeadSettings:
 
     coasting_s: float = 5.0
     """Coasting is shown this long before it is due: about the time in which a driver reacts."""
-    braking_s: float = 2.0
-    """A brake is shown this long before it is due: a driver who sees it earlier brakes early and arrives late."""
-    astray_s: float = 3.0
-    """To a train that accelerates or is faster than the reference, a brake is shown this long before it is due: as long
-    as advice is valid."""
+    braking_s: float = 3.0
+    """A brake is shown at most this long before it is due, and with one advice a second at least 2 s: a driver who sees
+    it earlier brakes early and arrives late."""
+    astray_s: float = 4.0
+    """To a train that accelerates or is faster than the reference, a brake is shown this long before it is due."""
     accelerating_s: float = 2.0
     """An acceleration is shown this long before it is due, so that a driver who looks when it is due sees it."""
 
@@ -68,7 +68,7 @@ class BrakeShowingSettings:
     short_m: float = 8.0
     """A train counts as stopping clearly short of its stop only if it is, or would come to rest, further from the mark
     than this."""
-    creep_mps: float = 3.0
+    creep_mps: float = 10.0 * KMH
     """A driver who coasts towards his stop and becomes slower than this is told to hold this speed (to creep)."""
     creeps_m: float = 100.0
     """A train so slow that no reference leads to its stop is told to creep there if it is no further away than this."""
@@ -103,7 +103,7 @@ class EffortShowingSettings:
     beyond_mark_m: float = 3.0
     """In the last metres before a stop the effort shown stays the same if with it the train stops no further beyond the
     mark than this."""
-    before_mark_m: float = 2.0
+    before_mark_m: float = 5.0
     """In the last metres before a stop the effort shown stays the same if with it the train stops no further short of
     the mark than this."""
     at_mark_more_ratio: float = 0.2
@@ -143,6 +143,9 @@ class ShowingSettings:
     """A driver faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0
     """An instruction is shown for at least this long, unless a brake, its release or a lower limit replaces it."""
+    announced_s: float = 8.0
+    """An instruction of another kind is announced this long before it is due. If it could not be foreseen, it is put
+    off until then, unless it brakes or a limit needs it."""
     limit: LimitShowingSettings = field(default_factory=LimitShowingSettings)
     brake: BrakeShowingSettings = field(default_factory=BrakeShowingSettings)
     effort: EffortShowingSettings = field(default_factory=EffortShowingSettings)

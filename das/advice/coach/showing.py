@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.coach.announcing import Announcing, Foreseen, aim_mps, allowed, in_time, traction
+from das.advice.coach.announcing import Announcing, Foreseen, Notices, aim_mps, allowed, in_time, traction
 from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, TrainState
-from das.advice.regimes import BRAKES, EFFORT_ORDER, TRACTION, Regime
+from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, Regime
 from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -53,6 +53,18 @@ class ShownNow(NamedTuple):
     reference_force_n: float
 
 
+class _Chosen(NamedTuple):
+    """The instruction to show and the one wanted; they differ if the last one is shown for some time longer.
+
+    `urgent`: limits or the stop ahead demand it. `for_limits`: it is a brake for them that no phase has yet.
+    """
+
+    now: Instruction
+    wanted: Instruction
+    urgent: bool
+    for_limits: bool
+
+
 class Showing:
     """Chooses the instruction to show, and remembers it, so that a display does not flicker between two of them."""
 
@@ -62,7 +74,9 @@ class Showing:
         self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
         self._reached_mps = 0.0
         self._brakes: ShownBrakes | None = None
-        self._announcing = Announcing(settings.ahead)
+        self._announcing, self._notices = Announcing(settings.ahead), Notices(settings.announced_s)
+        self._unannounced: Instruction | None = None
+        self._brake_begun = False
         self._shown, self._since_ns = Instruction(), 0
 
     def forget(self) -> None:
@@ -86,6 +100,34 @@ class Showing:
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
         """What to show of the reference to a driver whose train is in this state."""
         schedule = kept.reference.schedule
+        brakes, number = self._begin(schedule, state, place)
+        foreseen = Foreseen(*elapsed_s(schedule, kept.forecast, state.s_m), as_shown=True)
+        phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
+        self._left_s = foreseen.time_s(phase_ends_m)
+        planned = self._planned(schedule, number, state, place)
+        begins_s = foreseen.time_s(begins_m) if begins_m > state.s_m else 0.0
+        chosen = self._chosen(planned, schedule, state, place, begins_s)
+        now, at_once = chosen.now, chosen.urgent or state.v_mps > place.allowed_mps + OVERSPEED_MPS
+        kept_on = begins_s > 0.0 and not _alike(now, chosen.wanted)  # The previous instruction is still shown.
+        if now.mode in BRAKES and not self._brake_begun:
+            begins_s = begins_s if begins_s > 0.0 and not chosen.urgent else brakes.begins_s(state)
+            at_once = state.v_mps > place.allowed_mps + OVERSPEED_MPS or not (chosen.for_limits or begins_m > state.s_m)
+            self._brake_begun = at_once or begins_s <= 0.0
+        elif now.mode in BRAKES:
+            at_once = True
+        if begins_s > 0.0 and not (at_once or kept_on):
+            now = replace(now, way_m=begins_s * state.v_mps, in_s=begins_s)
+        end_m = min(phase_ends_m, brakes.ends_m(now, state, schedule.phases[number]))
+        foreseen = foreseen._replace(as_shown=_alike(now, planned))
+        following = self._following(now, number - kept_on, end_m, state, foreseen)
+        self._notices.note(following, state.now_ns)
+        return ShownNow(
+            now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
+            brakes.force_n(now, state), brakes.force_n(brakes.unrounded(now), state),
+        )  # fmt: skip
+
+    def _begin(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> tuple[ShownBrakes, int]:
+        """The brakes of the schedule's section, and the number of the phase to show."""
         if schedule is not self._schedule:
             self._schedule, self._number, self._back = schedule, 0, 0
             self._reached_mps = 0.0
@@ -95,38 +137,37 @@ class Showing:
         if number != self._number:
             self._back, self._reached_mps = 0, 0.0
         self._number = number
-        foreseen = Foreseen(*elapsed_s(schedule, kept.forecast, state.s_m), as_shown=True)
-        phase, phase_ends_m = schedule.phases[number], schedule.begin_m(number + 1)
-        self._left_s = foreseen.time_s(phase_ends_m)
-        planned = self._planned(schedule, number, state, place)
-        wanted = self._brakes.under_limit(planned, state, place)
-        wanted = self._brakes.safe(wanted, state, schedule.speed_at(state.s_m))
+        return self._brakes, number
+
+    def _chosen(
+        self, planned: Instruction, schedule: Schedule, state: TrainState, place: SpeedsAllowed, begins_s: float
+    ) -> _Chosen:
+        """The instruction to show now: the planned one, the last one for some time longer, or what limits need.
+
+        The phase of the planned instruction begins in `begins_s`.
+        """
+        assert self._brakes is not None
+        brakes, number, known_mps = self._brakes, self._number, schedule.speed_at(state.s_m)
+        under = brakes.under_limit(planned, state, place)
+        wanted = brakes.safe(under, state, known_mps)
+        if self._shown.mode not in BRAKES:
+            self._brake_begun = False
+        if brakes.stands_at_mark(self._shown, state):
+            return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchRegime.BRAKE
-        between = brakes_again and self._left_s < self._settings.least_shown_s
+        ends_mps = float(
+            np.interp(schedule.begin_m(number + 1), schedule.section.node_m, schedule.section.envelope_mps)
+        )
         # A shown speed that is allowed nowhere in the rest of the phase is replaced at once, as if above the limit.
         reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
-        ends_mps = float(np.interp(phase_ends_m, schedule.section.node_m, schedule.section.envelope_mps))
-        brakes_on = wanted.mode in BRAKES and self._shown.mode in BRAKES  # The driver keeps the brake applied.
-        if self._brakes.stands_at_mark(self._shown, state):
-            now = wanted = self._shown
-        else:
-            now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent)
-        safe = now if now is wanted else self._brakes.safe(now, state, schedule.speed_at(state.s_m))
+        between = brakes_again and self._left_s < self._settings.least_shown_s
+        now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent, begins_s=begins_s)
+        safe = now if now is wanted else brakes.safe(now, state, known_mps)
         if safe is not now:  # An instruction that is still shown must be as safe as a new one.
-            now, self._shown, self._since_ns, urgent = safe, safe, state.now_ns, True
-        due_m = 0.0 if number == 0 or brakes_on else schedule.begin_m(number) - state.s_m
-        kept_on = due_m > 0 and not _alike(now, wanted)  # The previous instruction is still shown.
-        end_m = min(phase_ends_m, self._brakes.ends_m(now, state, phase))
-        too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
-        if due_m > 0 and not (too_fast or urgent or kept_on):
-            now = replace(now, way_m=due_m, in_s=foreseen.time_s(schedule.begin_m(number)))
-        foreseen = foreseen._replace(as_shown=_alike(now, planned))
-        following = self._following(now, number - kept_on, end_m, state, foreseen)
-        return ShownNow(
-            now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
-            self._brakes.force_n(now, state), self._brakes.force_n(self._brakes.unrounded(now), state),
-        )  # fmt: skip
+            self._shown, self._since_ns = safe, state.now_ns
+            return _Chosen(safe, wanted, urgent=True, for_limits=True)
+        return _Chosen(now, wanted, urgent=urgent, for_limits=wanted is not under and now is wanted)
 
     def _following(
         self, now: Instruction, number: int, end_m: float, state: TrainState, foreseen: Foreseen
@@ -144,6 +185,9 @@ class Showing:
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
+        put_off = self._unannounced
+        if put_off is not None and not (following and following[0].in_s <= put_off.in_s):
+            following = (put_off, *following[: self._settings.ahead - 1])
         return allowed(following, state.s_m, schedule.section)
 
     def creeping(
@@ -241,6 +285,7 @@ class Showing:
             eased = needed / schedule.braking_mps2(number)
         else:
             eased = 1.0 if slows else self._eased_ratio(schedule, number, state, target)
+        assert self._brakes is not None
         stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
         if slows:
             may_roll = v_mps > target + settings.brake.rolls_above_mps
@@ -258,7 +303,6 @@ class Showing:
             return Instruction(mode=Regime.CRUISE, speed_mps=creep_mps)
         if self._back < 0:
             return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
-        assert self._brakes is not None
         brakes = self._shown.mode in BRAKES
         return self._brakes.shown(self._brakes.needed(schedule, number, state, target, brakes=brakes), state)
 
@@ -270,7 +314,7 @@ class Showing:
 
     def _held(
         self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, ends_mps: float, *,
-        between_brakes: bool, urgent: bool,
+        between_brakes: bool, urgent: bool, begins_s: float,
     ) -> Instruction:  # fmt: skip
         """The instruction to show: the last one for some time longer, or the wanted one.
 
@@ -278,7 +322,7 @@ class Showing:
         or shows too high a speed. `ends_mps` is the highest speed allowed where the phase ends. `between_brakes`: the
         next phase brakes soon. Then a brake that has reached its speed is still shown; the driver releases it himself.
         """
-        shown = self._shown
+        shown, self._unannounced = self._shown, None
         highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Regime.COAST else place.limit_mps
         too_high = shown.speed_mps > highest_mps + ROUNDED_MPS
         same = _alike(wanted, shown) and not too_high
@@ -300,10 +344,26 @@ class Showing:
         released = reached and shown.speed_mps > SAME_MPS
         passed_mps = max(shown.speed_mps, min(place.limit_mps, place.allowed_mps))
         rolls_on = shown.mode in TRACTION and state.v_mps > passed_mps + SAME_MPS
-        eased = shown.mode in BRAKES and self._eased(shown, wanted, state)
-        if settled or braked or released or above or urgent or eased or rolls_on:
+        eased = shown.mode in BRAKES and (self._back == ROLLS or self._eased(shown, wanted, state))
+        at_once = braked or released or above or urgent or eased or rolls_on
+        if at_once or (settled and self._is_announced(wanted, state, begins_s)):
             self._shown, self._since_ns = wanted, state.now_ns
         return self._shown
+
+    def _is_announced(self, wanted: Instruction, state: TrainState, begins_s: float) -> bool:
+        """Whether a change to an instruction has been announced early enough; if not, it is announced from now on.
+
+        An acceleration says itself that its speed is held after it.
+        """
+        shown, kind = self._shown, KIND_OF.get(wanted.mode)
+        same = kind is KIND_OF.get(shown.mode) or (shown.mode in TRACTION and _reaches(wanted, shown))
+        if same or kind is None or shown.mode not in KIND_OF:
+            return True
+        lacks_s = self._notices.lacks_s(kind, state.now_ns, begins_s)
+        if lacks_s > 0.0:
+            in_s = begins_s + lacks_s
+            self._unannounced = replace(wanted, way_m=in_s * state.v_mps, in_s=in_s)
+        return lacks_s <= 0.0
 
     def _eased(self, shown: Instruction, wanted: Instruction, state: TrainState) -> bool:
         """Whether the brake shown is far too strong by now, more than the train has, or needs no friction any more."""
@@ -315,6 +375,11 @@ class Showing:
         if shown.mode is Regime.FRICTION_BRAKE:
             return wanted.mode is not Regime.FRICTION_BRAKE
         return wanted.effort_ratio > self._settings.effort.eased_ratio * shown.effort_ratio
+
+
+def _reaches(wanted: Instruction, shown: Instruction) -> bool:
+    """Whether an instruction holds the speed that the one shown leads to."""
+    return wanted.mode is Regime.CRUISE and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS
 
 
 def _alike(one: Instruction, other: Instruction) -> bool:

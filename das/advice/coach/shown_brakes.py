@@ -114,6 +114,12 @@ class ShownBrakes:
             return needed.at_m
         return state.s_m + self.lasts(now, state)[1]
 
+    def begins_s(self, state: TrainState) -> float:
+        """In what time (s) a train that keeps its speed must begin to brake for limits and the stop ahead."""
+        nodes, from_m, v_mps = self.ahead.section.node_m, state.braked_m, max(state.v_mps, 1.0)
+        speeds_mps = np.full(len(nodes) - int(np.searchsorted(nodes, from_m, side="right")), v_mps)
+        return (self.ahead.curve_begins_m(from_m, speeds_mps) - from_m) / v_mps if speeds_mps.size else 0.0
+
     def under_limit(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction that brings a train back under the limit, or keeps it from coasting above it.
 

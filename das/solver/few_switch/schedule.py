@@ -233,9 +233,9 @@ class Scheduled(NamedTuple):
                 found = Scheduled(*said.settled(s_m, v_mps), self.lambda_w)
             except InfeasibleError:
                 break
-        joined = found._with(with_one_brake, s_m, v_mps)
+        joined = found.changed(with_one_brake, s_m, v_mps)
         found = joined if joined.says_its_brakes else found
-        return found if found.says_its_brakes else found._with(with_all_brakes, s_m, v_mps)
+        return found if found.says_its_brakes else found.changed(with_all_brakes, s_m, v_mps)
 
     @property
     def says_its_brakes(self) -> bool:
@@ -258,7 +258,7 @@ class Scheduled(NamedTuple):
             lambda_w=self.lambda_w,
         )
 
-    def _with(
+    def changed(
         self, changed: Callable[[tuple[Phase, ...], RunAtNodes], tuple[Phase, ...]], s_m: float, v_mps: float
     ) -> Scheduled:
         """The schedule with phases changed by a function of phases and trajectory; unchanged if the train stalls."""

@@ -187,8 +187,21 @@ def _at_prices(
     found: Scheduled, time_s: float, prices: PricesOfTime, s_m: float, v_mps: float, settings: PolishSettings
 ) -> Scheduled:
     """The schedule polished at prices of time; unchanged where the train would stall with the new one."""
-    schedule = found.schedule.as_run()
-    section = schedule.section
+    said = found._replace(schedule=found.schedule.as_run())
+    better = moved(said, time_s, s_m, v_mps, settings, prices)
+    return found if better is said else better.as_run(s_m, v_mps)
+
+
+def moved(
+    found: Scheduled, time_s: float, s_m: float, v_mps: float, settings: PolishSettings,
+    prices: PricesOfTime | None = None,
+) -> Scheduled:  # fmt: skip
+    """The schedule with places, speeds and efforts moved to where they cost least; itself where the train would stall.
+
+    Without `prices`, the train is to be on time.
+    """
+    schedule, section = found.schedule, found.schedule.section
+    prices = prices or PricesOfTime.to_be_on_time(found.lambda_w)
     begin = np.array([one.begin for one in schedule.phases])
     kind, share, target = (column.copy() for column in schedule.columns)
     first, line, envelope = schedule.ahead(s_m, v_mps)
@@ -203,6 +216,6 @@ def _at_prices(
     )
     changed = replace(schedule, phases=phases)
     try:
-        return Scheduled(*changed.settled(s_m, v_mps), found.lambda_w).as_run(s_m, v_mps)
+        return Scheduled(*changed.settled(s_m, v_mps), found.lambda_w)
     except InfeasibleError:
         return found

@@ -1,0 +1,109 @@
+"""A schedule whose speeds are those that a driver is told: whole steps, or limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from enum import Enum
+
+from das.domain.errors import InfeasibleError
+from das.solver.few_switch.as_run import with_all_brakes
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.phases import ends_of
+from das.solver.few_switch.schedule import Schedule, Scheduled
+from das.solver.few_switch.scheduling import moved
+from das.solver.few_switch.settings import PolishSettings
+
+SAME_MPS = 0.03
+"""Speeds that differ by less than this (m/s) are the same."""
+
+
+class Choice(Enum):
+    """Which of the two steps around a speed to take."""
+
+    CHEAPER = slice(None)
+    LOWER = slice(1)
+    HIGHER = slice(-1, None)
+
+
+REACHED = (NotchRegime.TRACTION, NotchRegime.HOLD)
+
+
+def in_steps(
+    found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps: float, choice: Choice = Choice.CHEAPER
+) -> Scheduled:
+    """A schedule for `time_s` from a state, with speeds to reach and to hold in whole steps, or those of limits.
+
+    If the choice is free, the phases are then moved to where the schedule costs least, and the speeds by whole steps.
+    Where a speed or a place would stall the train, it stays as it was.
+    """
+    best = _rounded(found, time_s, s_m, v_mps, step_mps, choice)
+    if choice is Choice.CHEAPER:
+        settings = replace(PolishSettings(), steps_mps=(step_mps, step_mps, step_mps))
+        better = moved(best, time_s, s_m, v_mps, settings).as_run(s_m, v_mps)
+        better = _rounded(better, time_s, s_m, v_mps, step_mps, choice)
+        best = better if better.cost_j(time_s) < best.cost_j(time_s) else best
+    return best if best.says_its_brakes else best.changed(with_all_brakes, s_m, v_mps)
+
+
+def _rounded(found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps: float, choice: Choice) -> Scheduled:
+    """The schedule with each speed to reach or to hold at a step or limit near it."""
+    best = found
+    for first, last in _alike(found.schedule):
+        speeds = _around(best, first, last, step_mps)[choice.value]
+        tried = [_with_speed(best, first, last, speed, s_m, v_mps) for speed in speeds]
+        feasible = [one for one in tried if one is not None]
+        best = min(feasible, key=lambda one: one.cost_j(time_s), default=best)
+    return best
+
+
+def rounded_mps(speed_mps: float, step_mps: float, limit_mps: float) -> float:
+    """The speed to tell a driver instead of one at which a phase ends: the limit, or the nearest step below it."""
+    if abs(speed_mps - limit_mps) < SAME_MPS:
+        return limit_mps
+    nearest = round(speed_mps / step_mps) * step_mps
+    return nearest if nearest <= limit_mps else math.floor(limit_mps / step_mps) * step_mps
+
+
+def _alike(schedule: Schedule) -> Iterator[tuple[int, int]]:
+    """First and last numbers of successive phases that lead to one speed and hold it."""
+    phases, first = schedule.phases, 0
+    while first < len(phases):
+        last = first
+        while (
+            last + 1 < len(phases)
+            and phases[last + 1].kind in REACHED
+            and abs(phases[last + 1].target_mps - phases[first].target_mps) < SAME_MPS
+        ):
+            last += 1
+        by_effort = phases[first].kind is NotchRegime.BRAKE and schedule.brakes_by_effort(first)
+        if phases[first].kind in REACHED or by_effort:
+            yield first, last
+        first = last + 1
+
+
+def _around(found: Scheduled, first: int, last: int, step_mps: float) -> tuple[float, ...]:
+    """The speeds (m/s) to try instead of that of some phases: the steps below and above it, or the limit above it."""
+    schedule = found.schedule
+    speed_mps = schedule.phases[first].target_mps
+    begin, end = schedule.phases[first].begin, ends_of(schedule.phases, schedule.run)[last]
+    highest_mps = float(schedule.section.envelope_mps[begin : end + 1].max())
+    if abs(speed_mps - highest_mps) < SAME_MPS or speed_mps < step_mps:
+        return ()
+    lower_mps = math.floor(speed_mps / step_mps + SAME_MPS) * step_mps
+    if abs(speed_mps - lower_mps) < SAME_MPS:
+        return (lower_mps,)
+    return (lower_mps, min(lower_mps + step_mps, highest_mps))
+
+
+def _with_speed(
+    found: Scheduled, first: int, last: int, speed_mps: float, s_m: float, v_mps: float
+) -> Scheduled | None:
+    """The schedule with another speed in some phases; None if the train stalls with it."""
+    phases = list(found.schedule.phases)
+    phases[first : last + 1] = [one._replace(target_mps=speed_mps) for one in phases[first : last + 1]]
+    try:
+        return Scheduled(*replace(found.schedule, phases=tuple(phases)).settled(s_m, v_mps), found.lambda_w)
+    except InfeasibleError:
+        return None
