@@ -50,8 +50,8 @@ class Inbox:
 
     When it is full, the oldest message of a topic that is neither latched nor Control is dropped (position, delay, the
     messages of a node). If there is none, a new message of a latched topic (journey, restrictions) replaces the one
-    before it. Control messages are kept up to `CONTROL_FACTOR` times the capacity; a simulation, which waits for each
-    answer, never sends that many.
+    before it. Control messages, and latched ones that replace none, are kept up to `CONTROL_FACTOR` times the capacity;
+    a simulation, which waits for each answer, never sends that many.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:

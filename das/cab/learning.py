@@ -16,7 +16,7 @@ from das.estimate.ratios import Estimates, ForceDoubt
 from das.estimate.settings import CALIBRATION, LOCALISATION
 
 REPORT_EVERY_S = 10.0
-"""The estimates are reported this often, and a change in the trust in the forces no more often."""
+"""The estimates are reported at this interval (s); a change in the trust in the forces no more often than that."""
 
 
 class Learning:
@@ -95,7 +95,7 @@ class Learning:
         return self._recalibration.due(found, now_ns) if found is not None else None
 
     def report(self, now_ns: int) -> Estimated | None:
-        """The estimates, once in `REPORT_EVERY_S` or when the clock jumped; else None."""
+        """The estimates, if `REPORT_EVERY_S` have passed since the last report or the clock jumped; else None."""
         found = self._found
         if found is None or is_fresh(self._reported_ns, now_ns, REPORT_EVERY_S):
             return None

@@ -27,7 +27,9 @@ def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """An accepted journey: stops, timetables of the legs, train, and loss level (None: that of the node's start)."""
+    """An accepted journey: stops, timetables of the legs, train, and loss level (None: the one the node was started
+    with).
+    """
 
     stops: tuple[Stop, ...]
     timetables: tuple[Timetable, ...]

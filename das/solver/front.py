@@ -140,7 +140,7 @@ SETTINGS: Final = SearchSettings()
 class Trial(NamedTuple):
     """A trajectory that was tried.
 
-    `place` is its multiplier as a number of a step of the ladder, or a fraction between two steps (inf: the fastest
+    `place` is the index of its multiplier on the ladder, with a fraction if it lies between two steps (inf: the fastest
     trajectory). `miss_s` is how much longer than wanted the trajectory takes.
     """
 

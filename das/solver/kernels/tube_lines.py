@@ -2,7 +2,8 @@
 
 The formulas are those of `das.solver.kernels.tube`, without branches: every pair is calculated, and what the train
 cannot do is marked afterwards. With `fastmath`, divisions may become products and sums may be taken in another order,
-as vectors need it. So these costs only choose among moves; the resulting trajectory is integrated without `fastmath`.
+as vector instructions require. So these costs only choose among moves; the resulting trajectory is integrated without
+`fastmath`.
 """
 
 from __future__ import annotations
