@@ -185,7 +185,7 @@ def _how_it_ended(exit_code: int | None) -> str:
 
 
 def serve(connection: Connection, make: Callable[[Any], Any], prepare: Callable[[], object]) -> None:
-    """Make jobs as a worker process, and report each, until the parent closes the pipe or ends."""
+    """Do jobs as a worker process, and report each, until the parent closes the pipe or ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -30,7 +30,7 @@ def catalogue(as_json: JsonOption = False) -> None:
     """List the bundled routes and vehicles.
 
     Each is shown with its id, the word to give to the other commands, and with where its figures come from. The files
-    can be copied and changed: a route or vehicle of your own is a file like them. --json tells the sources in full.
+    can be copied and changed: a route or vehicle of your own is a file like them. --json gives the sources in full.
     """
     from das.domain.files import load
 

@@ -57,8 +57,8 @@ def solve(
     A time below the least possible one gives the fastest run, and the column "fit" says "late". A time beyond that of
     the least-energy run gives the least-energy run, and "fit" says "early".
 
-    The solver's table decides once in up to 150 m. By default the optimal run is then refined on a finer grid, without
-    arriving later.
+    The solver's table takes a decision every 150 m or more often. By default the optimal run is then refined on a finer
+    grid, without arriving later.
 
     The gap says how far the energy can be above the least possible. With a loss map (level l3) the quick bound leaves
     0.1 to 1.3 % that no run could save; "--bound 30" searches for 30 s for a higher bound.

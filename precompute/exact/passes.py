@@ -166,8 +166,8 @@ def allowed_j(known: Known, latest_ns: int, duals: Duals) -> Floats:
     """For each λ the largest energy + λ·time (J) of a run that could still belong to the front.
 
     A run not yet known that belongs to the front lies between two neighbours of the known front: it takes less time
-    than the later one and no more energy than the earlier one. Each such stretch is watched by the λ whose bound is
-    highest at its end. A λ that watches nothing gets −inf.
+    than the later one and no more energy than the earlier one. Each such stretch is bounded by the λ whose bound is
+    highest at the stretch's end. A λ that bounds no stretch gets −inf.
     """
     allowed = np.full(len(duals.lambda_w), -np.inf)
     end_s = np.append(known.time_ns[1:], latest_ns) / kernels.NS
@@ -205,7 +205,7 @@ class Labels:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bounds:
-    """The multipliers (W) that watch some stretch of the front, and the largest energy + λ·time (J) each allows."""
+    """The multipliers (W) that bound some stretch of the front best, and the largest energy + λ·time (J) each allows."""
 
     lambda_w: Floats
     allowed_j: Floats

@@ -76,7 +76,7 @@ DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
 
 @dataclass(frozen=True, kw_only=True)
 class Receiver:
-    """A GPS receiver and how a trip is recorded with it; the errors are assumed, as of a good receiver."""
+    """A GPS receiver and how a trip is recorded with it; the errors are assumed to be those of a good receiver."""
 
     position_sd_m: float = 3.0
     """Standard deviation (m) of the position, each to the north and to the east."""
