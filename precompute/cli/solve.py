@@ -147,7 +147,7 @@ def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, 
         section = pose.section()
         strategies.warm_up()
     began = time.perf_counter()
-    with busy(f"searching the {strategy} run …"):
+    with busy(f"searching for the {strategy} run …"):
         min_time_s = strategies.fastest(section).time_s
         run = strategies.baseline(strategy, section, trip.wanted_s(min_time_s))
     return section, run, min_time_s, time.perf_counter() - began

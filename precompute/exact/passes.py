@@ -205,7 +205,7 @@ class Labels:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bounds:
-    """The multipliers (W) that bound some stretch of the front best, and the largest energy + λ·time (J) each allows."""
+    """The multipliers (W) that bound some stretch of the front best, and the largest energy + λ·time (J) of each."""
 
     lambda_w: Floats
     allowed_j: Floats

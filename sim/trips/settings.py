@@ -174,7 +174,7 @@ class EstimateSettings:
     held_s: int = 8
     """The strongest force is one held for this long (s): the smoothing acts over this time and hides shorter ones."""
     smoothing_ratio: float = 10.0
-    """The density of jerk may be this many times higher or lower: the window shrinks and grows by 1.8."""
+    """The density of jerk may be this many times higher or lower: the window shrinks or grows by a factor of 1.8."""
     foreign_ratio: float = 0.005
     """If a trip needs more force than the vehicle has in more than this share of the time, another vehicle drove it."""
 

@@ -237,7 +237,9 @@ RECORDER_WINDOW = 50
 
 @dataclass(kw_only=True)
 class Traffic:
-    """Counts of a run: messages sent and recorded by topic; ticks with advice, without, and with it above the limit."""
+    """Counts of a run: messages sent and recorded by topic; ticks with and without advice, and with advice above the
+    limit.
+    """
 
     ticks: int = 0
     start_s: float = 0.0
