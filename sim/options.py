@@ -93,9 +93,7 @@ SLOWEST, FASTEST = 0.01, 1e6
 
 
 def speed_factor(text: str) -> float | None:
-    """The multiple of real time that a text names (`real` is 1); None for as fast as possible. Raises DasError for any
-    other text.
-    """
+    """A multiple of real time (`real` is 1); None for as fast as possible. Raises DasError for any other text."""
     if text == "max":
         return None
     try:

@@ -271,7 +271,7 @@ class Bus:
         self._stack.close()
 
     def publish(self, topic: Topic, message: Message) -> None:
-        """Send a message reliably; it waits rather than drop the message when a receiver is slow."""
+        """Send a message reliably; if a receiver is slow, this call waits rather than drop the message."""
         publisher = self._publishers.get(topic.name)
         if publisher is None:
             publisher = self._publishers[topic.name] = self._declare(topic)

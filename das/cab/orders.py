@@ -27,9 +27,7 @@ def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """An accepted journey: stops, timetables of the legs, train, and loss level (None: the one the node was started
-    with).
-    """
+    """An accepted journey: stops, timetables of the legs, train, and loss level (None: the node's own)."""
 
     stops: tuple[Stop, ...]
     timetables: tuple[Timetable, ...]

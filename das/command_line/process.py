@@ -84,8 +84,7 @@ def _end_at_once(_number: int, _frame: FrameType | None) -> None:
 
 
 class StopFlag:
-    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also once the parent process
-    has ended.
+    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also when the parent ends.
 
     `with_parent` is the parent's process id. The parent passes it, because it may end before its child can ask for the
     id.

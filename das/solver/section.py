@@ -241,9 +241,7 @@ def rebuilt(
 
 
 def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
-    """The same section, planned with a service braking, or with the train's full brakes. Raises as `build_section`
-    does.
-    """
+    """The same section, planned with a service braking, or with full brakes; raises as `build_section` does."""
     return rebuilt(section, section.vehicle, braking=braking)
 
 
@@ -365,8 +363,7 @@ def _bounding_speeds(
 def _planned_envelope(
     route: Route, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
 ) -> Floats:
-    """The fastest speeds (m/s) from which braking as in service keeps the train to the limits and to the speed at the
-    end.
+    """The fastest speeds (m/s) from which braking as in service keeps to the limits and to the speed at the end.
 
     A limit beside the train counts as well, if the train may be under it because its position is uncertain.
     """

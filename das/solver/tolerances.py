@@ -105,8 +105,7 @@ class Tolerances:
     speed_mps: float = 1e-6
     """A speed above a bound by less than this (m/s) is on the bound."""
     time_s: float = 0.02
-    """A run hits the time that was asked for to within this (s): far less than the second from one advice message to
-    the next.
+    """A run hits the time that was asked for to within this (s): far less than the second from one advice to the next.
     """
     unreachable_j: float = 1e16
     """A cost above this (J) was interpolated with `infeasible_j`, so its state is infeasible too."""

@@ -129,9 +129,7 @@ class HurriedDriver:
         return hold + share * self.vehicle.inertial_mass_kg * 2.0 * style.braking_mps2
 
     def _aim(self, s_m: float) -> float:
-        """The speed to aim at: limit here and braking curves to limits ahead, less a margin; for the stop there is no
-        margin.
-        """
+        """The speed to aim at: limit here and braking curves to limits ahead, less a margin (none for the stop)."""
         style = self.style
         way = np.maximum(self._at_m - s_m, 0.0)
         ahead = self._at_m > s_m

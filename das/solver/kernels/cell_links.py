@@ -173,8 +173,7 @@ def interval(k, line):
 
 @inlined
 def link(here, start, end, rows):
-    """Least energy and priced time of an interval from a cell to a cell, plus the second cell's line, minus the
-    first's.
+    """Least energy and priced time of an interval between two cells, plus the second cell's line, minus the first's.
 
     A cell is given by its slowest and fastest speed and the slope of its line, which is counted from the middle of the
     cell (in w). The result is infinite if no run goes from one cell to the other.

@@ -183,8 +183,7 @@ def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
 
 
 def components(tables: Floats, removed: int = 0) -> tuple[Floats, Floats]:
-    """Standard deviations between the rows and within them, of tables (studies, drivers, cells), in which a missing
-    value is NaN.
+    """Standard deviations between rows and within them, of tables (studies, drivers, cells; NaN: a missing value).
 
     `removed` is how many differences between cells were taken out of the table. A negative variance between drivers is
     0. If no driver has two values, the first holds the spread of both kinds, and the second is NaN.
