@@ -1,4 +1,4 @@
-"""A pool of processes on this machine: one process a worker, one job a worker at a time.
+"""A pool of processes on this machine: one process per worker, one job per worker at a time.
 
 A worker that dies costs only the attempt of its own job. This pool exists because others lack something:
 `concurrent.futures` loses all jobs in flight if one worker dies, pebble 5.2 ends or hangs if a worker is killed between

@@ -55,7 +55,7 @@ MOST_LISTED = 5
 CHECKSUM: Final = "crc32"
 """The key of the hexadecimal checksum over the name of a metadata record and its other entries."""
 UNCHECKED: Final = "unchecked "
-"""The prefix to the name of metadata without any checksum; no command uses them."""
+"""The prefix to the name of metadata without any checksum; no command uses such metadata."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,7 +76,8 @@ class Learning:
         return replace(found, usable=False, doubt=self._mixed) if self._mixed is not None else found
 
     def news(self, now_ns: int) -> str:
-        """The text of a change in the trust in the forces, or of a strange mass; each is reported once. Empty if none.
+        """The text of a change in the trust in the forces, or of an implausible mass; each is reported once. Empty if
+        none.
 
         The next change waits for `REPORT_EVERY_S`, so that a sensor at the edge of a bound causes few events.
         """

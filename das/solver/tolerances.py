@@ -20,9 +20,9 @@ class StepSettings:
     """Changes of limit or gradient this far apart (m) are usual. With a distance d between changes, the steps
     are multiplied by the cube root of (d / this distance), because changes near each other ask for more switches."""
     dense_factor: float = 0.3
-    """Where changes are dense, the steps are shortened to this ratio at most."""
+    """Where changes are dense, the steps are multiplied by at least this factor."""
     sparse_factor: float = 1.5
-    """Where changes are sparse, the steps are lengthened to this ratio at most."""
+    """Where changes are sparse, the steps are multiplied by at most this factor."""
     steep_change_ratio: float = 0.01
     """A change of gradient of at least this ratio counts as a change; it changes the acceleration by 0.1 m/s²."""
     max_step_m: float = 150.0

@@ -70,9 +70,10 @@ class Known:
 
 
 class Duals:
-    """Least energy + λ·time (J) from every state to one end of the section, per node an array (states, multipliers).
+    """Least energy + λ·time (J) from every state to the end of the section, per node an array (states, multipliers).
 
-    This is the section's end or, with `onward=False`, its start. `layer_done` is called after each interval.
+    With `onward=False` it is that from the start of the section to every state. `layer_done` is called after each
+    interval.
     """
 
     def __init__(

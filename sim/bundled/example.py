@@ -32,7 +32,7 @@ LONGEST_S: Final = 7200.0
 
 
 def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -> list[PlantState]:
-    """Drive from standstill at the first stop to standstill at the last, without a stop between.
+    """Drive from standstill at the first stop to standstill at the last, without an intermediate stop.
 
     `arrival_s` is the timetable's arrival, counted from the departure. Returns one state a second and the one in which
     the train has arrived; raises DasError if it does not arrive.

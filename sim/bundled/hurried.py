@@ -43,7 +43,7 @@ class HurriedPlant:
         self._offsets = np.linspace(-vehicle.train_length_m, 0.0, TRAIN_SAMPLES)
 
     def step(self, state: HurriedState, wanted_n: float) -> HurriedState:
-        """One step of semi-implicit Euler: forces from the speed before, position from the mean speed."""
+        """One step of semi-implicit Euler: forces from the speed before the step, position from the mean speed."""
         vehicle, v, dt = self.vehicle, state.speed_mps, self.step_s
         total = self._built_up(state, self._within_envelope(wanted_n, v))
         electric = max(total, -float(vehicle.electric_brake_effort_n(v))) if total < 0 else total

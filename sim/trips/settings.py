@@ -123,7 +123,8 @@ class PlacingSettings:
     one_way_ratio: float = 0.5
     """The ends of a trip in one direction are at least this share of its whole extent apart."""
     scale_tolerance_ratio: float = 0.01
-    """The kilometrage is scaled to the stops if matched length and distance of the stops differ by at most this."""
+    """The kilometrage is scaled to the stops if the matched length and the distance between the stops differ by at most
+    this."""
     told_m: float = 0.01
     """Positions that were moved by less than this (m) are not reported."""
     whole_trip_m: float = 100.0

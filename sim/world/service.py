@@ -42,7 +42,7 @@ from sim.world.scenario import Scenario
 KEPT_BYTES = 300_000_000
 """Largest total size (bytes) of the fronts that runs without a bus keep."""
 TIMETABLE_STEP_S = 6.0
-"""Running times in timetables are rounded up to tenths of a minute (s)."""
+"""Running times in timetables are rounded up to multiples of this (s), a tenth of a minute."""
 PLANNED = (
     *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "dwell_s"),

@@ -23,7 +23,7 @@ from das.solver.tolerances import INFEASIBLE
 Floats = NDArray[np.float64]
 
 ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
-"""Forces and accelerations above their bounds by no more than this count as rounding errors."""
+"""Forces and accelerations that exceed their bounds by no more than this are taken for rounding errors."""
 _ROWS = 8
 ANY_SQUARED = 1.0
 """v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""
