@@ -188,7 +188,8 @@ class Guard:
         return found
 
     def _replayed(self, message: StateHeard) -> str:
-        """By how much a state is older than the newest of its kind, in words; else empty, and it becomes the newest.
+        """By how much a state is older than the newest of its kind, in words; empty for any other: that is the newest
+        now.
 
         The bus repeats the newest state, so one with an equal time is not rejected.
         """
@@ -297,7 +298,7 @@ class Operator:
         return self._joined is not None and self._joined.is_same(self._newest)
 
     def counts(self, message: Heard) -> bool:
-        """Whether a message counts; one that does not waits while its publisher is present.
+        """Whether a message counts; one that does not count waits while its publisher is present.
 
         A message that cannot be read does not make its session the one that counts.
         """

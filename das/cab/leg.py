@@ -92,7 +92,7 @@ class Leg:
         self._lead(front)
 
     def _lead(self, front: FewSwitchFront | None) -> None:
-        """Replace the coach by a successor that goes on where it ended; without a front, that one has no reference."""
+        """Replace the coach by a successor that goes on where it ended, but has no reference if there is no front."""
         if self._coach is not None:
             self._coach = self._coach.successor(self.section, front)
 

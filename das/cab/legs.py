@@ -133,7 +133,7 @@ class Legs:
         self._note_change()
 
     def set_conditions(self, conditions: Conditions) -> None:
-        """Take over what differs from the files; if the train could not drive with it, report that, change nothing."""
+        """Take over what differs from the files; if the train could not drive with it, only report that."""
         situation = replace(self.situation, conditions=conditions)
         now = situation.at(self._now_ns)
         try:

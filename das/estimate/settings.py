@@ -152,9 +152,9 @@ class ClockStepSettings:
     """How a step of the clock of the positions is detected."""
 
     rate_fixes: int = 5
-    """The usual time between two fixes is the median of this many times between them."""
+    """The usual time between two fixes is the median of this many intervals between them."""
     odd_fixes: int = 1
-    """A receiver has a steady rate if at most this many of these times are not multiples of the usual one."""
+    """A receiver has a steady rate if at most this many of these intervals are not multiples of the usual one."""
     lost_fixes: int = 2
     """Up to this many fixes may have been lost just when the clock was set."""
     least_s: float = 0.25

@@ -233,14 +233,14 @@ def _print(section: Section, result: dict[str, Any]) -> None:
         paragraph(
             f"not the whole front: one partial run was kept per state and {result['bucket_ms']:g} ms; what is printed "
             f"lies at most {100 * result['worst_above_bound_ratio']:.4f} % above a lower bound, "
-            f"{100 * result['mean_above_bound_ratio']:.4f} % in the mean"
+            f"{100 * result['mean_above_bound_ratio']:.4f} % on average"
         )
     paragraph(
         f"the supported front lies at most {100 * result['worst_gap_ratio']:.3f} % below it "
-        f"(at {result['worst_gap_time_s']:.3f} s), {100 * result['mean_gap_ratio']:.4f} % in the mean"
+        f"(at {result['worst_gap_time_s']:.3f} s), {100 * result['mean_gap_ratio']:.4f} % on average"
     )
     paragraph(
         f"the fast solver's method on the same grid: {result['swept_runs']} runs, "
         f"{100 * result['swept_least_gap_ratio']:.4f} to {100 * result['swept_worst_gap_ratio']:.4f} % above it, "
-        f"{100 * result['swept_mean_gap_ratio']:.4f} % in the mean"
+        f"{100 * result['swept_mean_gap_ratio']:.4f} % on average"
     )
