@@ -64,27 +64,23 @@ class Announcing:
         self._schedule: Schedule | None = None
         self._coming: dict[int, Instruction] = {}
 
-    def following(self, schedule: Schedule, number: int, s_m: float, begins_s: list[float]) -> tuple[Instruction, ...]:
+    def following(self, schedule: Schedule, number: int, s_m: float, foreseen: Foreseen) -> tuple[Instruction, ...]:
         """The next instructions after phase `number`, without those to hold a speed just reached by accelerating.
 
-        `begins_s` are the times (s) until the following phases begin.
+        An acceleration that a limit interrupts goes on where the limit rises; this is an instruction of its own.
         """
-        found: list[Instruction] = []
+        rise = _at_rise(schedule, number, s_m)
+        found = [] if rise is None else [replace(rise, in_s=foreseen.time_s(s_m + rise.way_m))]
         phases = schedule.phases
-        for k, in_s in zip(range(number + 1, len(phases)), begins_s, strict=False):
-            one, before = phases[k], phases[k - 1]
+        for k in range(number + 1, len(phases)):
+            if len(found) == self._ahead:
+                break
+            one, before, begins_m = phases[k], phases[k - 1], schedule.begin_m(k)
             same = abs(one.target_mps - before.target_mps) < SAME_MPS
             if one.kind is NotchRegime.HOLD and before.kind is NotchRegime.TRACTION and same:
                 continue
             shown = self.announced(schedule, k)
-            way_m = schedule.begin_m(k) - s_m
-            found.append(
-                Instruction(
-                    mode=shown.mode, speed_mps=shown.speed_mps, effort_ratio=shown.effort_ratio, way_m=way_m, in_s=in_s
-                )
-            )
-            if len(found) == self._ahead:
-                break
+            found.append(replace(shown, way_m=begins_m - s_m, in_s=foreseen.time_s(begins_m)))
         return tuple(found)
 
     def announced(self, schedule: Schedule, number: int) -> Instruction:
@@ -187,11 +183,28 @@ def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) ->
     return tuple(kept)
 
 
+def _at_rise(schedule: Schedule, number: int, s_m: float) -> Instruction | None:
+    """The acceleration of a phase from where a limit that is below its speed rises; None if no limit is in its way."""
+    section, one = schedule.section, schedule.phases[number]
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    here = int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)) + BEGUN_M, side="right")) - 1
+    if one.kind not in (NotchRegime.TRACTION, NotchRegime.HOLD) or here >= end:
+        return None
+    limits = section.limit_mps[here:end]
+    if one.target_mps < limits[0] + SAME_MPS or limits.max() < limits[0] + SAME_MPS:
+        return None
+    rise = int(np.argmax(limits > limits[0] + SAME_MPS))
+    target_mps = min(one.target_mps, float(limits[rise]))
+    return replace(
+        traction(one.share or schedule.back_share, target_mps), way_m=float(section.node_m[here + rise]) - s_m
+    )
+
+
 def _announced(schedule: Schedule, number: int) -> Instruction:
     """The instruction of a phase as shown before it is due."""
     one = schedule.phases[number]
     # Its speed is at most the limit where it begins, even if a higher speed is allowed before it ends.
-    target = min(aim_mps(schedule, number, schedule.begin_m(number)), float(schedule.section.limit_mps[one.begin]))
+    target = min(aim_mps(schedule, number), float(schedule.section.limit_mps[one.begin]))
     if one.kind is NotchRegime.TRACTION:
         return traction(one.share, target)
     if one.kind is NotchRegime.BRAKE:
@@ -201,21 +214,23 @@ def _announced(schedule: Schedule, number: int) -> Instruction:
     return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
 
-def aim_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The speed (m/s) that a phase leads to, at most the highest speed allowed in the rest of the phase.
+def aim_mps(schedule: Schedule, number: int) -> float:
+    """The speed (m/s) that a phase leads to, at most the highest speed allowed in the phase.
 
-    For a phase that slows the train, it is at most the speed allowed at the end of the phase.
-    The schedule itself may have a higher speed: if a limit was received late, or if a limit slows the train without a
-    phase to brake for it.
+    For a brake, it is at most the speed allowed at its end; for coasting, the lowest limit on the way as well, so that
+    it stays the same while limits rise. The schedule itself may have a higher speed: if a limit was received late, or
+    if a limit slows the train without a phase to brake for it.
     """
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
-    first = min(int(np.searchsorted(section.node_m, max(s_m, schedule.begin_m(number)))), end)
-    slows = one.kind in (NotchRegime.BRAKE, NotchRegime.COAST)
-    highest = section.envelope_mps[end] if slows else section.envelope_mps[first : end + 1].max()
-    if one.kind is NotchRegime.COAST or (one.kind is NotchRegime.BRAKE and not schedule.brakes_by_effort(number)):
-        return rounded_mps(one.target_mps, TARGET_STEP_MPS, float(highest))
-    return float(min(one.target_mps, highest))
+    if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+        return float(min(one.target_mps, section.limit_mps[one.begin : end].max(initial=0.0)))
+    highest = float(section.envelope_mps[end])
+    if one.kind is NotchRegime.COAST:
+        highest = min(highest, float(section.limit_mps[one.begin : end].min()))
+    return (
+        one.target_mps if schedule.brakes_by_effort(number) else rounded_mps(one.target_mps, TARGET_STEP_MPS, highest)
+    )
 
 
 def traction(share: float, target_mps: float) -> Instruction:

@@ -123,6 +123,7 @@ class Coach:
         """
         self._showing.forget()
         found = self.show(kept, state, goal, place, late_s)
+        self._showing.forget()
         if found is None or found.now.mode in BRAKES:
             return None
         ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan

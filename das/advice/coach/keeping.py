@@ -160,7 +160,7 @@ class Keeper:
             if doubted and cause is ReplanCause.LATE and kept and not self._can_be_earlier(kept, state):
                 self._doubted_ns = state.now_ns
                 return kept
-            self._asked = self._ask(cause, state, goal, doubted=doubted)
+            self._asked = self._ask(cause, kept, state, goal, doubted=doubted)
         if not self._asked.answer.done():
             return kept
         asked, self._asked = self._asked, None
@@ -172,11 +172,13 @@ class Keeper:
             return None
         return Kept(self.reference, forecast, forecast.time_s - goal.aimed_s(state.now_ns))
 
-    def _ask(self, cause: ReplanCause, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
+    def _ask(self, cause: ReplanCause, kept: Kept | None, state: TrainState, goal: Goal, *, doubted: bool) -> _Asked:
         """Have the worker make a new reference."""
         assert self._front is not None
         front, settings = self._front, self._settings
         wanted = self._wanted(state, goal, thorough=cause is ReplanCause.START)
+        if kept is not None and doubted:
+            wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast))
         answer = self._worker.submit(lambda: planned(front, wanted, settings))
         if doubted:
             self._doubted_ns = state.now_ns

@@ -33,6 +33,8 @@ RUN_UPS_M = (0.0, 800.0, 2000.0)
 """The distances before a point, tried one by one, at which a train slowed for the point accelerates again."""
 SLOWEST_MPS = 2.0
 """No train is told to go slower than this on the way to a point."""
+KEPT_S = 10.0
+"""A new reference that is not necessary leaves the present one as it is for this time."""
 BRAKE_SHARE = 0.7
 """A train that would reach a point too early even by coasting brakes with this share of its motors' effort."""
 
@@ -43,6 +45,7 @@ class Wanted:
 
     `point_m` is None without such a point. `earliest_s` and `latest_s` count from now; None means that this end of the
     window is open. `thorough`: spend several times the work on a better reference.
+    `kept` is a reference, with its forecast, that is to be kept for the next `KEPT_S`.
     """
 
     s_m: float
@@ -52,6 +55,7 @@ class Wanted:
     earliest_s: float | None = None
     latest_s: float | None = None
     thorough: bool = False
+    kept: tuple[Schedule, Prospect] | None = None
 
 
 def solve_coach(
@@ -71,9 +75,42 @@ def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> S
 
     Raises DasError if the train cannot reach the section's end from its state.
     """
+    if wanted.kept is not None:
+        return _later(front, wanted, *wanted.kept, settings)
     left_s = max(wanted.left_s, 1.0)
     found, choice = _unrounded(front, wanted, left_s, settings)
     return in_steps(found, left_s, wanted.s_m, wanted.v_mps, TARGET_STEP_MPS, choice)
+
+
+def _later(
+    front: FewSwitchFront, wanted: Wanted, kept: Schedule, forecast: Prospect, settings: CoachSettings
+) -> Scheduled:
+    """The schedule for what is wanted that keeps another one for the next `KEPT_S`."""
+    times_s, at_m = elapsed_s(kept, forecast, wanted.s_m)
+    number = int(np.searchsorted(times_s, KEPT_S))
+    if number >= len(times_s) - 1:
+        return planned(front, replace(wanted, kept=None), settings)
+    node, after_s = number + len(kept.section.node_m) - len(times_s), float(times_s[number])
+    earliest_s, latest_s = (None if one is None else one - after_s for one in (wanted.earliest_s, wanted.latest_s))
+    later = replace(
+        wanted, s_m=float(at_m[number]), v_mps=float(forecast.speeds_mps[node]), left_s=wanted.left_s - after_s,
+        earliest_s=earliest_s, latest_s=latest_s, kept=None,
+    )  # fmt: skip
+    rest = planned(front, later, settings)
+    return Scheduled(*_joined(kept, rest.schedule, node, wanted), rest.lambda_w)
+
+
+def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tuple[Schedule, Prospect]:
+    """The phases of a schedule up to a node, and from there on those of another."""
+    first = [one for one in before.phases if one.begin < node]
+    after = [one._replace(begin=max(one.begin, node)) for one in rest.phases]
+    if first and (first[-1].kind, first[-1].share) == (after[0].kind, after[0].share):
+        goes_on = after[0].kind is NotchRegime.COAST or first[-1].target_mps == after[0].target_mps
+        if goes_on and after[0].kind is not NotchRegime.BRAKE:
+            after[0] = after[0]._replace(begin=first.pop().begin)
+    speeds = np.concatenate((before.known.speed_mps[:node], rest.known.speed_mps[node:]))
+    both = replace(before, phases=(*first, *after), known=before.known._replace(speed_mps=speeds))
+    return both.settled(wanted.s_m, wanted.v_mps)
 
 
 def _unrounded(
@@ -304,10 +341,5 @@ def _with_rest(
     v_mps = float(forecast.speeds_mps[point])
     left_s, point_m = max(wanted.left_s - took_s, 1.0), float(node_m[point])
     rest = scheduled(front, left_s, point_m, v_mps, settings.schedule)
-    before = tuple(one for one in schedule.phases if one.begin < point)
-    after = tuple(one._replace(begin=max(one.begin, point)) for one in rest.schedule.phases)
-    speeds = np.concatenate((schedule.known.speed_mps[:point], rest.schedule.known.speed_mps[point:]))
-    both = replace(schedule, phases=(*before, *after), known=schedule.known._replace(speed_mps=speeds)).settled(
-        wanted.s_m, wanted.v_mps
-    )
+    both = _joined(schedule, rest.schedule, point, wanted)
     return Scheduled(*both, rest.lambda_w).as_run(wanted.s_m, wanted.v_mps)

@@ -42,6 +42,8 @@ class LeadSettings:
     braking_s: float = 3.0
     """A brake is shown at most this long before it is due, and with one advice a second at least 2 s: a driver who sees
     it earlier brakes early and arrives late."""
+    least_s: float = 2.0
+    """A brake that can wait is shown at least this long before it is due."""
     astray_s: float = 4.0
     """To a train that accelerates or is faster than the reference, a brake is shown this long before it is due."""
     accelerating_s: float = 2.0
@@ -52,8 +54,11 @@ class LeadSettings:
 class BrakeShowingSettings:
     """When the driver of a braking train is told to coast or to creep instead."""
 
+    easing_ratio: float = 0.75
+    """If this share of the planned braking is enough for the stop, holding a low speed is announced."""
     early_ratio: float = 0.5
-    """A driver who has braked so early or hard that this share of the planned braking is enough is told to coast."""
+    """A driver who has braked so early or hard that this share of the planned braking is enough is told to hold his
+    speed until he must brake again for his stop, or to coast to a lower limit."""
     again_ratio: float = 0.95
     """A driver who was told to coast after braking early is told to brake again when this share of the planned braking
     is needed."""
@@ -137,7 +142,7 @@ class ShowingSettings:
     below_mps: float = 5.0 * KMH
     """A driver slower than the speed to hold by more than this is told to accelerate back to it. So a driver who keeps
     2 km/h below a limit, and varies by as much, is left alone."""
-    worth_accelerating_s: float = 30.0
+    worth_accelerating_s: float = 40.0
     """A driver is not told to accelerate back to the speed to hold if the next instruction is due within this time."""
     above_mps: float = 5.0 * KMH
     """A driver faster than the speed to hold by more than this is told to coast back to it."""

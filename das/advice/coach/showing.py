@@ -15,8 +15,8 @@ from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed, brake_of
-from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, TrainState
-from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, Regime
+from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, TARGET_STEP_MPS, TrainState
+from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, Kind, Regime
 from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -24,8 +24,6 @@ from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
-FOLLOWING = 3
-"""The beginnings of this many phases after the present one are computed; one of them may be no new instruction."""
 ROUNDED_MPS = 0.5 * SPEED_STEP_MPS
 """A speed above the allowed one by less than this looks the same on a display in whole km/h."""
 LONG_S = 3600.0
@@ -72,11 +70,12 @@ class Showing:
         self._settings = settings
         self._schedule: Schedule | None = None
         self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
-        self._reached_mps = 0.0
+        self._reached_mps = self._creeps_mps = 0.0
         self._brakes: ShownBrakes | None = None
         self._announcing, self._notices = Announcing(settings.ahead), Notices(settings.announced_s)
         self._unannounced: Instruction | None = None
-        self._brake_begun = False
+        self._creeping_soon: Instruction | None = None
+        self._brake_begun, self._brakes_back_ns = False, 0
         self._shown, self._since_ns = Instruction(), 0
 
     def forget(self) -> None:
@@ -101,6 +100,7 @@ class Showing:
         """What to show of the reference to a driver whose train is in this state."""
         schedule = kept.reference.schedule
         brakes, number = self._begin(schedule, state, place)
+        self._creeping_soon = None
         foreseen = Foreseen(*elapsed_s(schedule, kept.forecast, state.s_m), as_shown=True)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
         self._left_s = foreseen.time_s(phase_ends_m)
@@ -109,7 +109,9 @@ class Showing:
         chosen = self._chosen(planned, schedule, state, place, begins_s)
         now, at_once = chosen.now, chosen.urgent or state.v_mps > place.allowed_mps + OVERSPEED_MPS
         kept_on = begins_s > 0.0 and not _alike(now, chosen.wanted)  # The previous instruction is still shown.
-        if now.mode in BRAKES and not self._brake_begun:
+        if now.mode in BRAKES and self._back == BRAKES_BACK and not chosen.urgent:
+            begins_s, at_once = (self._brakes_back_ns - state.now_ns) * NS, False
+        elif now.mode in BRAKES and not self._brake_begun:
             begins_s = begins_s if begins_s > 0.0 and not chosen.urgent else brakes.begins_s(state)
             at_once = state.v_mps > place.allowed_mps + OVERSPEED_MPS or not (chosen.for_limits or begins_m > state.s_m)
             self._brake_begun = at_once or begins_s <= 0.0
@@ -176,8 +178,7 @@ class Showing:
         assert self._schedule is not None
         assert self._brakes is not None
         schedule = self._schedule
-        begins_s = [foreseen.time_s(schedule.begin_m(k)) for k in range(number + 1, number + 2 + FOLLOWING)]
-        following = self._announcing.following(schedule, number, state.s_m, begins_s)
+        following = self._announcing.following(schedule, number, state.s_m, foreseen)
         freely = foreseen.as_shown and (self._back == BRAKES_BACK or schedule.brakes_by_effort(number))
         following = in_time(following, now, self._brakes, state, foreseen, freely=freely)
         brakes = now.mode in BRAKES and schedule.phases[number].kind is NotchRegime.BRAKE
@@ -185,7 +186,7 @@ class Showing:
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
-        put_off = self._unannounced
+        put_off = self._unannounced or (self._creeping_soon if now.mode in BRAKES else None)
         if put_off is not None and not (following and following[0].in_s <= put_off.in_s):
             following = (put_off, *following[: self._settings.ahead - 1])
         return allowed(following, state.s_m, schedule.section)
@@ -226,11 +227,11 @@ class Showing:
     def _planned(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction of a phase of the schedule, for the train in its present state."""
         one, v_mps = schedule.phases[number], state.v_mps
-        target = min(aim_mps(schedule, number, state.s_m), place.limit_mps)
+        target = min(aim_mps(schedule, number), place.limit_mps)
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
-            return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
+            return _coasting(target)
         if self._accelerates(one, v_mps, target):
             self._share = one.share
             return traction(one.share, target)
@@ -262,7 +263,7 @@ class Showing:
             assert self._brakes is not None
             return self._brakes.back_to(target, self._share)
         if self._back < 0:
-            return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
+            return _coasting(target)
         return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
@@ -276,7 +277,8 @@ class Showing:
     def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
         """The instruction to brake with one effort to a speed; a driver who has braked early is told to coast first."""
         settings, v_mps = self._settings, state.v_mps
-        if v_mps <= target + SAME_MPS and target > SAME_MPS:
+        held = self._shown.mode is Regime.CRUISE and abs(self._shown.speed_mps - target) < SAME_MPS
+        if v_mps <= target + (settings.limit.braked_mps if held else SAME_MPS) and target > SAME_MPS:
             return self._holding(schedule, state, target)
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
@@ -286,25 +288,39 @@ class Showing:
         else:
             eased = 1.0 if slows else self._eased_ratio(schedule, number, state, target)
         assert self._brakes is not None
-        stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
         if slows:
-            may_roll = v_mps > target + settings.brake.rolls_above_mps
+            rolled_w = v_mps**2 + 2.0 * self._brakes.ahead.rolls_mps2(state.s_m, v_mps) * way_m
+            may_roll = v_mps > target + settings.brake.rolls_above_mps and rolled_w <= target**2
         else:
+            stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
             may_roll = v_mps >= settings.brake.last_mps or stands_short
         has_begun = state.s_m >= schedule.begin_m(number)
+        if not slows and self._back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
+            may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
-            self._back = ROLLS
+            self._back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, v_mps)
         elif self._back < 0 and eased > settings.brake.again_ratio:
             self._back = 0
-        if self._back == ROLLS and target <= SAME_MPS and v_mps < settings.brake.creep_mps:
-            self._back = CREEPS
         if self._back == CREEPS:
-            creep_mps = min(settings.brake.creep_mps, _highest_mps(schedule, number, state.s_m))
-            return Instruction(mode=Regime.CRUISE, speed_mps=creep_mps)
+            self._creeps_mps = max(
+                min(self._creeps_mps, math.floor(v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS), settings.brake.creep_mps
+            )
+            return Instruction(
+                mode=Regime.CRUISE, speed_mps=min(self._creeps_mps, _highest_mps(schedule, number, state.s_m))
+            )
         if self._back < 0:
-            return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
+            return _coasting(target)
         brakes = self._shown.mode in BRAKES
         return self._brakes.shown(self._brakes.needed(schedule, number, state, target, brakes=brakes), state)
+
+    def _has_said_creeping(self, state: TrainState) -> bool:
+        """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""
+        lacks_s = self._notices.lacks_s(Kind.HOLD, state.now_ns, 0.0)
+        creeps_mps = max(math.floor(state.v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS, self._settings.brake.creep_mps)
+        self._creeping_soon = Instruction(
+            mode=Regime.CRUISE, speed_mps=creeps_mps, way_m=lacks_s * state.v_mps, in_s=lacks_s
+        )
+        return lacks_s <= 0.0
 
     def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
         """The braking effort needed from here, as a share of the planned one."""
@@ -336,6 +352,8 @@ class Showing:
             wanted.speed_mps < shown.speed_mps - SAME_MPS or wanted.effort_ratio < shown.effort_ratio
         )
         braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)
+        if self._back == BRAKES_BACK and not (urgent or too_fast) and shown.mode not in BRAKES:
+            braked = False  # It can wait until it has been announced.
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
         above = too_high or (lower and wanted.mode is shown.mode is Regime.COAST)
@@ -344,7 +362,7 @@ class Showing:
         released = reached and shown.speed_mps > SAME_MPS
         passed_mps = max(shown.speed_mps, min(place.limit_mps, place.allowed_mps))
         rolls_on = shown.mode in TRACTION and state.v_mps > passed_mps + SAME_MPS
-        eased = shown.mode in BRAKES and (self._back == ROLLS or self._eased(shown, wanted, state))
+        eased = shown.mode in BRAKES and (self._back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
         at_once = braked or released or above or urgent or eased or rolls_on
         if at_once or (settled and self._is_announced(wanted, state, begins_s)):
             self._shown, self._since_ns = wanted, state.now_ns
@@ -360,6 +378,9 @@ class Showing:
         if same or kind is None or shown.mode not in KIND_OF:
             return True
         lacks_s = self._notices.lacks_s(kind, state.now_ns, begins_s)
+        if kind is Kind.BRAKE and lacks_s <= self._settings.lead.braking_s:
+            self._brakes_back_ns = state.now_ns + round(max(lacks_s, self._settings.lead.least_s) / NS)
+            return True
         if lacks_s > 0.0:
             in_s = begins_s + lacks_s
             self._unannounced = replace(wanted, way_m=in_s * state.v_mps, in_s=in_s)
@@ -380,6 +401,10 @@ class Showing:
 def _reaches(wanted: Instruction, shown: Instruction) -> bool:
     """Whether an instruction holds the speed that the one shown leads to."""
     return wanted.mode is Regime.CRUISE and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS
+
+
+def _coasting(to_mps: float) -> Instruction:
+    return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
 
 def _alike(one: Instruction, other: Instruction) -> bool:

@@ -155,11 +155,12 @@ class ShownBrakes:
         ahead, lead, v_mps = self.ahead, self._settings.lead, state.v_mps
         on_time = v_mps <= known_mps + SAME_MPS and wanted.mode not in TRACTION
         lead_s = lead.braking_s if on_time else lead.astray_s
-        lead_s, soon_mps = max(lead_s, CREEPS_M / max(v_mps, 1.0)), v_mps
+        soon_mps = v_mps
         if wanted.mode in (*TRACTION, Regime.COAST):
             soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
         elif wanted.mode is Regime.CRUISE:
             soon_mps += min(max(wanted.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s)
+        lead_s = max(lead_s, CREEPS_M / max(soon_mps, 1.0))
         if not ahead.is_due(state.braked_m, soon_mps, lead_s):
             return wanted
         needed = ahead.needed(state.braked_m, v_mps)

@@ -29,7 +29,7 @@ WAITS_S = 15.0
 """A change of the traction effort is put off until the limit rises, if the limit rises within this time (s)."""
 BRIEF_S = 30.0
 """An acceleration that a brake ends within this time (s) is left out unless it gains at least `GAINS_S`."""
-GAINS_S = 1.0
+GAINS_S = 1.5
 """The least time (s) that a brief acceleration before a brake must gain over holding the speed."""
 
 
@@ -135,17 +135,37 @@ def _with_effort_at_limit(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
 
 
 def _without_brief_traction(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
-    """The phases without accelerations that soon end in a brake and gain hardly any time over holding the speed."""
-    found = phases[:1]
-    for k, (one, end) in list(enumerate(zip(phases, ends_of(phases, run), strict=True)))[1:]:
+    """The phases without accelerations that soon end in a brake and gain hardly any time over holding the speed.
+
+    The same holds for the rest of an acceleration from where a limit rises.
+    """
+    found: list[Phase] = []
+    for k, (one, end) in enumerate(zip(phases, ends_of(phases, run), strict=True)):
         braked = k + 1 < len(phases) and phases[k + 1].kind in BRAKES
-        lasts_s, speeds = run.lasts_s(one.begin, end), run.speeds_mps
-        if one.kind is NotchRegime.TRACTION and found[-1].kind is NotchRegime.HOLD and braked and lasts_s < BRIEF_S:
-            held_s = (run.node_m[end] - run.node_m[one.begin]) / max(float(speeds[one.begin]), 1.0)
-            if held_s - lasts_s < GAINS_S:
-                continue
-        found.append(one)
+        if one.kind is NotchRegime.TRACTION and braked and _is_vain(one.begin, end, run):
+            if not found or found[-1].kind is not NotchRegime.HOLD:
+                found.append(Phase(NotchRegime.HOLD, 0.0, one.begin, float(run.speeds_mps[one.begin])))
+            continue
+        rises = one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD) and braked
+        found.append(_without_vain_rise(one, end, run) if rises else one)
     return found
+
+
+def _is_vain(first: int, end: int, run: RunAtNodes) -> bool:
+    """Whether a trajectory gains hardly any time over holding its speed between two nodes that follow soon."""
+    lasts_s, held_mps = run.lasts_s(first, end), max(float(run.speeds_mps[first]), 1.0)
+    return lasts_s < BRIEF_S and (run.node_m[end] - run.node_m[first]) / held_mps - lasts_s < GAINS_S
+
+
+def _without_vain_rise(one: Phase, end: int, run: RunAtNodes) -> Phase:
+    """A phase before a brake; if going faster after the last rise of a limit gains hardly any time, it does not."""
+    envelope = run.envelope_mps[one.begin : end]
+    rises = np.flatnonzero(np.diff(envelope) > FASTER_MPS)
+    if not rises.size:
+        return one
+    last, held_mps = one.begin + int(rises[-1]) + 1, float(envelope[: rises[-1] + 1].max())
+    faster = held_mps < one.target_mps - FASTER_MPS and run.speeds_mps[last] > held_mps - FASTER_MPS
+    return one._replace(target_mps=held_mps) if faster and _is_vain(last, end, run) else one
 
 
 def _with_limits_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> list[Phase]:

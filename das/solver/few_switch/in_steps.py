@@ -67,7 +67,7 @@ def rounded_mps(speed_mps: float, step_mps: float, limit_mps: float) -> float:
 
 
 def _alike(schedule: Schedule) -> Iterator[tuple[int, int]]:
-    """First and last numbers of successive phases that lead to one speed and hold it."""
+    """First and last numbers of successive phases that lead to one speed and hold it; some coast to it first."""
     phases, first = schedule.phases, 0
     while first < len(phases):
         last = first
@@ -78,7 +78,7 @@ def _alike(schedule: Schedule) -> Iterator[tuple[int, int]]:
         ):
             last += 1
         by_effort = phases[first].kind is NotchRegime.BRAKE and schedule.brakes_by_effort(first)
-        if phases[first].kind in REACHED or by_effort:
+        if by_effort or phases[last].kind in REACHED:
             yield first, last
         first = last + 1
 
@@ -88,7 +88,7 @@ def _around(found: Scheduled, first: int, last: int, step_mps: float) -> tuple[f
     schedule = found.schedule
     speed_mps = schedule.phases[first].target_mps
     begin, end = schedule.phases[first].begin, ends_of(schedule.phases, schedule.run)[last]
-    highest_mps = float(schedule.section.envelope_mps[begin : end + 1].max())
+    highest_mps = float(schedule.section.limit_mps[begin:end].max(initial=0.0))
     if abs(speed_mps - highest_mps) < SAME_MPS or speed_mps < step_mps:
         return ()
     lower_mps = math.floor(speed_mps / step_mps + SAME_MPS) * step_mps
