@@ -62,8 +62,9 @@ class AnnouncedRestriction:
 
     def restriction(self, moment_ns: Callable[[float], int]) -> Restriction:
         """The restriction as announced; `moment_ns` turns a time of the run's clock (s) into ns since 1970."""
-        window = (0 if clock_s is None else moment_ns(clock_s) for clock_s in (self.valid_from_s, self.valid_until_s))
-        return Restriction(self.from_m, self.to_m, self.speed_mps, *window)
+        ends = (self.valid_from_s, self.valid_until_s)
+        from_ns, until_ns = (0 if clock_s is None else moment_ns(clock_s) for clock_s in ends)
+        return Restriction(self.from_m, self.to_m, self.speed_mps, from_ns, until_ns)
 
     @classmethod
     def of(cls, one: Restriction, announced_m: float, clock_s: Callable[[int], float]) -> AnnouncedRestriction:
