@@ -80,7 +80,7 @@ class BrakingModel:
         limit_mps = np.minimum(_limits(basis, nodes_m, length_m), train.max_speed_mps)
         places = np.empty((kernels.PLACES, len(nodes_m) - 1))
         places[kernels.LIMIT] = np.where(nodes_m[:-1] < basis.end_m, limit_mps, 0.0)
-        places[kernels.LINE] = _line_mps2(basis.route, nodes_m, length_m) * (train.mass_kg / train.inertial_mass_kg)
+        places[kernels.LINE] = _line_mps2(basis, nodes_m, length_m) * (train.mass_kg / train.inertial_mass_kg)
         supply = basis.route.supply().minimum(nodes_m[:-1], nodes_m[1:])
         places[kernels.MOTORS] = (supply >= 0) | (basis.brakes is BrakePolicy.FRICTION)
         places[kernels.ALLOWED + 2] = places[kernels.LIMIT] ** 2
@@ -203,10 +203,11 @@ def _limits(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
     return limit
 
 
-def _line_mps2(route: Route, nodes_m: Floats, length_m: float) -> Floats:
+def _line_mps2(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
     """The deceleration (m/s², uphill > 0) of a train by gradient and curves, averaged over its length."""
     found = np.zeros(len(nodes_m) - 1)
-    for stretches, factor in ((route.gradients_ratio, STANDARD_GRAVITY_MPS2), (route.curve_resistance_mps2(), 1.0)):
+    resistance = basis.vehicle.line_resistance_mps2(basis.route)
+    for stretches, factor in ((basis.route.gradients_ratio, STANDARD_GRAVITY_MPS2), (resistance, 1.0)):
         middle_m = 0.5 * (nodes_m[:-1] + nodes_m[1:])
         over = stretches.mean(middle_m - length_m, middle_m) if length_m > 0 else stretches.at(middle_m)
         found += factor * over

@@ -15,7 +15,7 @@ from das.advice.regimes import Regime, mode_name
 from das.cab.heard import Kind, Target
 from das.domain.conditions import Conditions
 from das.domain.levels import Level
-from das.domain.restriction import Restriction
+from das.domain.restriction import LONGEST_TEXT, Restriction
 from das.domain.units import KM, NS
 from das.estimate.estimate import Problem
 from das.estimate.ratios import ForceDoubt
@@ -97,9 +97,10 @@ def name_too_long(letters: int) -> str:
 
 
 def impossible_restriction(one: Restriction) -> str:
-    """A restriction with impossible ends, limit or window."""
+    """A restriction with impossible ends, limit or window, or with a text that is too long to make sense."""
     window = f", valid from {one.valid_from_ns} to {one.valid_until_ns} ns" if one.has_window else ""
-    return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m{window}"
+    long = "".join(f", {key} of {len(x)} letters" for key, x in one.texts.items() if len(x) > LONGEST_TEXT)
+    return f"one of {one.limit_mps:g} m/s from {one.start_m:g} to {one.end_m:g} m{window}{long}"
 
 
 def off_route(received: Sequence[Restriction], length_m: float) -> str:

@@ -25,7 +25,7 @@ from das.cab.heard import (
     kind_of,
 )
 from das.domain.errors import DasError
-from das.domain.restriction import Restriction
+from das.domain.restriction import LONGEST_TEXT, Restriction
 from das.domain.units import NS
 from das.estimate.settings import STALE_AFTER_S
 
@@ -40,8 +40,6 @@ MOST_RESTRICTIONS = 100
 """A message with more restrictions is rejected as nonsense."""
 MOST_TARGETS = 100
 """A message with more targets is rejected as nonsense."""
-LONGEST_TEXT = 200
-"""A message with a longer name or id (letters) is rejected as nonsense."""
 AHEAD_S = 60.0
 """A message further ahead of the clock than this waits; taken at once, it would shut out all later ones."""
 SILENT_S = STALE_AFTER_S

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -24,6 +24,8 @@ COUNTS_BEFORE_S = 900.0
 COUNTS_AFTER_S = 10.0
 """Plans keep to a restriction until this long (s) after its window has closed. The node goes on advising if its clock
 is set by up to 5 s; this is twice as much."""
+LONGEST_TEXT = 200
+"""A message with a longer text, name or id (letters) is rejected as nonsense."""
 LATEST_NS = 2**63 - 1
 """The last moment (ns since 1970) that a message can carry."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -35,6 +37,9 @@ class Restriction:
 
     It holds from `valid_from_ns` to `valid_until_ns` (ns since 1970; 0: the window is open at that end). Raises
     InputError for a value that makes no sense.
+
+    A field that is only text for people changes no plan: declare it `field(default="", compare=False)`. Restrictions
+    that differ in their texts alone are equal.
     """
 
     start_m: float
@@ -55,11 +60,19 @@ class Restriction:
                 raise InputError("restriction", key, moment_ns, "nanoseconds since 1970, or 0 for open")
         if not (self.valid_until_ns == 0 or self.valid_from_ns < self.valid_until_ns):
             raise InputError("restriction", "valid_until_ns", self.valid_until_ns, f"more than {self.valid_from_ns}")
+        for key, text in self.texts.items():
+            if len(text) > LONGEST_TEXT:
+                raise InputError("restriction", key, text, f"at most {LONGEST_TEXT} letters")
 
     @property
     def figures(self) -> tuple[float, ...]:
-        """The values of all fields, in their order."""
-        return tuple(vars(self).values())
+        """The values of the fields that are no texts, in their order: where, how fast and when."""
+        return tuple(getattr(self, one.name) for one in fields(self) if one.compare)
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """The texts of the restriction by the names of their fields."""
+        return {one.name: getattr(self, one.name) for one in fields(self) if not one.compare}
 
     @property
     def has_window(self) -> bool:

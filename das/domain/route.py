@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
-from das.domain.formulary import curve_resistance_mps2
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
 
@@ -233,11 +232,6 @@ class Route:
         inside = np.append(0.5 * (start_m[:-1] + start_m[1:]), start_m[-1] + 1.0)
         lowest = limits.minimum(inside - train_length_m, inside + POSITION_TOLERANCE_M)
         return Stretches(start_m=start_m, value=lowest)
-
-    def curve_resistance_mps2(self) -> Stretches:
-        """The curve resistance per unit of the train's mass (m/s²), along the line."""
-        curves = self.curvature_per_m
-        return Stretches(start_m=curves.start_m.copy(), value=curve_resistance_mps2(curves.value))
 
     def altitude_m(self, position_m: ArrayLike) -> Floats:
         """Altitude above sea level (m), from the altitude at the start and the gradients."""

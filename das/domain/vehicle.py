@@ -11,10 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
-from das.domain.formulary import adhesion_coefficient, davis_in_head_wind, davis_resistance_n, effort_n
+from das.domain.formulary import (
+    adhesion_coefficient,
+    curve_resistance_mps2,
+    davis_in_head_wind,
+    davis_resistance_n,
+    effort_n,
+)
 from das.domain.levels import Level
 from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, LossModel, fit_mean_efficiency
-from das.domain.route import NEUTRAL
+from das.domain.route import NEUTRAL, Route, Stretches
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 
 Floats = NDArray[np.float64]
@@ -236,6 +242,23 @@ class Vehicle:
         if not self.tunnel_area_m2:
             return 0.0
         return float(np.interp(area_m2, self.tunnel_area_m2, self.tunnel_resistance_n_per_mps2))
+
+    def tunnel_n_per_mps2(self, route: Route) -> Stretches:
+        """The additional v² coefficient (N/(m/s)²) that tunnels give this train, along a line."""
+        ends = [(one.start_m, one.start_m + one.length_m) for one in route.tunnels]
+        start_m = np.unique([0.0, *(end for both in ends for end in both)])
+        value = np.zeros(len(start_m))
+        for one, (from_m, to_m) in zip(route.tunnels, ends, strict=True):
+            value[(start_m >= from_m) & (start_m < to_m)] = self.tunnel_coefficient_n_per_mps2(one.area_m2)
+        return Stretches(start_m=start_m, value=value)
+
+    def line_resistance_mps2(self, route: Route) -> Stretches:
+        """The resistance per unit of this train's mass (m/s²) along a line, apart from gradients: that of curves.
+
+        Planner, simulated trains and drivers all ask here; each averages it over the train in its own way.
+        """
+        curves = route.curvature_per_m
+        return Stretches(start_m=curves.start_m.copy(), value=curve_resistance_mps2(curves.value))
 
     def with_mass(self, mass_kg: float) -> Vehicle:
         """The same train with another load.

@@ -38,13 +38,13 @@ class LineProfile:
     def on(cls, route: Route, vehicle: Vehicle, node_m: Floats, train_length_m: float) -> Self:
         """The line under a train of this length (m, 0: a point mass), between the given positions."""
         grade = _over_train(route.gradients_ratio, node_m, train_length_m)
-        curve = _over_train(route.curve_resistance_mps2(), node_m, train_length_m)
+        curve = _over_train(vehicle.line_resistance_mps2(route), node_m, train_length_m)
         constant_n = line_force_n(vehicle.mass_kg, grade, curve)
         limit = np.minimum(
             route.limits_mps.minimum(node_m[:-1] - train_length_m, node_m[1:]),
             vehicle.max_speed_mps,
         )
-        tunnel = _over_train(_tunnel_coefficient(route, vehicle), node_m, train_length_m)
+        tunnel = _over_train(vehicle.tunnel_n_per_mps2(route), node_m, train_length_m)
         return cls(
             node_m=node_m,
             step_m=np.diff(node_m),
@@ -72,16 +72,6 @@ def _over_train(stretches: Stretches, node_m: Floats, length_m: float) -> Floats
     # The train-averaged profile is linear between nodes that contain every breakpoint b and b + length.
     at_nodes = stretches.mean(node_m - length_m, node_m)
     return 0.5 * (at_nodes[:-1] + at_nodes[1:])
-
-
-def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
-    starts, values = [0.0], [0.0]
-    for tunnel in route.tunnels:
-        if tunnel.start_m == starts[-1]:
-            starts.pop(), values.pop()
-        starts += [tunnel.start_m, tunnel.start_m + tunnel.length_m]
-        values += [vehicle.tunnel_coefficient_n_per_mps2(tunnel.area_m2), 0.0]
-    return Stretches(start_m=np.array(starts), value=np.array(values))
 
 
 _SLOWEST_MPS = 1.0

@@ -39,7 +39,7 @@ class HurriedPlant:
 
     def __init__(self, route: Route, vehicle: Vehicle, loss: LossModel, step_s: float = 0.05) -> None:
         self.route, self.vehicle, self.loss, self.step_s = route, vehicle, loss, step_s
-        self._curve = route.curve_resistance_mps2()
+        self._curve, self._tunnel = vehicle.line_resistance_mps2(route), vehicle.tunnel_n_per_mps2(route)
         self._offsets = np.linspace(-vehicle.train_length_m, 0.0, TRAIN_SAMPLES)
 
     def step(self, state: HurriedState, wanted_n: float) -> HurriedState:
@@ -78,12 +78,7 @@ class HurriedPlant:
         """Force of gradients, curves and tunnels on the train (N), gradient averaged over its length."""
         places = s_m + self._offsets
         grade = float(self.route.gradients_ratio.at(places).mean())
-        tunnel = sum(
-            self.vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)
-            * float(np.mean((places >= t.start_m) & (places < t.start_m + t.length_m)))
-            for t in self.route.tunnels
-        )
-        return tunnel * v * v + self.vehicle.mass_kg * (
+        return float(self._tunnel.at(places).mean()) * v * v + self.vehicle.mass_kg * (
             STANDARD_GRAVITY_MPS2 * grade + float(self._curve.at(places).mean())
         )
 

@@ -244,17 +244,11 @@ def _line_n(line: LineKnowledge, node_m: Floats) -> Floats:
     route, mass_kg = line.route, line.vehicle.mass_kg
     tail = node_m[:-1] - line.vehicle.train_length_m
     grade = route.gradients_ratio.mean(tail, node_m[1:])
-    return np.asarray(mass_kg * (STANDARD_GRAVITY_MPS2 * grade + route.curve_resistance_mps2().mean(tail, node_m[1:])))
+    curve_mps2 = line.vehicle.line_resistance_mps2(route).mean(tail, node_m[1:])
+    return np.asarray(mass_kg * (STANDARD_GRAVITY_MPS2 * grade + curve_mps2))
 
 
 def _tunnels(line: LineKnowledge, node_m: Floats) -> Floats:
-    """Additional v² coefficient in each cell (N/(m/s)²), by the share of the train in tunnels."""
-    length_m = line.vehicle.train_length_m
-    total = np.zeros(len(node_m) - 1)
-    for tunnel in line.route.tunnels:
-        inside = np.minimum(node_m[1:], tunnel.start_m + tunnel.length_m) - np.maximum(
-            node_m[:-1] - length_m, tunnel.start_m
-        )
-        share = np.clip(inside, 0.0, None) / (length_m + CELL_M)
-        total += line.vehicle.tunnel_coefficient_n_per_mps2(tunnel.area_m2) * share
-    return total
+    """Additional v² coefficient of tunnels in each cell (N/(m/s)²), over the train."""
+    tail = node_m[:-1] - line.vehicle.train_length_m
+    return line.vehicle.tunnel_n_per_mps2(line.route).mean(tail, node_m[1:])

@@ -277,11 +277,7 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
 
 
 def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> LineNumbers:
-    quantities = (
-        route.gradients_ratio,
-        route.curve_resistance_mps2(),
-        _tunnel_coefficient(route, vehicle),
-    )
+    quantities = (route.gradients_ratio, vehicle.line_resistance_mps2(route), vehicle.tunnel_n_per_mps2(route))
     breaks = np.concatenate([q.start_m for q in quantities])
     node_m = np.unique(np.concatenate((breaks, breaks + vehicle.train_length_m)))
     supply = route.supply()
@@ -309,16 +305,6 @@ def _under_train(quantity: Stretches, node_m: Floats, length_m: float) -> Floats
     step = np.diff(node_m)
     upto = np.concatenate(([0.0], np.cumsum(step * (value[:-1] + 0.5 * slope[:-1] * step))))
     return np.stack([value, slope, upto], axis=1)
-
-
-def _tunnel_coefficient(route: Route, vehicle: Vehicle) -> Stretches:
-    """The additional v² coefficient of tunnels along the line (N/(m/s)²)."""
-    ends = [
-        (t.start_m, t.start_m + t.length_m, vehicle.tunnel_coefficient_n_per_mps2(t.area_m2)) for t in route.tunnels
-    ]
-    start_m = np.unique(np.array([0.0, *(x for a, b, _ in ends for x in (a, b))]))
-    value = np.array([sum(q for a, b, q in ends if a <= x < b) for x in start_m], dtype=float)
-    return Stretches(start_m=start_m, value=value)
 
 
 def _loss_numbers(loss: LossModel) -> LossNumbers:

@@ -26,9 +26,6 @@ from sim.review.colors import Meaning, Theme
 from sim.review.lanes import COST, Change, Lane, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
 
-FROM_ADVICE: Final = (
-    "speed/advised", "force/advised", "deviation/predicted", "buffer/percent", "estimate/sd", "estimate/error",
-)  # fmt: skip
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
 """The quantities that viewer and picture draw over distance as well as over time."""
 DRAWN_OVER_DISTANCE: Final = tuple(
@@ -273,9 +270,8 @@ def _without_silence(found: Found, silent: tuple[Span, ...]) -> Found:
     """The series; those that come with the advice have a gap while no message came from the node."""
     gaps = np.array([span.start_ns for span in silent if span.text == NOT_HEARD], dtype=np.int64)
     broken = dict(found)
-    for name in FROM_ADVICE:
-        at, values = found[name]
-        if len(at):
+    for name, (at, values) in found.items():
+        if STYLES[name].gaps and len(at):
             places = np.searchsorted(at, gaps)
             broken[name] = np.insert(at, places, gaps), np.insert(values, places, np.nan)
     return broken

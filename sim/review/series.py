@@ -75,12 +75,16 @@ def quantity_of(name: str) -> str:
 
 
 class Style(NamedTuple):
-    """How a series looks: label, what its colour means, width, and whether a value holds until the next."""
+    """How a series looks: label, what its colour means, width, and whether a value holds until the next.
+
+    `gaps`: it comes with the advice, so that it has a gap while no message came from the node.
+    """
 
     label: str
     meaning: Meaning
     width: float = 1.4
     held: bool = False
+    gaps: bool = False
 
 
 SAME_TIMES: Final = "optimum for the same times"
@@ -88,10 +92,10 @@ STYLES: Final = {
     "speed/limit": Style("limit", Meaning.LIMIT, held=True),
     "speed/optimum": Style("optimum from the start", Meaning.OPTIMUM, width=1.2),
     "speed/same_times": Style(SAME_TIMES, Meaning.OPTIMUM, width=1.2),
-    "speed/advised": Style("advised", Meaning.ADVISED, width=3.0),
+    "speed/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "speed/shown": Style("shown to the driver", Meaning.SHOWN, width=1.0, held=True),
     "speed/driven": Style("driven", Meaning.DRIVEN),
-    "force/advised": Style("advised", Meaning.ADVISED, width=3.0),
+    "force/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "force/driven": Style("driven", Meaning.DRIVEN),
     "energy/optimum": Style(SAME_TIMES, Meaning.OPTIMUM),
     "energy/driven": Style("driven", Meaning.DRIVEN),
@@ -101,10 +105,10 @@ STYLES: Final = {
     "lever/shown": Style("shown", Meaning.SHOWN, width=3.0, held=True),
     "lever/set": Style("set by the driver", Meaning.DRIVEN, held=True),
     "deviation/operator": Style("known to the operator", Meaning.OPERATOR, held=True),
-    "deviation/predicted": Style("predicted arrival", Meaning.ADVISED),
-    "buffer/percent": Style("buffer", Meaning.ADVISED),
-    "estimate/sd": Style("standard deviation the node states", Meaning.ADVISED),
-    "estimate/error": Style("estimated less true position", Meaning.ERROR),
+    "deviation/predicted": Style("predicted arrival", Meaning.ADVISED, gaps=True),
+    "buffer/percent": Style("buffer", Meaning.ADVISED, gaps=True),
+    "estimate/sd": Style("standard deviation the node states", Meaning.ADVISED, gaps=True),
+    "estimate/error": Style("estimated less true position", Meaning.ERROR, gaps=True),
     "calibration/mass": Style("mass", Meaning.MASS),
     "calibration/mass_sd": Style("its standard deviation", Meaning.MASS, width=0.7),
     "calibration/resistance": Style("resistance", Meaning.RESISTANCE),

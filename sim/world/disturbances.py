@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -61,8 +62,21 @@ class AnnouncedRestriction:
 
     def restriction(self, moment_ns: Callable[[float], int]) -> Restriction:
         """The restriction as announced; `moment_ns` turns a time of the run's clock (s) into ns since 1970."""
-        window = (0 if clock_s is None else moment_ns(clock_s) for clock_s in (self.valid_from_s, self.valid_until_s))
-        return Restriction(self.from_m, self.to_m, self.speed_mps, *window)
+        ends = (self.valid_from_s, self.valid_until_s)
+        from_ns, until_ns = (0 if clock_s is None else moment_ns(clock_s) for clock_s in ends)
+        return Restriction(self.from_m, self.to_m, self.speed_mps, from_ns, until_ns)
+
+    @classmethod
+    def of(cls, one: Restriction, announced_m: float, clock_s: Callable[[int], float]) -> AnnouncedRestriction:
+        """A restriction, announced this far (m) before it; `clock_s` turns ns since 1970 into a time of the run (s)."""
+        return cls(
+            from_m=one.start_m,
+            to_m=one.end_m,
+            speed_mps=one.limit_mps,
+            announced_m=announced_m,
+            valid_from_s=clock_s(one.valid_from_ns) if one.valid_from_ns else None,
+            valid_until_s=clock_s(one.valid_until_ns) if one.valid_until_ns else None,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,9 +181,15 @@ NOTHING = "nothing"
 
 
 def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
-    """The kind and the figures (SI) of each disturbance, for programs; the open end of a window is left out."""
+    """The kind and the figures (SI) of each disturbance, for programs; open ends and empty texts are left out."""
     figures = ((_KIND_OF[type(one)], asdict(one)) for one in disturbances)
-    return [{"kind": kind, **{k: v for k, v in found.items() if v is not None}} for kind, found in figures]
+    return [{"kind": kind, **{k: v for k, v in found.items() if v not in (None, "")}} for kind, found in figures]
+
+
+def lines(one: Disturbance) -> list[str]:
+    """The lines of a scenario file that state a disturbance."""
+    figures = as_figures([one])[0].items()
+    return ["[[disturbances]]", *(f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in figures)]
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:

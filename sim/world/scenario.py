@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from dataclasses import fields as fields_of
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -20,12 +20,7 @@ from das.domain.conditions import STRONGEST_WIND_MPS
 from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, range_expected, read_toml
 from das.domain.files.vehicles import site_braking
-from sim.world.disturbances import (
-    KINDS,
-    DepartureDelay,
-    Disturbance,
-    SensorFault,
-)
+from sim.world.disturbances import KINDS, Disturbance, SensorFault
 from sim.world.drawn import Drawn, HumanRange, Truth, beside, key_of, read_human, read_quantity, read_truth
 
 SCHEMA_VERSION = 1
@@ -222,11 +217,10 @@ def _planned(table: Fields) -> PlannedDisturbance:
     if kind not in KINDS:
         raise table.error("kind", kind, "one of " + ", ".join(KINDS))
     quantities, optional = (_figures(kind, optional=one) for one in (False, True))
-    at_a_stop = issubclass(KINDS[kind], DepartureDelay)
-    others = ["stop"] if at_a_stop else ["fault"] if kind == "sensor-fault" else []
-    fixed: dict[str, Any] = {}
-    if at_a_stop:
-        fixed["stop"] = table.text("stop")
+    made: Any = KINDS[kind]
+    texts = {one.name: None if one.default is MISSING else one.default for one in fields_of(made) if one.type == "str"}
+    fixed: dict[str, Any] = {name: table.name(name, default) for name, default in texts.items()}
+    others = [*texts, *(["fault"] if kind == "sensor-fault" else [])]
     if kind == "sensor-fault":
         fixed["fault"] = fault = table.choice("fault", SensorFault)
         if fault not in _SIZED:

@@ -14,10 +14,11 @@ from typing import Any, Final, NamedTuple
 from google.protobuf.json_format import MessageToDict
 from google.protobuf.message import Message
 
+from das.bus.codec import INPUT_TOPICS
 from das.bus.contents import Contents, RecordedMessage
 from das.bus.recorder import LAST_NS, message_time_ns
 from das.bus.recording import recording_of
-from das.bus.topics import ADVICE, DELAY, EFFORT, ESTIMATE, EVENT, JOURNEY, PLAN, POSITION, RESTRICTION, STATUS, TARGET
+from das.bus.topics import ADVICE, ESTIMATE, EVENT, PLAN, STATUS, TOPICS
 from das.cab.cab import no_stopwatch
 from das.domain.errors import DasError
 from das.domain.units import NS
@@ -25,8 +26,10 @@ from das.node.process import CabPlan, plan_cab
 from sim.recording.opening import open_contents
 from sim.runs.reproduce.hearing import HeardAgain, Rehearing, Said, by_bus_clock, node_given, recorded_words
 
-COMPARED: Final = (ADVICE, PLAN, ESTIMATE, STATUS, EVENT)
+COMPARED: Final = tuple(topic for topic in TOPICS if topic.publisher == "node")
 """The topics on which a cab sends messages."""
+TOLD_FIRST: Final = [topic.name for topic in (EVENT, PLAN, STATUS, ESTIMATE)]
+"""The order of the differences in one tick, because events and plans explain the rest; other topics follow."""
 IGNORED: Final = {
     "status.version": "it says which program speaks, not what it decides",
     "status.solve_s": "it is measured with a stopwatch",
@@ -104,8 +107,8 @@ def compare(recorded: Sequence[Said], today: Sequence[Said]) -> Comparison:
             difference = _difference(topic, time_ns, old, new)
             if difference is not None:
                 result.differences.append(difference)
-    order = {topic.name: i for i, topic in enumerate((EVENT, PLAN, STATUS, ESTIMATE, ADVICE))}
-    result.differences.sort(key=lambda one: (one.tick, order[one.topic]))
+    order = [*TOLD_FIRST, *dict.fromkeys(one.topic for one in result.differences)]
+    result.differences.sort(key=lambda one: (one.tick, order.index(one.topic)))
     return result
 
 
@@ -202,7 +205,6 @@ def _bare(path: str) -> str:
     return "".join(part.partition("]")[2] if "]" in part else part for part in path.split("["))
 
 
-HEARD = (POSITION, DELAY, EFFORT, JOURNEY, RESTRICTION, TARGET)
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
 """Metadata of an extract: a recording of everything that its node received, with a part of what the node sent."""
 CONTEXT_S = 5.0
@@ -325,7 +327,7 @@ def _context(messages: list[RecordedMessage], first: Difference) -> list[tuple[f
     lines = []
     for one in messages:
         before_s = (first.time_ns - message_time_ns(one.message)) * NS
-        if one.topic in HEARD and 0 <= before_s <= CONTEXT_S:
+        if one.topic in INPUT_TOPICS.values() and 0 <= before_s <= CONTEXT_S:
             lines.append((before_s, one.topic.name, _short(one.message)))
     return sorted(lines, reverse=True)
 

@@ -30,7 +30,7 @@ from sim.recording.inputs import put, sha256, vehicle_files
 from sim.runs.reproduce.hearing import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
-from sim.world.disturbances import AnnouncedRestriction
+from sim.world.disturbances import AnnouncedRestriction, DepartureDelay, lines
 from sim.world.drawn import Truth
 from sim.world.over_bus import How, drive_day
 from sim.world.scenario import LONGEST_DWELL_S, SCHEMA_VERSION, Scenario, read_scenario
@@ -164,42 +164,36 @@ def _delay(call: KeptCall, dwell_s: float) -> Iterator[str]:
     ready_ns = max(call.due_departure_ns, call.arrived_ns + round(dwell_s / NS) if call.arrived_ns else 0)
     delay_s = (call.departed_ns - ready_ns) * NS
     if delay_s >= LEAST_DELAY_S:
-        yield "[[disturbances]]"
-        yield 'kind = "departure-delay"'
-        yield f"stop = {_quoted(call.name)}"
-        yield f"delay_s = {delay_s:.1f}"
+        yield from lines(DepartureDelay(stop=call.name, delay_s=round(delay_s, 1)))
 
 
 def _restrictions(origin: Origin, trip: DrivenCourse) -> Iterator[str]:
     """Each restriction that the node received, announced where the train was when the node first received it."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
     known: set[Restriction] = set()
+    departure_ns = origin.journey.stops[0].departure_ns
     for time_ns, told in told_lists(origin.recording):
         told_m = float(trip.at(np.array([time_ns]), trip.s_m)[0])
         for whole in told:
             start_m = max(whole.start_m, first_m)
             if not start_m < min(whole.end_m, last_m) or whole.limit_mps < 1.0:
                 continue
-            one, window = replace(whole, start_m=start_m), _window(whole, origin.journey.stops[0].departure_ns)
-            if one in known or window is None:
+            one, announced_m = replace(whole, start_m=start_m), round(max(start_m - told_m, 0.0) + 1.0, 1)
+            if one in known:
                 continue
             known.add(one)
-            yield "[[disturbances]]"
-            yield 'kind = "restriction"'
-            yield f"from_m = {start_m!r}"
-            yield f"to_m = {one.end_m!r}"
-            yield f"speed_mps = {one.limit_mps!r}"
-            yield f"announced_m = {max(start_m - told_m, 0.0) + 1.0:.1f}"
-            yield from window
+            announced = AnnouncedRestriction.of(one, announced_m, lambda at_ns: round((at_ns - departure_ns) * NS, 9))
+            yield from _on_the_day(announced)
 
 
-def _window(one: Restriction, departure_ns: int) -> list[str] | None:
-    """The lines of a restriction's window on the run's clock; None if it does not hold on the day of the drive."""
-    from_s, until_s = (round((at_ns - departure_ns) * NS, 9) for at_ns in (one.valid_from_ns, one.valid_until_ns))
-    if (one.valid_from_ns and from_s > LONGEST_DWELL_S) or (one.valid_until_ns and until_s <= 0):
-        return None
-    ends = [f"valid_from_s = {from_s!r}"] if one.valid_from_ns and from_s > 0 else []
-    return [*ends, f"valid_until_s = {until_s!r}"] if 0 < until_s <= LONGEST_DWELL_S else ends
+def _on_the_day(one: AnnouncedRestriction) -> list[str]:
+    """The lines of a restriction, without an end of its window on another day; none if it does not hold on this one."""
+    from_s, until_s = one.valid_from_s or 0.0, one.valid_until_s
+    if from_s > LONGEST_DWELL_S or (until_s is not None and until_s <= 0):
+        return []
+    begins = from_s if from_s > 0 else None
+    ends = until_s if until_s is not None and until_s <= LONGEST_DWELL_S else None
+    return lines(replace(one, valid_from_s=begins, valid_until_s=ends))
 
 
 TRUE_LEVEL: Final = "what_if_true_level"
@@ -344,14 +338,6 @@ def _restricted(day: Day, whole: Otherwise) -> Day:
         one for one in day.disturbances if not (whole.without_restrictions and isinstance(one, AnnouncedRestriction))
     ]
     added = [
-        AnnouncedRestriction(
-            from_m=one.start_m,
-            to_m=one.end_m,
-            speed_mps=one.limit_mps,
-            announced_m=day.service.route.length_m,
-            valid_from_s=day.service.clock_s(one.valid_from_ns) if one.valid_from_ns else None,
-            valid_until_s=day.service.clock_s(one.valid_until_ns) if one.valid_until_ns else None,
-        )
-        for one in whole.restrictions
+        AnnouncedRestriction.of(one, day.service.route.length_m, day.service.clock_s) for one in whole.restrictions
     ]
     return with_disturbances(day, [*kept, *added]) if added or len(kept) < len(day.disturbances) else day

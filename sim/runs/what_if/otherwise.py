@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, astuple, dataclass, field, replace
 from typing import Annotated, Any, Final
 
 import typer
@@ -141,7 +141,7 @@ class Otherwise:
     def kept(self) -> str:
         """The changes that a what-if based on this one must repeat, as JSON; the train is attached to the recording."""
         cab = {name: value for name, value in asdict(self.cab).items() if name in KEPT_OF_CAB}
-        restrictions = [one.figures for one in self.restrictions]
+        restrictions = [astuple(one) for one in self.restrictions]
         return json.dumps({**cab, "restrictions": restrictions, "without_restrictions": self.without_restrictions})
 
     @classmethod

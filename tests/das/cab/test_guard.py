@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
-from das.cab.guard import LONGEST_TEXT, MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers
+from das.cab import event_wording
+from das.cab.guard import MOST_RESTRICTIONS, MOST_STOPS, Guard, Publishers
 from das.cab.heard import JourneyHeard, OrderedStop, RestrictionsHeard, Target, TargetsHeard, ToldRestriction
 from das.cab.outputs import MOST_A_SECOND, Moderation
+from das.domain.restriction import LONGEST_TEXT
 
 S = 10**9
 NOW_NS = 1_800_000_000 * S
@@ -110,3 +112,12 @@ def test_an_impossible_window_withdraws_the_advice_and_another_window_makes_anot
     assert guard.problem(restrictions(NOW_NS + S, NOW_NS, (*place, 3, 9))) == ""
     assert guard.problem(restrictions(NOW_NS, NOW_NS, (*place, 3, 10)))
     assert "said otherwise" in str(guard.unheeded)
+
+
+def test_a_restriction_refused_for_its_text_is_described_with_its_length() -> None:
+    @dataclass(frozen=True, order=True)
+    class Named(ToldRestriction):
+        reason: str = field(default="", compare=False)
+
+    one = Named(0.0, 1.0, 5.0, reason="x" * 201)
+    assert event_wording.impossible_restriction(one) == "one of 5 m/s from 0 to 1 m, reason of 201 letters"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from das.domain.errors import InputError
 from das.domain.files.load import catalogue, load_vehicle
-from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, LATEST_NS, Restriction
+from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, LATEST_NS, LONGEST_TEXT, Restriction
 
 S = 10**9
 FROM_NS, UNTIL_NS = 1_800_000_000 * S, 1_800_003_600 * S
@@ -87,6 +88,24 @@ def test_without_its_window_it_is_the_same_place_and_limit() -> None:
     assert WINDOW.unlimited == ALWAYS
     assert ALWAYS.unlimited is ALWAYS
     assert WINDOW != ALWAYS
+
+
+@dataclass(frozen=True, order=True)
+class Named(Restriction):
+    """A restriction with one text more than today's."""
+
+    reason: str = field(default="", compare=False)
+
+
+def test_a_text_changes_no_plan_and_is_refused_only_for_its_length() -> None:
+    said, silent = Named(1000.0, 2000.0, 10.0, reason="works"), Named(1000.0, 2000.0, 10.0)
+    assert said == silent
+    assert hash(said) == hash(silent)
+    assert said.figures == ALWAYS.figures == (1000.0, 2000.0, 10.0, 0, 0)
+    assert said.mirrored(6000.0).texts == {"reason": "works"}
+    assert Named(1.0, 2.0, 3.0, reason="x" * LONGEST_TEXT).texts
+    with pytest.raises(InputError, match=r"^restriction: reason = 'xx.*: expected at most 200 letters$"):
+        Named(1.0, 2.0, 3.0, reason="x" * 1000)
 
 
 def test_it_is_under_a_train_until_the_tail_has_left() -> None:

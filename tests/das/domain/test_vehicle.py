@@ -11,7 +11,9 @@ from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, fit_mean_efficiency
+from das.domain.route import Stretches, Tunnel
 from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from tests.support.making import flat
 
 
 def a_map() -> LossMap:
@@ -83,6 +85,18 @@ def test_tunnel_resistance_is_linear_between_cross_sections(area_m2: float, coef
     train = replace(own_train(), tunnel_area_m2=(24.0, 40.0), tunnel_resistance_n_per_mps2=(8.0, 4.0))
     assert train.tunnel_coefficient_n_per_mps2(area_m2) == pytest.approx(coefficient)
     assert own_train().tunnel_coefficient_n_per_mps2(area_m2) == 0
+
+
+def test_what_train_and_line_add_to_the_resistance_along_the_line() -> None:
+    """Two tunnels that touch, and one alone; a curve as in the formulary."""
+    tunnels = [Tunnel(start_m=a, length_m=b - a, area_m2=c) for a, b, c in ((0, 9, 24), (9, 20, 40), (50, 60, 24))]
+    curves = Stretches(start_m=np.array([0.0, 30.0]), value=np.array([0.0, -1 / 530]))
+    line = replace(flat(100.0), tunnels=tuple(tunnels), curvature_per_m=curves)
+    train = replace(own_train(), tunnel_area_m2=(24.0, 40.0), tunnel_resistance_n_per_mps2=(8.0, 4.0))
+    at_m = [0, 8.9, 9, 19.9, 20, 49.9, 50, 59.9, 60, 99]
+    assert train.tunnel_n_per_mps2(line).at(at_m).tolist() == [8, 8, 4, 4, 0, 0, 8, 8, 0, 0]
+    assert own_train().tunnel_n_per_mps2(line).at(at_m).tolist() == [0] * 10
+    assert train.line_resistance_mps2(line).at([0, 29, 30, 99]) == pytest.approx([0, 0, 9.81e-3, 9.81e-3])
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
-from sim.world.disturbances import AnnouncedRestriction, as_figures, described
+from sim.world.disturbances import AnnouncedRestriction, as_figures, described, lines
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
 from sim.world.service import lay_out, make_day, prepare_service
 from tests.support.flat_days import FLAT
@@ -132,6 +132,15 @@ def test_units_defaults_and_files_beside_the_scenario(flat: Callable[..., Path])
     beside = read_scenario(flat(base=FLAT.replace('"flat-6km"', '"lines/here.toml"')))
     assert beside.route == str(path.parent / "lines" / "here.toml")
     assert load_scenario("clear-day").departure_ns == scenario.departure_ns
+
+
+def test_every_field_of_a_restriction_is_announced_and_survives_a_scenario_file(flat: Callable[..., Path]) -> None:
+    service = prepare_service(read_scenario(flat("")))
+    one = Restriction(1000.0, 2000.0, 10.0, service.moment_ns(30.0), service.moment_ns(120.0))
+    assert all(vars(one).values()), "a field without a value could be lost unseen"
+    announced = AnnouncedRestriction.of(one, 500.0, service.clock_s)
+    assert vars(announced.restriction(service.moment_ns)) == vars(one)
+    assert read_scenario(flat("\n".join(lines(announced)))).day(4) == (announced,)
 
 
 def test_a_restriction_may_have_a_window_on_the_runs_clock(flat: Callable[..., Path]) -> None:

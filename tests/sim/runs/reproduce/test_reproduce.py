@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from sim.cli.recordings import reproduce as reproduce_command
 from sim.cli.trips import bundled_recording
 from sim.options import NodeSaid
 from sim.runs.reproduce.hearing import Said
-from sim.runs.reproduce.reproduce import IGNORED, TOLERANCES, Reproduction, compare, reproduce, tolerance
+from sim.runs.reproduce.reproduce import COMPARED, IGNORED, TOLERANCES, Reproduction, compare, reproduce, tolerance
 from sim.world.scenario import bundled_scenarios
 from tests.support.crossing import few
 from tests.support.recordings import with_run
@@ -245,3 +246,14 @@ def test_what_is_within_the_tolerance_or_ignored_is_the_same() -> None:
     assert [one.path for one in found.fields] == ["advised_speed_mps", "horizon_speed_mps[0]"]
     assert compare(said(20.0, "1"), said(float("nan"), "1")).differences != []
     assert compare(said(float("nan"), "1"), said(float("nan"), "1")).differences == []
+
+
+def test_what_a_node_says_on_a_new_topic_is_compared_like_the_rest() -> None:
+    """As between two versions of which only one has the topic; what explains an advice is told before it."""
+    assert {topic.name for topic in COMPARED} >= {"advice", "plan", "estimate", "status", "event"}
+    new = replace(STATUS, name="health")
+    recorded = [Said(topic, das_pb2.Status(time_ns=1, reason="recorded"), 1) for topic in (new, ADVICE, STATUS)]
+    today = [one._replace(message=das_pb2.Status(time_ns=1, reason="today")) for one in recorded]
+    assert [one.topic for one in compare(recorded, []).differences] == ["status", "health", "advice"]
+    assert compare(recorded, today).by_field["health.reason"][0] == 1
+    assert compare(today, today).compared == {"health": 1, "advice": 1, "status": 1}

@@ -31,12 +31,12 @@ from sim.options import NodeSaid, WhatIfKind
 from sim.recording.check import check_file
 from sim.recording.inputs import inputs_of, sha256
 from sim.runs.reproduce.reproduce import reproduce
-from sim.runs.what_if.anew import _window, attached_scenario, day_again, drive_again, scenario_of_drive
+from sim.runs.what_if.anew import _on_the_day, attached_scenario, day_again, drive_again, scenario_of_drive
 from sim.runs.what_if.difference import changed
 from sim.runs.what_if.open_loop import advise_otherwise
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
-from sim.world.disturbances import DepartureDelay
+from sim.world.disturbances import AnnouncedRestriction, DepartureDelay
 from sim.world.over_bus import How, drive_day
 from sim.world.scenario import read_scenario
 from sim.world.service import lay_out, make_day, prepare_service, scenario_files
@@ -202,14 +202,17 @@ def test_the_day_of_a_drive_without_a_simulator_is_made_from_what_was_heard() ->
 def test_the_window_of_a_recorded_restriction_is_on_the_clock_of_the_day_driven_anew() -> None:
     departure_ns, s = 1_800_000_000 * 10**9, 10**9
 
-    def lines(from_s: int | None, until_s: int | None) -> list[str] | None:
+    def lines(from_s: int | None, until_s: int | None) -> list[str]:
         window = (0 if moment_s is None else departure_ns + moment_s * s for moment_s in (from_s, until_s))
-        return _window(Restriction(0.0, 1.0, 5.0, *window), departure_ns)
+        one = Restriction(0.0, 1.0, 5.0, *window)
+        return _on_the_day(AnnouncedRestriction.of(one, 9.0, lambda at_ns: (at_ns - departure_ns) / s))
 
-    assert lines(None, None) == lines(-60, None) == lines(None, 90_000) == []
-    assert lines(60, 120) == ["valid_from_s = 60.0", "valid_until_s = 120.0"]
-    assert lines(-60, 120) == ["valid_until_s = 120.0"]
-    assert lines(-60, -1) is lines(90_000, None) is None
+    always = ["[[disturbances]]", 'kind = "restriction"', "from_m = 0.0", "to_m = 1.0", "speed_mps = 5.0"]
+    always += ["announced_m = 9.0"]
+    assert lines(None, None) == lines(-60, None) == lines(None, 90_000) == always
+    assert lines(60, 120) == [*always, "valid_from_s = 60.0", "valid_until_s = 120.0"]
+    assert lines(-60, 120) == [*always, "valid_until_s = 120.0"]
+    assert lines(-60, -1) == lines(90_000, None) == []
 
 
 def test_a_node_with_a_loss_map_and_a_point_mass_is_driven_anew_with_both(tmp_path: Path) -> None:
