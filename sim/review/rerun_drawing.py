@@ -23,7 +23,7 @@ from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
 from sim.review.series import QUANTITIES, STYLES, MapTrack, quantity_of
-from sim.review.words import cards, summary
+from sim.review.words import DisplayWords, cards, summary
 
 DRIVE_CLOCK, TIME_OF_DAY, POSITION = "drive_clock", "time_of_day", "position_m"
 """Names of the timelines: time on the drive's clock, time of day (UTC), position on the route (m)."""
@@ -185,7 +185,7 @@ def _event_text(event: Log, early_s: float) -> str:
 
 def _cab(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
     """Send what the driver saw, as a text that changes with the time."""
-    found = cards(scene.recording, scene.trip)
+    found = cards(scene.recording, scene.trip, DisplayWords(scene.language, scene.drive.zone))
     if found:
         columns = rr.TextDocument.columns(text=[card.text for card in found], media_type=[MARKDOWN] * len(found))
         out.send_columns(CAB_CARD, lines.of(np.array([card.time_ns for card in found])), columns)
