@@ -195,7 +195,7 @@ class _Judgement:
         """Why the train must brake: it is too fast already, or for the limit or the stop that needs it."""
         if needed.at_m >= self._model.end_m:
             return Reason(code=ReasonCode.STOP, stop=self._model.end_stop)
-        if needed.at_m > self._train.ahead_m:
+        if needed.speed_mps < self._model.limit_mps(self._train.ahead_m):
             return Reason(code=ReasonCode.LIMIT, speed_mps=needed.speed_mps, at_m=needed.at_m)
         excess_mps = self._train.v_mps - needed.speed_mps
         return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps) if excess_mps > 0 else NO_REASON

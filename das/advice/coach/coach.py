@@ -15,14 +15,16 @@ from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, TrainState
+from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, SPEED_STEP_MPS, Goal, TrainState
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KMH, NS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime
+from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -34,7 +36,10 @@ BINDS_MPS = 10.0 * KMH
 """A limit that the train is forecast to pass slower than this below it is not what it slows down for."""
 SLOWED_S = 30.0
 """A train that passes a point more than this (s) after its earliest time is not slowed down for it."""
+ARRIVING_M = 500.0
+"""A train this near (m) to its stop is not told when it arrives."""
 SLOWING = (NotchRegime.COAST, NotchRegime.BRAKE)
+NOT_FASTER = (*SLOWING, NotchRegime.HOLD)
 
 
 class Coach:
@@ -53,18 +58,20 @@ class Coach:
         self._section, self._settings, self._worker = section, settings, worker
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
         self._lost = False
+        self._said_late_s = 0.0
 
     def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
         """The coach that takes over from this one, with another front or under other limits."""
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
-        found._showing = self._showing
+        found._showing, found._said_late_s = self._showing, self._said_late_s
         return found
 
     def forget(self) -> None:
         """Drop the reference and all that was shown."""
         self._keeper.forget()
         self._showing.forget()
+        self._said_late_s = 0.0
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
@@ -147,10 +154,23 @@ class Coach:
             assert point is not None
             time_ns = point.earliest_ns or 0
             return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
-        late_s = self._keeper.arrival_late_s(kept, state, goal)
+        late_s = self._arrival_late_s(kept, state, goal)
         if shown.now.mode in BRAKES or abs(late_s) < DEVIATION_NAMED_S:
             return ahead
         return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
+
+    def _arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
+        """How late the train is said to arrive (s): the last value until it is off by as much as is named.
+
+        It is 0, so that nothing is said, for a train that stands, whose reference is made anew when it departs, and for
+        one that is almost there.
+        """
+        if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
+            return 0.0
+        late_s = self._keeper.arrival_late_s(kept, state, goal)
+        if abs(late_s - self._said_late_s) >= DEVIATION_NAMED_S:
+            self._said_late_s = late_s
+        return self._said_late_s
 
     @staticmethod
     def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
@@ -166,18 +186,26 @@ class Coach:
         if shown.now.mode is not Regime.COAST and shown.now.mode not in BRAKES:
             return NO_REASON
         schedule = kept.reference.schedule
-        slowing = takewhile(lambda one: one.kind in SLOWING, schedule.phases[shown.number :])
-        ends_m = schedule.begin_m(shown.number + len(list(slowing)))
-        section, nearest_m = schedule.section, min(ends_m + BESIDE_M, state.s_m + NEAR_M)
+        section, first = schedule.section, schedule.phases[shown.number].begin
+        from_mps = max(float(schedule.known.speed_mps[first]), state.v_mps)
+        slows_m, holds_m = _ends_m(schedule, shown.number, SLOWING), _ends_m(schedule, shown.number, NOT_FASTER)
         for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
-            if not state.s_m < at_m <= nearest_m or limit_mps >= state.v_mps:
+            leads_m = holds_m if shown.now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
+            near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
+            if not near or limit_mps >= from_mps:
                 continue
             passed_mps = float(np.interp(at_m, section.node_m, kept.forecast.speeds_mps))
             if passed_mps > limit_mps - BINDS_MPS:
                 return _of_limit(section.route, at_m, limit_mps)
-        if ends_m >= section.end_m and section.end_m - state.s_m <= NEAR_M:
+        if slows_m >= section.end_m and section.end_m - state.s_m <= NEAR_M:
             return Reason(code=ReasonCode.STOP, stop=section.end_stop_name)
         return NO_REASON
+
+
+def _ends_m(schedule: Schedule, number: int, kinds: tuple[NotchRegime, ...]) -> float:
+    """Where the phases of these kinds end that follow one another from a phase on (m)."""
+    count = len(list(takewhile(lambda one: one.kind in kinds, schedule.phases[number:])))
+    return schedule.begin_m(number + count)
 
 
 def falling_limits(route: Route) -> tuple[Floats, Floats]:

@@ -18,7 +18,7 @@ import pytest
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Source
 from das.advice.braking_model import FULL_RATIO, LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
 from das.advice.last_word import Act, LastWord, Part
-from das.advice.reason import Reason
+from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.advice.wording import words
 from das.cab.leg import Leg
@@ -229,6 +229,14 @@ def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
     assert list(said.horizon_speed_mps) == sorted(said.horizon_speed_mps, reverse=True)
     assert said.horizon_speed_mps[-1] == pytest.approx(LOW)
     assert said.horizon_speed_mps[2] == pytest.approx(BRAKE_MPS - 3 * needed_n / 1e5, abs=0.05)
+
+
+def test_the_words_of_a_brake_name_the_stop_or_say_by_how_much_the_train_is_too_fast() -> None:
+    stops, (act, *_) = judged(advice_of(END_M - 300.0, curve_mps(300.0), Regime.COAST, 0.0))
+    assert act.part is Part.EFFORT
+    assert stops.reason == Reason(code=ReasonCode.STOP, stop=LINE.stop_name_at(END_M))
+    fast, _ = judged(advice_of(FAST_M, HIGH + 5.0, Regime.COAST, 0.0))
+    assert fast.reason == Reason(code=ReasonCode.TOO_FAST, speed_mps=5.0)
 
 
 def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:

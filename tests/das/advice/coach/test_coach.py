@@ -62,6 +62,7 @@ def test_a_reason_never_repeats_the_instruction_and_names_limits_and_stops_of_th
         coaching = said(coach, train.at(second))
         reason, mode = coaching.reason, coaching.now.mode
         codes.add(reason.code)
+        assert not reason.text, "a text would have a language"
         if reason.code is ReasonCode.LIMIT:
             assert (reason.at_m, reason.speed_mps) in limits
             assert reason.at_m > train.at(second).s_m
@@ -123,9 +124,17 @@ def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
     )
 
 
+def test_a_point_that_a_train_passes_late_enough_anyway_is_not_named() -> None:
+    coach, state = coach_of(), train_of().at(60)
+    point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(65.0))
+    coaching = shown(coach, state, replace(goal_of(LINE, 0.15), passing=point))
+    assert coaching is not None
+    assert coaching.reason.code is not ReasonCode.POINT_EARLIEST
+
+
 @pytest.mark.parametrize(("later_s", "expected_s"), [(0.0, None), (-40.0, 40.0), (40.0, -40.0)])
 def test_a_reason_says_how_late_or_early_the_train_arrives(later_s: float, expected_s: float | None) -> None:
-    """The timetable is moved by more than the dead zone while the coach keeps its reference: it cannot make another."""
+    """The timetable is moved after the coach has made its reference; the arrival is the forecast of that reference."""
     coach, state = coach_of(), train_of().at(100)
     kept = coach.plan(state, goal_of(LINE, 0.15))
     goal = goal_of(LINE, 0.15)
@@ -204,6 +213,20 @@ def test_a_train_at_a_restriction_is_shown_no_more_than_it_allows() -> None:
     assert coaching.now.speed_mps <= cab.leg.planner.allowed_mps(state.s_m) < state.v_mps
     inside = cab.coaching(TrainState(ns(160), state.s_m + 200.0, 16.0))
     assert inside.now.speed_mps <= 15.0 + 0.3
+
+
+def test_a_brake_for_a_restriction_names_the_restriction_and_not_another_limit() -> None:
+    cab, state = Cab(), train_of().at(150)
+    one = Restriction(start_m=state.s_m + 1500.0, end_m=state.s_m + 2300.0, limit_mps=15.0)
+    cab.coaching(state)
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    for second in range(1, 90):
+        here = TrainState(ns(150.0 + second), state.s_m + state.v_mps * second, state.v_mps)
+        coaching = cab.coaching(here)
+        if coaching.now.mode in BRAKES:
+            break
+    assert here.s_m < one.start_m
+    assert coaching.reason == Reason(code=ReasonCode.RESTRICTION, speed_mps=15.0, at_m=one.start_m)
 
 
 def test_without_a_coach_there_is_none() -> None:
