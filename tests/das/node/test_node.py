@@ -247,9 +247,9 @@ def test_a_journey_that_cannot_be_driven_is_refused_with_the_reason(reason: str)
     driven = DrivenNode()
     driven.tell(JOURNEY, driven_node.journey(**REFUSED[reason]))
     said, silent = driven.sink.of(STATUS)[-1], driven.tick(51)
-    for one in (said, silent):
-        assert one.reason.text.startswith("journey refused: ")
-        assert reason in one.reason.text
+    for text in (said.reason, silent.reason.text):
+        assert text.startswith("journey refused: ")
+        assert reason in text
     assert (said.state, silent.mode) == (das_pb2.Status.STATE_WITHDRAWN, das_pb2.MODE_NONE)
     driven.tell(JOURNEY, driven_node.journey())
     assert driven.tick(52).mode != das_pb2.MODE_NONE
