@@ -88,7 +88,8 @@ class Reason:
         if other.code == ReasonCode.NONE or other.code not in set(ReasonCode):
             return cls()
         values = {one.name: getattr(other, one.name) for one in fields(cls)}
-        return cls(**{**values, "code": ReasonCode(other.code)})
+        known = {name: value for name, value in values.items() if value == value}  # noqa: PLR0124
+        return cls(**{**known, "code": ReasonCode(other.code)})  # The default NaN makes equal reasons compare as equal.
 
 
 NO_REASON = Reason()

@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.advice.wording import Language
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, KMH, NS, kwh
@@ -154,15 +153,10 @@ class ReviewScene:
     """A sentence about what is estimated because it was not recorded; empty if nothing is."""
     attribution: AttributionView | None = None
     """Where the energy went; None until `with_attribution` has found it, or if it is not known."""
-    language: Language = Language.EN
-    """The language of the words of the display."""
 
     @classmethod
-    def of(cls, drive: Drive, language: Language = Language.EN) -> ReviewScene:
-        """The scene of a recorded drive, without its energy attribution; DasError if it has no position at all.
-
-        The words of the display are in the `language`.
-        """
+    def of(cls, drive: Drive) -> ReviewScene:
+        """The scene of a recorded drive, without its energy attribution; DasError if it has no position at all."""
         recording, trip, clock = drive.recording, drive.course, drive.clock
         filled = filled_in(drive)
         happened = happenings(recording, trip, drive.silences)
@@ -183,7 +177,6 @@ class ReviewScene:
             bookmarks=tuple(_bookmark(one, clock) for one in drive.events if one.kind not in ROUTINE),
             way=MapTrack.of(recording) or filled.way,
             filled_from=filled.source,
-            language=language,
         )
 
     def with_attribution(self) -> ReviewScene:

@@ -57,10 +57,10 @@ def write_view(recording: Recording, path: Path, *, with_map: bool = False, lang
     """Write a rerun file with our layout, replacing an existing file; if this fails, a half-written file is left."""
     from sim.review.rerun_drawing import send, send_attribution
 
-    scene = _scene_of(recording, language)
+    scene = _scene_of(recording)
     with _stream(scene) as out:
         out.save(path, default_blueprint=_blueprint(scene, with_map=with_map))
-        send(out, scene, with_map=with_map)
+        send(out, scene, language, with_map=with_map)
         send_attribution(out, scene.with_attribution())
         out.flush()
         out.disconnect()
@@ -89,12 +89,12 @@ def open_view(recording: Recording, *, with_map: bool = False, language: Languag
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = _scene_of(recording, language), _free_port()
+    scene, port = _scene_of(recording), _free_port()
     interrupt_on_termination()
-    run_viewer(port, lambda: _feed_viewer(scene, port, with_map=with_map))
+    run_viewer(port, lambda: _feed_viewer(scene, port, language, with_map=with_map))
 
 
-def _feed_viewer(scene: ReviewScene, port: int, *, with_map: bool) -> None:
+def _feed_viewer(scene: ReviewScene, port: int, language: Language, *, with_map: bool) -> None:
     """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
     attribution.
 
@@ -105,17 +105,17 @@ def _feed_viewer(scene: ReviewScene, port: int, *, with_map: bool) -> None:
 
     with _stream(scene) as out:
         out.connect_grpc(_viewer_address(port), default_blueprint=_blueprint(scene, with_map=with_map))
-        send(out, scene, with_map=with_map)
+        send(out, scene, language, with_map=with_map)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()
 
 
-def _scene_of(recording: Recording, language: Language) -> ReviewScene:
+def _scene_of(recording: Recording) -> ReviewScene:
     from sim.drive.drive import Drive
     from sim.review.scene import ReviewScene
 
-    return ReviewScene.of(Drive(source=recording), language)
+    return ReviewScene.of(Drive(source=recording))
 
 
 def _stream(scene: ReviewScene) -> rr.RecordingStream:

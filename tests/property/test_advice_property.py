@@ -173,7 +173,7 @@ def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
                 # Told while the plan of the free line holds; the front is not there yet.
                 advisor = asked(free, Source.SOLVED, s_m, v_mps, left_s)
                 advisor.update(ns(0))
-                advisor.set_section(section, "restriction set")
+                advisor.set_section(section)
                 meanwhile = advisor.update(ns(0))
                 assert meanwhile.source is Source.FALLBACK
                 check(meanwhile, allowed, v_mps)
@@ -193,7 +193,7 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: ra
         advisor = asked(free, Source.SOLVED, s_m, v_mps, left_s)
         for second in range(4000):
             if second == 1:
-                advisor.set_section(section, "restriction set")
+                advisor.set_section(section)
             if second == 4:
                 advisor.set_front(front_of(section), Source.SOLVED)
             advisor.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
