@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from datetime import UTC, tzinfo
 from zoneinfo import ZoneInfo
@@ -13,7 +12,6 @@ from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.advice.wording import Language, deviation, mode_words, top_speed, words
 from das.domain.units import KMH
-from tests.support.making import REPOSITORY
 
 DE, EN, FR = Language.DE, Language.EN, Language.FR
 ZURICH = ZoneInfo("Europe/Zurich")
@@ -90,21 +88,3 @@ def test_a_summer_time_is_said_in_summer() -> None:
 @pytest.mark.parametrize(("late_s", "said"), [(0.4, "on time"), (12.4, "12 s late"), (-3.0, "3 s early")])
 def test_a_deviation(late_s: float, said: str) -> None:
     assert deviation(late_s) == said
-
-
-def test_an_unknown_code_or_none_is_no_reason() -> None:
-    """As in a recording of a later version, or of one before codes."""
-
-    class Message:
-        code = 99
-
-    assert Reason.read(Message()) == Reason.read(NO_REASON)
-    assert not Reason.read(Message())
-    assert not NO_REASON
-    assert math.isnan(NO_REASON.late_s)
-    assert Reason.read(full(ReasonCode.STOP)) == full(ReasonCode.STOP)
-
-
-def test_the_documentation_lists_every_reason() -> None:
-    page = (REPOSITORY / "docs" / "reference" / "bus.md").read_text(encoding="utf-8")
-    assert [code for code in ReasonCode if f"| {int(code)} | `{code.name}` |" not in page] == []
