@@ -3,7 +3,7 @@
 Numba keeps compiled code on disk, but it checks only the file of a kernel to tell whether the code is still valid. A
 kernel also contains the kernels that it calls and the constants that it reads, whatever file they are in. Therefore the
 folder with a module's compiled code is named by a hash of that module and of all our modules that it imports. A table
-on disk depends in the same way on the code that solved it (`das.table.hashes`).
+on disk depends in the same way on the code that made it (`das.table.hashes`).
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class _KeptForm(_NumbaForm):  # type: ignore[misc]
 
 
 class _KeptKernels(_NumbaCache):  # type: ignore[misc]
-    """Numba's cache of one function, in our folder, which loads kept code without loading the compiler.
+    """Numba's cache of one function; it is in our folder, and it loads kept code without loading the compiler.
 
     Before it loads a kept function, numba imports everything that it would need to compile one: its library of
     functions, random numbers, linear algebra, C declarations. Machine code needs none of this, and importing it takes

@@ -1,1 +1,1 @@
-"""Offline: solves sections, whole trade-offs and tables for a network."""
+"""Offline work: solves sections, shows whole trade-offs, and builds the tables of a network."""

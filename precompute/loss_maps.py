@@ -1,4 +1,4 @@
-"""Describing a loss map: what it covers, how well levels L1 and L2 fit it, where it is best, and pictures of it."""
+"""Describing a loss map: what it covers, how well levels L1 and L2 fit it, its best points, and pictures of it."""
 
 from __future__ import annotations
 

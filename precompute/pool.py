@@ -1,4 +1,4 @@
-"""A pool of processes on this machine: one process a worker, one job a worker at a time.
+"""A pool of processes on this machine: one process per worker, one job per worker at a time.
 
 A worker that dies costs only the attempt of its own job. This pool exists because others lack something:
 `concurrent.futures` loses all jobs in flight if one worker dies, pebble 5.2 ends or hangs if a worker is killed between
@@ -185,7 +185,7 @@ def _how_it_ended(exit_code: int | None) -> str:
 
 
 def serve(connection: Connection, make: Callable[[Any], Any], prepare: Callable[[], object]) -> None:
-    """Make jobs as a worker process, and report each, until the parent closes the pipe or ends."""
+    """Do jobs as a worker process, and report each, until the parent closes the pipe or ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -191,7 +191,7 @@ class VariationOutcome:
 
     `followed`: the plan as driven. Beside it are optima of the changed world: `on_time` for the planned time (or the
     fastest run, which is late) and `same_time` for the time that following the plan took. None: there is no such run.
-    `trouble` says why there is none, or what is wrong with `followed`. Ratios are to the plan's energy at the
+    `trouble` says why there is none, or what is wrong with `followed`. Ratios are relative to the plan's energy at the
     collector.
     """
 

@@ -32,9 +32,9 @@ CONNECT_WITHIN_S = 10.0
 JOBS_PER_THREAD: Final = 2
 """Number of jobs on the cluster for each of its threads: one is under way, one waits."""
 PACKAGES: Final = ("numpy", "numba", "llvmlite", "distributed", "dask")
-"""Packages whose versions must be the same wherever jobs are made."""
+"""Packages whose versions must be the same wherever jobs are done."""
 OURS: Final = ("das", "precompute", "sim")
-"""Packages of this program, whose source must be the same wherever jobs are made."""
+"""Packages of this program, whose source must be the same wherever jobs are done."""
 _ADDRESS: Final = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
 
 
@@ -49,7 +49,7 @@ def available_cores() -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Workers:
-    """The workers that make jobs: `count` processes on this machine, or the Dask cluster of a `scheduler`."""
+    """The workers that do jobs: `count` processes on this machine, or the Dask cluster of a `scheduler`."""
 
     count: int
     scheduler: str | None = None
@@ -88,7 +88,7 @@ class Workers:
 
 
 def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address: str) -> Generator[Made[Job, Result]]:
-    """Yield the outcome of each job that a cluster makes.
+    """Yield the outcome of each job that a cluster does.
 
     A job whose worker dies is tried again by the scheduler (its `allowed-failures`). A job that the scheduler gives up
     is tried once more alone, because dask also blames jobs that only waited on a dying worker.
@@ -180,7 +180,7 @@ def _submitted(client: Any, make: Callable[[Job], Result], jobs: Sequence[Job]) 
 
 
 def _made_there(make: Callable[[Job], Result], job: Job, expected: Mapping[str, str]) -> Result:
-    """Make a job on a worker of a cluster, after checking it in case it joined late."""
+    """Do a job on a worker of a cluster, after checking the worker in case it joined late."""
     differing = differences(expected, _own_environment())
     if differing:
         raise WorkerDiffersError(f"a worker that joined later: {differing}")

@@ -89,11 +89,11 @@ class NodeSaid:
 
 
 SLOWEST, FASTEST = 0.01, 1e6
-"""Range of `--speed` in times real time."""
+"""Range of `--speed`, as multiples of real time."""
 
 
 def speed_factor(text: str) -> float | None:
-    """Times real time (`real` is 1); None for as fast as possible. Raises DasError for any other text."""
+    """A multiple of real time (`real` is 1); None for as fast as possible. Raises DasError for any other text."""
     if text == "max":
         return None
     try:

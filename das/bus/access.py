@@ -200,7 +200,7 @@ def _authority_of(train: str) -> str:
 
 
 class Refusals:
-    """Finds refusals in Zenoh's log; `now_ns` is the clock (ns since 1970) by which too many reports are held back."""
+    """Finds refusals in Zenoh's log; `now_ns` is the clock (ns since 1970) that limits how many it reports a second."""
 
     def __init__(self, now_ns: Callable[[], int] = WALL_NS) -> None:
         from das.cab.outputs import Moderation  # Loads the solver, which readers of recordings do without.

@@ -52,7 +52,7 @@ class Budget:
 
     @classmethod
     def of(cls, size_bytes: int) -> Budget:
-        """The budget of a file by its size."""
+        """The budget of a file of this size."""
         return cls(max(ALWAYS_BYTES, MOST_EXPANSION * size_bytes))
 
     def take(self, size_bytes: int) -> None:

@@ -18,7 +18,7 @@ CHANNELS: Final = "channel "
 """Metadata named "channel <number>" describe a channel a second time: if the chunk that describes it is lost, its later
 messages can still be read."""
 NUMBERED: Final = "numbered"
-"""The entry of such metadata that marks a file of the recorder, which numbers all messages of the file."""
+"""The entry of a channel's metadata that marks a file of the recorder, which numbers all messages of the file."""
 RECOVERED: Final = "recovered"
 """The metadata record in which `das-sim recover` states the source of a recording and what was lost."""
 
@@ -184,7 +184,7 @@ def _take_out_repeated(raw: Raw) -> int:
 
 
 def _missing(messages: list[records.Message]) -> int | None:
-    """How many messages are missing by their running numbers; None if these do not rise through the file."""
+    """How many messages are missing, according to the running numbers; None if these do not rise through the file."""
     numbers = [message.sequence for message in messages]
     if len(numbers) < 2 or any(b <= a for a, b in pairwise(numbers)):
         return None

@@ -37,7 +37,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link, umask
 
 FLUSH_EVERY_S = 0.5
-"""Messages are on disk at most 0.1 s later than this (s) after the recorder received them. So a kill loses at most
+"""The recorder puts the messages received on disk at this interval (s), or up to 0.1 s later. So a kill loses at most
 1.0 s, even if a write takes a while."""
 CHUNK_BYTES = 1 << 18
 """A chunk is written at the latest when it has this many bytes unpacked; damage to one chunk loses no more."""
@@ -50,7 +50,7 @@ LAST_NS = 2**63 - 1
 COMMENTS: Final = "das_comments.json"
 """The file with the comments of das.proto by full field name; das/bus/generate.py writes it."""
 SPAN: Final = (0, 0, 0)
-"""The place of a comment in das.proto, which protobuf requires; recordings do not need it."""
+"""A comment's place in das.proto: protobuf requires one, but recordings do not need it, so it is 0."""
 
 
 class RecordingFile:

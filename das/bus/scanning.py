@@ -55,7 +55,7 @@ MOST_LISTED = 5
 CHECKSUM: Final = "crc32"
 """The key of the hexadecimal checksum over the name of a metadata record and its other entries."""
 UNCHECKED: Final = "unchecked "
-"""The prefix to the name of metadata without any checksum; no command uses them."""
+"""The prefix to the name of metadata without any checksum; no command uses such metadata."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +83,8 @@ class Health:
     """The health of a file as found while reading it.
 
     `complete` is False for a file that was cut off. `cut_byte` is where the record begins that was cut in two (-1: none
-    was). `missing` counts messages that are missing by their running numbers; None if these do not rise through the
-    file. `unchecked` names the parts without a checksum.
+    was). `missing` counts messages that are missing according to the running numbers; None if these do not rise through
+    the file. `unchecked` names the parts without a checksum.
     """
 
     size_bytes: int
@@ -333,7 +333,7 @@ class Scan:
         return (head[0] in SIMPLE or head[0] in OTHERS) and at + HEAD_BYTES + length <= last
 
     def _candidates(self, at: int, last: int) -> Iterator[int]:
-        """Places from `at` on where a chunk may begin, by the name of its compression."""
+        """Places from `at` on where a chunk may begin, found by the name of its compression."""
         start = at
         while start < last:
             window = self._read(start, min(WINDOW_BYTES + SIGNATURE_AT + 8, last - start))

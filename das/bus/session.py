@@ -50,8 +50,8 @@ class Inbox:
 
     When it is full, the oldest message of a topic that is neither latched nor Control is dropped (position, delay, the
     messages of a node). If there is none, a new message of a latched topic (journey, restrictions) replaces the one
-    before it. Control messages are kept up to `CONTROL_FACTOR` times the capacity; a simulation, which waits for each
-    answer, never sends that many.
+    before it. Control messages, and latched ones that replace none, are kept up to `CONTROL_FACTOR` times the capacity;
+    a simulation, which waits for each answer, never sends that many.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -271,7 +271,7 @@ class Bus:
         self._stack.close()
 
     def publish(self, topic: Topic, message: Message) -> None:
-        """Send a message reliably; it waits rather than drop the message when a receiver is slow."""
+        """Send a message reliably; if a receiver is slow, this call waits rather than drop the message."""
         publisher = self._publishers.get(topic.name)
         if publisher is None:
             publisher = self._publishers[topic.name] = self._declare(topic)

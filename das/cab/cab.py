@@ -75,7 +75,7 @@ class CabSettings:
 
 @dataclass(kw_only=True)
 class _Now:
-    """The present moment: the clock, the last journey received, whether an answer is due, or the last one failed."""
+    """The present moment: the clock, the last journey, whether an answer is pending, whether the last one failed."""
 
     clock_ns: int = 0
     journey: JourneyHeard | None = None
@@ -96,7 +96,7 @@ class Cab:
         self.legs = Legs(situation, preparation, settings.advice)
         """The legs of the journey under way."""
         self.here = Estimate(time_ns=0)
-        """The state of the train behind the last advice."""
+        """The estimated state of the train on which the last advice rests."""
         calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
         self.learning = Learning(calibrator if settings.calibrate else None)
         """The calibration of the train while driving."""

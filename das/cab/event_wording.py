@@ -37,7 +37,7 @@ def about(kind: Kind, what: str) -> str:
 
 
 def failed(error: Exception) -> str:
-    """A message with whose figures the program could not compute."""
+    """A message whose figures the program could not compute with."""
     return f"a message was ignored ({error})"
 
 
@@ -82,17 +82,17 @@ def older_and_different(older: str) -> str:
 
 
 def too_many_restrictions(count: int, most: int) -> str:
-    """A list of restrictions that is too long to be meant."""
+    """A list of restrictions that is too long to make sense."""
     return f"{count} of them, more than {most}"
 
 
 def too_many(count: int, what: str, most: int) -> str:
-    """A message with too many targets or stops to be meant; `what` names them."""
+    """A message with more targets or stops than make sense; `what` names them."""
     return f"one of {count} {what}, more than {most}"
 
 
 def name_too_long(letters: int) -> str:
-    """A message with a name that is too long to be meant."""
+    """A message with a name that is too long to make sense."""
     return f"one with a name of {letters} letters"
 
 
@@ -103,7 +103,7 @@ def impossible_restriction(one: Restriction) -> str:
 
 
 def off_route(received: Sequence[Restriction], length_m: float) -> str:
-    """Restrictions wholly off a route of this length: their sender may count from elsewhere. Empty if none."""
+    """Restrictions wholly off a route of this length: their sender may have another zero point. Empty if none."""
     astray = [one for one in received if one.end_m <= 0 or one.start_m >= length_m]
     if not astray:
         return ""
@@ -120,7 +120,7 @@ NOT_STAMPED: Final = "one without its sender's time stamp, or with one that is a
 
 
 def second_publisher(source: str) -> str:
-    """A position of another publisher than the one that counts."""
+    """A measurement from another publisher than the one that counts."""
     return f"one of a second publisher, {source or 'unnamed'},"
 
 
@@ -135,7 +135,7 @@ def two_operators(source: str | None, rival: str) -> str:
 
 
 def takes_over(kind: Kind, source: str | None, before: str, *, joined: bool) -> str:
-    """A publisher that counts now that the one before is gone; `joined`: the restrictions of that one hold as well."""
+    """A publisher that counts now that the previous one is gone; `joined`: the restrictions of both hold."""
     also = f"; what both said holds until {_named(source)} tells a list anew" if joined else ""
     return about(kind, f"{_named(source)} counts from now on, {_named(before)} is gone{also}")
 
@@ -259,7 +259,7 @@ def not_on_the_way(target: Target) -> str:
     return f"{target.stop or f'{target.s_m:.0f} m'} is not on the way to a stop of this journey"
 
 
-# --- fronts, and why they are searched anew --------------------------------------------------------------------------
+# --- fronts, and why they are searched for anew ----------------------------------------------------------------------
 
 OTHER_TRAIN: Final = "another train or load"
 OTHER_LEVEL: Final = "another level"
@@ -305,7 +305,7 @@ def calibration_ignored(error: Exception) -> str:
 
 
 def front_found(start: str, end: str, source: Source, why: str) -> str:
-    """A leg whose front was found, its source, and why it was searched again (empty: it was the first time)."""
+    """A leg whose front was found, the front's source, and why it was searched for again (empty: the first search)."""
     how = "from a table" if source is Source.TABLE else "solved"
     return f"{start} – {end}: {how}" + (f" ({why})" if why else "")
 
@@ -336,7 +336,7 @@ def table_broken(error: Exception) -> str:
 
 
 def table_unfit(folder: object, why: str) -> str:
-    """A table for these ends that does not fit the section."""
+    """A table that has the ends of the section but does not fit it otherwise."""
     return f"{folder}: {why}; solved instead"
 
 

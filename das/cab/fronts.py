@@ -31,7 +31,7 @@ KEPT_BYTES = 60_000_000
 """Fronts are kept up to this size in all (30 km take 18 MB); the newest front is always kept."""
 EVERY_MULTIPLIER = 3
 """On board only every third of the solver's multipliers is solved. That takes 0.4 of the memory and costs 0.003 to
-0.03 % of the energy in the mean, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
+0.03 % of the energy on average, 0.15 % at worst (buffers of 0.5 to 40 %); the solving time is nearly the same."""
 SAME_ENDS_M = 1.0
 """A table counts as made for a section if their ends are this near; if it does not fit, the reason is reported."""
 

@@ -30,9 +30,10 @@ from das.domain.units import NS
 from das.estimate.settings import STALE_AFTER_S
 
 MOST_RIVALS = 20
-"""Of the sessions that wait beside the one that counts, at most this many are remembered, the newest."""
+"""At most this many sessions that wait beside the one that counts are remembered (the newest), and at most this many
+other nodes of the train (the first)."""
 MOST_GONE = 50
-"""Of the sessions that are gone, at most this many are remembered, the newest."""
+"""At most this many sessions that are gone are remembered: the newest."""
 MOST_STOPS = 200
 """A journey with more stops is rejected as nonsense."""
 MOST_RESTRICTIONS = 100
@@ -176,7 +177,7 @@ class Guard:
         return ""
 
     def _problem_by_itself(self, message: Heard) -> str:
-        """Why a message has to be ignored without regard to earlier ones; empty if it does not."""
+        """Why a message has to be ignored, whatever came before it; empty if it does not have to be."""
         kind, now_ns = kind_of(message), message.heard_ns
         if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message
@@ -187,9 +188,10 @@ class Guard:
         return found
 
     def _replayed(self, message: StateHeard) -> str:
-        """Why a state is older than the newest of its kind; else empty, and it becomes the newest.
+        """By how much a state is older than the newest of its kind, in words; empty for any other: that is the newest
+        now.
 
-        The bus repeats the newest, so an equal time is no reason.
+        The bus repeats the newest state, so one with an equal time is not rejected.
         """
         kind, now_ns = kind_of(message), message.heard_ns
         newest_ns = self._newest_ns.get(kind, message.time_ns)
@@ -296,7 +298,7 @@ class Operator:
         return self._joined is not None and self._joined.is_same(self._newest)
 
     def counts(self, message: Heard) -> bool:
-        """Whether a message counts; one that does not waits while its publisher is present.
+        """Whether a message counts; one that does not count waits while its publisher is present.
 
         A message that cannot be read does not make its session the one that counts.
         """
@@ -330,7 +332,7 @@ class Operator:
         return message.time_ns <= self._joined.time_ns and not self._joined.is_same(message)
 
     def _stricter(self, rival: Heard | None) -> Heard | None:
-        """The message that counts when a rival takes over: its restrictions, and those that it may not know of."""
+        """The message that counts when a rival takes over: the rival's, with the restrictions it may not know of."""
         newest = self._newest
         if not isinstance(rival, RestrictionsHeard) or not isinstance(newest, RestrictionsHeard):
             return rival
@@ -376,7 +378,7 @@ class Operator:
 
 
 def _places(message: Heard | None) -> list[tuple[float, ...]] | None:
-    """The sorted figures of a message's restrictions; None for another message."""
+    """The sorted figures of a message's restrictions; None for a message of another kind."""
     return sorted(one.figures for one in message.restrictions) if isinstance(message, RestrictionsHeard) else None
 
 

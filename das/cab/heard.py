@@ -30,7 +30,7 @@ class Kind(StrEnum):
 
 
 STATES = (Kind.JOURNEY, Kind.RESTRICTION, Kind.TARGET)
-"""Kinds whose message holds until the next one: an older message never replaces a newer, and one publisher counts."""
+"""Kinds whose message holds until the next one: an older one never replaces a newer one. Only one publisher counts."""
 
 
 class OrderedStop(NamedTuple):
@@ -108,7 +108,7 @@ class StateHeard(Heard):
 
 @dataclass(frozen=True, kw_only=True)
 class JourneyHeard(StateHeard):
-    """The journey that the train has to make; an empty text stands for the value at the start of the cab."""
+    """The journey that the train has to make; an empty text stands for the value that the cab was started with."""
 
     kind: ClassVar[Kind] = Kind.JOURNEY
     route_id: str

@@ -16,7 +16,7 @@ from das.estimate.ratios import Estimates, ForceDoubt
 from das.estimate.settings import CALIBRATION, LOCALISATION
 
 REPORT_EVERY_S = 10.0
-"""The estimates are reported this often, and a change in the trust in the forces no more often."""
+"""The estimates are reported at this interval (s); a change in the trust in the forces no more often than that."""
 
 
 class Learning:
@@ -76,9 +76,10 @@ class Learning:
         return replace(found, usable=False, doubt=self._mixed) if self._mixed is not None else found
 
     def news(self, now_ns: int) -> str:
-        """The text of a change in the trust in the forces, or of a strange mass; each is reported once. Empty if none.
+        """The text of a change in the trust in the forces, or of an implausible mass; each is reported once.
 
-        The next change waits for `REPORT_EVERY_S`, so that a sensor at the edge of a bound causes few events.
+        It is empty if there is none. The next change waits for `REPORT_EVERY_S`, so that a sensor at the edge of a
+        bound causes few events.
         """
         found = self._found
         doubt = found.remark() if found is not None else None
@@ -95,7 +96,7 @@ class Learning:
         return self._recalibration.due(found, now_ns) if found is not None else None
 
     def report(self, now_ns: int) -> Estimated | None:
-        """The estimates, once in `REPORT_EVERY_S` or when the clock jumped; else None."""
+        """The estimates, if `REPORT_EVERY_S` have passed since the last report or the clock jumped; else None."""
         found = self._found
         if found is None or is_fresh(self._reported_ns, now_ns, REPORT_EVERY_S):
             return None

@@ -1,4 +1,4 @@
-"""A leg: a section of the journey under way, with its timetable, the planner that serves it and what it shows."""
+"""A leg: a section of the journey under way, with its timetable, its planner and its display."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Leg:
         self._lead(front)
 
     def _lead(self, front: FewSwitchFront | None) -> None:
-        """Replace the coach by one that goes on where it ended; without a front, it has no reference."""
+        """Replace the coach by a successor that goes on where it ended, but has no reference if there is no front."""
         if self._coach is not None:
             self._coach = self._coach.successor(self.section, front)
 
@@ -128,7 +128,7 @@ class Leg:
         self.goal = replace(before, target_ns=self.arrival_ns, passing=passing)
 
     def _is_behind(self, passing: PassingTarget | None) -> bool:
-        """Whether the point of the goal is merely passed now: then the plan goes on."""
+        """Whether the train has passed the goal's point and no other follows: then the plan goes on."""
         before = self.goal.passing
         return passing is None and before is not None and self.here is not None and self.here.s_m >= before.s_m
 
@@ -162,7 +162,7 @@ class Leg:
             raise NoPlanError(str(error)) from error
 
     def _state(self, here: Estimate) -> TrainState:
-        """The state to advise for, with how much further ahead the train may be than the plan allows for already."""
+        """The state to advise for, and by how much the train may be further ahead than the plan already allows for."""
         section, stop = self.section, self._settings.stop
         s_m = max(here.s_m, section.start_m)
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m
@@ -175,7 +175,7 @@ class Leg:
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: Reason, needed: float = math.inf) -> Advice:
-        """Advise full brakes without a plan; the coach keeps the brakes it shows, or shows the `needed` effort."""
+        """Advise full brakes without a plan; the coach shows the `needed` effort, but no less than it shows already."""
         shown = 0.0 if self._coach is None else self._coach.shown_effort
         if self._coach is not None and math.isfinite(needed) and self._coach.stands_at_mark(scene.state):
             needed = shown

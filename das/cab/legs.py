@@ -29,7 +29,8 @@ Moment = tuple[float, bool] | None
 class Legs:
     """Takes over journey, restrictions and targets, prepares the legs, and knows which one the train is on.
 
-    A leg ends when the train stands at its stop. The first position of the train alone decides which leg it is on.
+    A leg ends when the train stands at its stop. When the train is first located, its position alone decides which leg
+    it is on.
     """
 
     def __init__(self, situation: Situation, preparation: Preparation, settings: AdviceSettings = DEFAULT) -> None:
@@ -92,24 +93,24 @@ class Legs:
     ) -> None:
         """Take over a journey, by default with the train and the level of the start.
 
-        Raises DasError if the journey cannot be driven on this line; the journey before goes on then.
+        Raises DasError if the journey cannot be driven on this line; the previous journey then goes on.
         """
         started, before = self._started, self.situation
         situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
         if situation.vehicle is not before.vehicle:
-            # The estimates of the train before say nothing about this one.
+            # The estimates of the previous train say nothing about this one.
             situation = replace(situation, conditions=AS_PLANNED)
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
         free = replace(situation, restrictions=())
         legs = [known.get((a.position_m, b.position_m)) or self._new_leg(free, a, b) for a, b in pairwise(stops)]
         _set_timetables(legs, timetables)
         for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
-            leg.start, leg.end = start, end  # The places are the same, the names may differ.
+            leg.start, leg.end = start, end  # The places are the same; the names may differ.
         self.preparation.drop(leg for leg in self.legs if leg not in legs)
         for leg in legs:
             if leg not in self.legs:
                 self.preparation.add(leg, free)
-        # A journey that is repeated, or changed elsewhere, does not take the train off a leg that it has not ended.
+        # If a journey is repeated, or changed elsewhere, the train stays on the leg that it has not ended.
         current = self.current
         self._index = legs.index(current) if self._index is not None and current in legs else None
         self.situation, self.legs = situation, tuple(legs)
@@ -132,7 +133,7 @@ class Legs:
         self._note_change()
 
     def set_conditions(self, conditions: Conditions) -> None:
-        """Take over what differs from the files; if the train could not drive then, report that and change nothing."""
+        """Take over what differs from the files; if the train could not drive with it, only report that."""
         situation = replace(self.situation, conditions=conditions)
         now = situation.at(self._now_ns)
         try:
@@ -170,14 +171,14 @@ class Legs:
         self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
 
     def _note_change(self) -> None:
-        """Take note of a change. In the background its search begins at once; without a thread, when advice is due."""
+        """Take note of a change. A new search begins at once if it has its own thread; otherwise when advice is due."""
         self._changed = True
         if self.preparation.in_background and self.legs:
             self.prepare(self._now_ns)
 
 
 def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> None:
-    """Give each leg its timetable; raises DasError if a leg has no time, or begins before the last has ended."""
+    """Give each leg its timetable; raises DasError if a leg has no time, or begins before the previous one ends."""
     for i, (before, after) in enumerate(pairwise(timetables), 1):
         if after.departure_ns < before.arrival_ns:
             raise DasError(event_wording.departs_before_arrival(i + 1))
@@ -190,8 +191,8 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
 def _leg_of(legs: Sequence[Leg], before: int | None, moment: tuple[float, bool], settings: StopSettings) -> int:
     """The index of the leg by position. At a stop it is the leg that ends there until the train stands, then the next.
 
-    A train that runs through its stop stays on the leg it has not ended, until it stands or is far away. A scattering
-    position does not put a train back that has begun a leg.
+    A train that runs through its stop stays on the leg it has not ended, until it stands or is far away. Scatter of the
+    position does not put a train that has begun a leg back on the leg before.
     """
     s_m, stands = moment
     ends_m = [leg.section.end_m for leg in legs[:-1]]

@@ -27,7 +27,7 @@ def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """An accepted journey: stops, timetables of the legs, train, and loss level (None: that of the node's start)."""
+    """An accepted journey: stops, timetables of the legs, train, and loss level (None: the node's own)."""
 
     stops: tuple[Stop, ...]
     timetables: tuple[Timetable, ...]

@@ -95,7 +95,7 @@ Output = Advice | Status | Plan | Estimated | Event
 
 
 class Moderation:
-    """Lets through `MOST_A_SECOND` texts a second of a clock that may jump, and counts the others.
+    """Lets through `MOST_A_SECOND` texts in each second, by a clock that may jump, and counts the others.
 
     Many faulty messages must not cause as many complaints.
     """
@@ -161,16 +161,16 @@ class Reporting:
         self.add(Event(time_ns=now_ns, severity=severity, text=text))
 
     def may_report(self, now_ns: int) -> bool:
-        """Whether a message may cause good news now; many messages must not cause as many news."""
+        """Whether a message may cause good news now; many messages must not cause as many reports."""
         return self._news.allows(now_ns)
 
     def complain(self, now_ns: int, text: str, severity: Severity = Severity.WARNING) -> None:
-        """Add an event about something that is not as it should be, unless there are too many of them."""
+        """Add an event about something that is not as it should be, unless there are too many such events."""
         if self._complaints.allows(now_ns):
             self.event(now_ns, severity, text)
 
     def losses(self, now_ns: int, dropped: int) -> None:
-        """Report how many complaints were held back, and how many messages floods have cost (`dropped`: in all)."""
+        """Report how many complaints were held back, and how many messages were lost in floods (`dropped`: in all)."""
         if suppressed := self._complaints.take_suppressed(now_ns):
             self.event(now_ns, Severity.WARNING, event_wording.suppressed(suppressed))
         lost = dropped - self._dropped

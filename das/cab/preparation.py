@@ -1,8 +1,8 @@
 """Fronts for the legs of a journey: looked up or solved when they are needed, in the background or at once.
 
 If the situation of a leg changes (a restriction, another train, load or level, a new target), the advice follows the
-last plan under the new limits until the new front is found. The search runs in a thread, or, where time stands still
-meanwhile, at once.
+last plan under the new limits until the new front is found. The search runs in a thread, or at once where time
+stands still during a search, as in a simulation.
 """
 
 from __future__ import annotations
@@ -61,14 +61,14 @@ class _Prepared:
     refusal: str = ""
     why: str = ""
     served: PassingTarget | None = None
-    """The point to pass for which the front was found, or is being searched."""
+    """The point to pass for which the front was found, or is being searched for."""
     ready: bool = False
     search: Future[_Answer] | None = None
     few_switch: Future[FewSwitchFront | str] | None = None
     """The search for the coach's few-switch trajectories, which follows that for the front; a text says why there are
     none."""
     failed_ns: int | None = None
-    """When the last search failed, if it did."""
+    """When the last search failed for an unforeseen reason; None if it did not."""
 
     def give_up(self) -> None:
         """Give up the searches under way: the leg has to be prepared anew."""
@@ -234,7 +234,7 @@ def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
         leg.use_meanwhile(wanted.section(leg.start.position_m, leg.end.position_m))
     except DasError as error:
         refusal = event_wording.impossible_now(why, error)
-    # Only after the leg has taken it over: if that fails, the leg does not count as prepared.
+    # Only after the leg has taken over the situation: if that fails, the leg does not count as prepared.
     one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
 
 
@@ -246,7 +246,7 @@ def _release(leg: Leg, one: _Prepared) -> None:
 
 
 class _Question(NamedTuple):
-    """What a search has to find, as of its beginning: a section, a point to pass, and the state to plan it from."""
+    """What a search starts from: the section, the point to pass, and the state of the train when the search began."""
 
     section: Section
     point: PassingTarget | None
@@ -275,13 +275,13 @@ def _search_front(fronts: Fronts, question: _Question, stopwatch: Callable[[], f
         passing = _passing(question, found.front.section)
     except DasError as error:
         refusal = str(error)
-    except Exception as error:  # No advice is better than a thread that dies in silence.
+    except Exception as error:  # A thread must not die in silence: giving no advice is better.
         refusal, failed = event_wording.solving_failed(error), True
     return _Answer(found, passing, refusal, failed, stopwatch() - began)
 
 
 def _search_few_switch(fronts: Fronts, section: Section, coach: CoachSettings, s_m: float) -> FewSwitchFront | str:
-    """Search for the few-switch trajectories of a section; the answer to any error is its text."""
+    """Search for the few-switch trajectories of a section; after an error, return its text."""
     try:
         return fronts.find_few_switch(section, coach, s_m)
     except Exception as error:  # Advice without a coach is better than a thread that dies in silence.

@@ -18,7 +18,7 @@ from das.solver.section import Section, SectionOptions, build_section, capped
 
 AS_PLANNED = Conditions()
 SAME_W = 1e-6
-"""Squares of speeds (m²/s²) nearer to each other than this are the same."""
+"""Squares of speeds (m²/s²) nearer to each other than this count as equal."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

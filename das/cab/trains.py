@@ -1,4 +1,4 @@
-"""The trains that a journey may name: the one at the start of the node, others by file, and the bundled ones."""
+"""The trains that a journey may name: the one the node was started with, others by file, and the bundled ones."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from das.domain.vehicle import Vehicle
 class Trains:
     """Finds a train by its id and load state, and gives the same object each time.
 
-    `started` is the train at the start, `base` the same train without a load state; `others` are names or files of
-    further trains. Raises DasError for a file that cannot be used.
+    `started` is the train that the node was started with, `base` the same train without a load state; `others` are
+    names or files of further trains. Raises DasError for a file that cannot be used.
     """
 
     def __init__(self, started: Vehicle, base: Vehicle, others: Sequence[str] = ()) -> None:
@@ -37,7 +37,7 @@ class Trains:
     def _read(self, vehicle_id: str, load: str) -> Vehicle:
         if load:
             return self.find(vehicle_id).loaded(load)
-        # Never a path: an id comes over the bus.
+        # The id is never taken as a path, because it comes over the bus.
         if vehicle_id not in catalogue("vehicles"):
             known = sorted({name for name, _ in self._found} | set(catalogue("vehicles")))
             raise DasError(event_wording.unknown_vehicle(vehicle_id, known))

@@ -1,4 +1,4 @@
-"""Compiles, or loads from the cache, all kernels between a position and an advice before time matters."""
+"""Compiles all kernels that turn a position into advice, or loads them from the cache, before time matters."""
 
 from __future__ import annotations
 

@@ -84,9 +84,10 @@ def _end_at_once(_number: int, _frame: FrameType | None) -> None:
 
 
 class StopFlag:
-    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also when that process ends.
+    """Set by SIGTERM, SIGINT or SIGHUP, so that a loop ends cleanly; with `with_parent`, also when the parent ends.
 
-    `with_parent` is the id that the parent passes, because the parent may end before its child could ask for it.
+    `with_parent` is the parent's process id. The parent passes it, because it may end before its child can ask for the
+    id.
     """
 
     def __init__(self, *, with_parent: int | None = None) -> None:

@@ -21,8 +21,8 @@ SERVICE_SHARE = 0.9
 class ServiceBraking:
     """The braking that advice plans with; full brakes stay in reserve.
 
-    A train planned in this way keeps a lower speed or a stop with its service deceleration, even if it begins to brake
-    `reaction_s` late and its brakes take `build_up_s` to act fully.
+    A train planned in this way slows down to a lower limit, or stops, in time with its service deceleration, even if it
+    begins to brake `reaction_s` late and its brakes take `build_up_s` to act fully.
     """
 
     deceleration_mps2: float

@@ -96,7 +96,7 @@ class Journey:
 
     @classmethod
     def over_stops(cls, stops: Sequence[Stop], *, time_s: float, dwell_s: float) -> Self:
-        """From the first to the last stop in `time_s`, calling at all of them for at least `dwell_s`.
+        """A journey from the first to the last stop in `time_s`, calling at all of them for at least `dwell_s`.
 
         Only the departure (0 s) and the last arrival are timed, so the split of the time is free.
         Raises InputError where the stops make no journey.

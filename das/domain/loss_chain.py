@@ -163,7 +163,8 @@ class Motors:
         """Current relative to that at rated torque and flux, at shaft force (N, referred to the wheel) and speed."""
         flux = self.flux_ratio(speed_mps)
         torque = shaft_force_n / self.rated_force_n * np.where(shaft_force_n < 0, self.brake_current_ratio, 1.0)
-        # x²·h without dividing by x: 2·(1 − √(1 − x²)); a torque beyond pull-out does not exist, it counts as pull-out.
+        # x²·h without dividing by x: 2·(1 − √(1 − x²)); no torque exists beyond pull-out; a larger one counts as
+        # pull-out.
         share = np.minimum(np.abs(torque) / (self.pull_out_ratio * flux**2), 1.0)
         torque_forming = self.pull_out_ratio * flux * np.sqrt(2.0 * (1.0 - np.sqrt(1.0 - share**2)))
         magnetising = self.magnetising_ratio

@@ -23,7 +23,8 @@ Floats = NDArray[np.float64]
 GRID_EVENNESS = 1e-6
 """Relative deviation from even spacing allowed on the axes of a loss map."""
 MOST_MAP_POINTS = 5_000_000
-"""Largest number of points of a loss map: 500 km/h and 10 000 kN in steps of 1; beyond, a speed or force is wrong."""
+"""Largest number of points of a loss map: 500 km/h and 10 000 kN in steps of 1; a map with more has a wrong speed or
+force."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +121,7 @@ class LossMap:
         return float((self.speed_mps[-1] - self.speed_mps[0]) / (len(self.speed_mps) - 1))
 
     def covers(self, force_n: ArrayLike, speed_mps: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each state lies in the map (to within the grid cell through which its edge runs)."""
+        """Whether each state lies in the map (to within the grid cell through which the map's edge runs)."""
         force, speed = np.asarray(force_n, dtype=float), np.asarray(speed_mps, dtype=float)
         slack = 1e-6 * self.force_step_n
         low = np.interp(speed, self.speed_mps, self.force_low_n) - self.force_step_n - slack

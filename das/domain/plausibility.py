@@ -18,7 +18,7 @@ from das.domain.units import KM, KMH, PERMILLE, STANDARD_GRAVITY_MPS2, TONNE
 from das.domain.vehicle import Vehicle
 
 ACCEPTED = "implausible_accepted"
-"""The key in a TOML file that names the checks whose refusal is accepted."""
+"""The key in a TOML file that names the checks whose limits the file's values may exceed."""
 INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
 """The end of the error for an implausible value: what to do if the value is meant; `%s` is the table of the file."""
 SPEEDS = 200

@@ -106,12 +106,12 @@ def full_receptivity() -> Stretches:
 class Route:
     """A line from position 0 to `length_m`.
 
-    `curvature_per_m` holds |κ| of each stretch at its mean (a clothoid is taken as its mean curvature).
+    `curvature_per_m` holds the mean |κ| of each stretch (a clothoid counts with its mean curvature).
     `receptivity_ratio` is the share of the power fed back that the line takes (0 to 1). While the head of the train is
     in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the `no_regeneration`
-    zones there is no electric brake.
-    `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where unknown. `restrictions` are the
-    temporary ones that `limits_mps` holds. `time_zone` is the IANA name of the zone whose clock the line has.
+    zones there is no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where
+    unknown. `restrictions` are the temporary ones that `limits_mps` holds. `time_zone` is the IANA name of the zone
+    whose clock the line has.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""Every unit factor of the project, and nothing else: the program computes in SI and converts other units only here.
+"""Every unit factor of the project, and gravity: the program computes in SI and converts other units only here.
 
 A quantity read from a file names its unit; `to_si` multiplies by that unit's factor, or refuses an unknown unit.
 """

@@ -215,7 +215,8 @@ class Vehicle:
     def electric_effort_n(self, force_n: ArrayLike, speed_mps: ArrayLike, level: Level, supply: ArrayLike) -> Floats:
         """The part of each wheel force (N) at a speed (m/s) that the motors give or take; the rest is friction brake.
 
-        `supply` as in `das.domain.route.Route.supply`: where it forbids the electric brake, only friction brakes.
+        `supply` is that of `das.domain.route.Route.supply`: where it forbids the electric brake, the friction brake
+        does all the braking.
         """
         force = np.asarray(force_n, dtype=float)
         brakes = self.brakes_at(level)

@@ -2,8 +2,7 @@
 
 It has no clock and no randomness: the same positions and efforts give the same estimates. Each window of samples is one
 row of a least-squares problem, solved recursively. Its two unknowns are the ratios of mass and resistance to those of
-the planned train
-(docs/explanation/calibration.md).
+the planned train (docs/explanation/calibration.md).
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ class Calibrator:
             self._load_changed = True
 
     def _may_slip(self, sample: Sample) -> bool:
-        """Whether a force is near what a dry rail carries; never true of a train without adhesion data."""
+        """Whether a force is near the adhesion limit of a dry rail; never true of a train without adhesion data."""
         carried_ratio = self._settings.sample.adhesion_ratio * float(adhesion_coefficient(sample.speed_mps))
         driven_n, all_n = self._vehicle.adhesive_force_n, self._vehicle.braked_adhesive_force_n
         electric_n = sample.force_n - sample.friction_n

@@ -19,7 +19,8 @@ class ProblemKind(StrEnum):
     MARKED_UNUSABLE = "marked-unusable"
     """The sender itself marked the fix as unusable. There is no value."""
     NOT_A_NUMBER = "not-a-number"
-    """The fix states a position or speed that is infinite, or it states none. There is no value."""
+    """The fix states an infinite position or speed, or neither of them, or no position while there is no estimate.
+    There is no value."""
     SPEED_IMPOSSIBLE = "speed-impossible"
     """The train cannot have the speed of the fix. The value is that speed (m/s)."""
     POSITION_IMPOSSIBLE = "position-impossible"

@@ -47,7 +47,7 @@ class ClockDifference:
         return max(abs(self.seconds), abs(self._newest_s))
 
     def set(self, step_s: float) -> None:
-        """Take note that the clock here was set by a time (s); it is in doubt by that until the next measurement."""
+        """Take note that the clock here was set by a time (s); ages are in doubt by it until the next measurement."""
         self._waiting.clear()
         self._received.clear()
         self._newest_s = step_s
@@ -116,7 +116,7 @@ class ClockSteps:
 
         Of all numbers of fixes that may have been lost, the one that fits the way of the train best gives the step. A
         step counts only if the position is nearer to where the step puts it than to where the train would be without
-        one, and if its way is longer than the receiver's error.
+        one, and if the train runs further in the time of the step than the receiver's error.
         """
         usual_s, settings = self._usual_s, self._settings
         if usual_s is None or abs(since_s - usual_s) <= settings.least_s:
@@ -138,11 +138,11 @@ class Usability:
         self._stale, self._vague = False, False
 
     def accept(self, interval_s: float) -> None:
-        """Take note of an accepted fix, a time after the one before (s)."""
+        """Take note of an accepted fix and of the time since the one before (s)."""
         self._intervals_s = (self._intervals_s[1], interval_s)
 
     def is_ahead(self, age_s: float) -> bool:
-        """Whether a state of this age is further ahead of the clock than clocks differ."""
+        """Whether a state of this age is too far ahead of the clock for a mere difference between clocks."""
         return age_s < -self._settings.stale_after_s
 
     def judge(self, x: Track, age_s: float, rejection: Problem | None) -> Problem | None:
@@ -307,7 +307,7 @@ class Localisation:
         )
 
     def _take_next(self, fix: PositionFix, x: Track, span_s: float) -> None:
-        """Accept or reject a possible fix that follows an accepted one by a time (s)."""
+        """Accept or reject a possible fix that comes `span_s` after the last accepted one."""
         sds = deviations(fix, self._settings.sensors)
         expected = self._motion.expected(x, fix, span_s)
         problem = surprise(fix, sds, expected=expected, before=x, gate=self._settings.gate)
@@ -346,7 +346,7 @@ class Localisation:
         self._problem = self._tally.rejection = problem
 
     def _doubt(self, fix: PositionFix) -> None:
-        """Keep a rejected fix; where enough of them agree, the state was wrong and begins anew there."""
+        """Keep a rejected fix; if enough of them agree, the state was wrong and begins anew from this fix."""
         if self._monitors.doubts.add(fix):
             self._tally.restarts += 1
             self._begin(fix)

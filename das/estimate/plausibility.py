@@ -171,7 +171,7 @@ class Standstill:
 
 
 class FrozenReceiver:
-    """Detects a frozen receiver: the speeds make a way while the position stays the same."""
+    """Detects a frozen receiver: by its speeds the train moves on while the position stays the same."""
 
     def __init__(self, settings: LocalisationSettings) -> None:
         self._settings = settings

@@ -51,14 +51,14 @@ class Belief(NamedTuple):
 
 
 class ForceDoubt(StrEnum):
-    """Why the measured forces are not trusted, so that no plan uses the estimates made from them."""
+    """Why the measured forces are not trusted, so that no plan uses estimates from them; FAR_MASS is only reported."""
 
     TWO_PUBLISHERS = "two-publishers"
     """Two publishers measure the forces of one train."""
     CLOCKS = "clocks"
     """Forces and positions are measured by clocks that differ, so that they do not belong together."""
     TOO_STRONG = "too-strong"
-    """The forces are above those that the motors and brakes of the train have."""
+    """The forces are above those that the motors and brakes of the train can exert."""
     COASTING = "coasting"
     """While coasting on known gradients, the train moves differently from what the measured forces imply."""
     GAIN = "gain"
@@ -102,7 +102,7 @@ class Estimates:
 
     @property
     def planned_mass_ratio(self) -> float:
-        """The mass ratio to plan with: never below 1, because the brakes of a lighter train would be better."""
+        """The mass ratio to plan with: never below 1, so that no plan counts on a lighter train's better brakes."""
         return max(self.mass_ratio, 1.0)
 
     def applied(self, conditions: Conditions) -> Conditions:

@@ -54,8 +54,8 @@ class GateSettings:
     """How far a fix may lie off what is expected; a fix that lies further off is rejected."""
 
     sds: float = 5.0
-    """A fix that is off by more than this many standard deviations is rejected: noise alone does so less than once in a
-    million times."""
+    """A fix that is off by more than this many standard deviations is rejected: noise alone is off that far less
+    than once in a million fixes."""
     least_m: float = 10.0
     """A position that is off by no more than this is never rejected, however exact the sensors claim to be."""
     least_mps: float = 1.0
@@ -89,7 +89,8 @@ class StandstillSettings:
     stands_after_s: float = 2.0
     """A train that may be standing for this long stands; one slow fix alone may be noise."""
     sets_off_sds: float = 3.3
-    """One speed above this many standard deviations ends a standstill at once: noise does so once in 2 000."""
+    """One speed above this many standard deviations ends a standstill at once: noise alone is that large once in
+    2 000 fixes."""
     creep_fixes: int = 5
     """The mean of this many speeds ends a standstill as well, where each alone is too slow to be told from noise."""
 
@@ -99,10 +100,10 @@ class FrozenSettings:
     """When a receiver that repeats its position counts as frozen."""
 
     way_m: float = 2.0
-    """A position that stays the same while the measured speeds make more way than this is frozen."""
+    """A position that stays the same while the train, by the measured speeds, runs further than this is frozen."""
     coarse_sds: float = 4.0
-    """Where the speeds change, so that only the position stays the same, the way must also be longer than this many
-    standard deviations, because a coarse receiver repeats its position for a while."""
+    """Where the speeds change, so that only the position stays the same, that distance must also exceed this many
+    standard deviations of the position, because a coarse receiver repeats its position for a while."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,9 +152,9 @@ class ClockStepSettings:
     """How a step of the clock of the positions is detected."""
 
     rate_fixes: int = 5
-    """The usual time between two fixes is the median of this many times between them."""
+    """The usual time between two fixes is the median of this many intervals between them."""
     odd_fixes: int = 1
-    """A receiver has a steady rate if at most this many of these times are not multiples of the usual one."""
+    """A receiver has a steady rate if at most this many of these intervals are not multiples of the usual one."""
     lost_fixes: int = 2
     """Up to this many fixes may have been lost just when the clock was set."""
     least_s: float = 0.25
@@ -213,7 +214,7 @@ class SampleSettings:
     """Samples at lower speeds do not count: there brakes are being released, couplers stretch, and the resistance does
     not follow Davis."""
     adhesion_ratio: float = 0.9
-    """Samples with forces above this share of what a dry rail carries do not count, because wheels may slip."""
+    """Samples with forces above this share of the adhesion limit of a dry rail do not count: wheels may slip."""
     possible_force_ratio: float = 1.5
     """A force above this times the train's largest one is a fault of the sensor."""
     overspeed_ratio: float = OVERSPEED_RATIO
@@ -281,14 +282,14 @@ class ForceSettings:
     too_strong_ratio: float = 1.06
     """Noise of 2 % does not explain a measured force above this times the train's largest one at its speed."""
     too_strong_samples: int = 5
-    """After this many samples in a row with too strong forces the sensor is taken to measure too much."""
+    """After this many samples in a row with forces that are too strong, the sensor is taken to measure too much."""
     idle_ratio: float = 0.005
     """Forces below this share of the train's starting force are those of a coasting train."""
     coasting_windows: int = 4
     """This many windows of coasting are compared with the estimate from windows with traction or braking."""
     coasting_sds: float = 3.0
     """Coasting contradicts the measured forces if the coasting windows differ from that estimate by more than this many
-    standard deviations in the mean."""
+    standard deviations on average."""
     gain_step: float = 0.03
     """A mass ratio nearer to 1 than this would not change the plan, so no wrong gain of the sensor is looked for."""
     gain_sds: float = 3.0

@@ -137,7 +137,7 @@ class TrainMotion:
 
     def __init__(self, vehicle: Vehicle, settings: LocalisationSettings) -> None:
         self.fastest_mps = settings.possible.overspeed_ratio * vehicle.max_speed_mps
-        """The largest speed that is believed of the train."""
+        """The largest speed (m/s) that is credible for the train."""
         tuning = settings.motion
         start_mps2 = float(vehicle.traction_effort_n(0.0)) / vehicle.inertial_mass_kg
         self._acceleration_sd_mps2 = 0.5 * max(min(start_mps2, vehicle.max_acceleration_mps2), tuning.hard_mps2)
@@ -156,11 +156,11 @@ class TrainMotion:
         return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2)
 
     def carried_on(self, x: Track, span_s: float) -> Track:
-        """Return the state a time after the last fix (s, >= 0), without another fix."""
+        """Return the state `span_s` (>= 0) after the last fix, without another fix."""
         return predict(x, span_s, self._jerk_psd, 0.0)
 
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state expected when a fix comes, a time after the last one (s).
+        """Return the state expected when a fix comes, `span_s` after the last one.
 
         The driver is expected to hold the effort; where the measured speed contradicts that, the effort is unknown.
         """

@@ -74,7 +74,7 @@ class LineIntegral:
         self._neutral_m = along((profile.supply == NEUTRAL).astype(float))
 
     def window(self, samples: Sequence[Sample]) -> MeasuredWindow | None:
-        """Return the means over a window, all weighted as the slope of the speeds weights the accelerations.
+        """Return the means over a window, all with the weights that the slope of the speeds gives the accelerations.
 
         The slope is Σc·v with c = (t − t̄)/Σ(t − t̄)². Summed by parts it is Σω·ā over the intervals between samples,
         with ω = Δt·Σ_later c. The result is None if the positions do not fit the speeds, or near a neutral section.

@@ -19,7 +19,8 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.units import NS
 
 LEAST_STEP_S = 0.05
-"""A wall clock that steps this far (s) against the monotonic seconds was set; a smaller step is reading delay."""
+"""A wall clock that steps this far (s) against the monotonic clock counts as set; a smaller step may come from the
+delay between the two readings."""
 
 
 class Clock(Protocol):

@@ -42,7 +42,7 @@ LOOK_S = 0.1
 SEARCH_LOOK_S = 0.005
 """Longest time (s) between two looks at the clock while a front is being solved or an advice is urgent."""
 LEAST_GAP_S = 0.05
-"""Least time (s) from one advice to an early next one, however fast the situation changes."""
+"""Least time (s) from one advice to the next if a change of the situation makes the next one early."""
 WAITING_SAID_EVERY_S = 1.0
 """Period (s) in which a node that follows the clock of the bus reports that it waits for a journey."""
 SWITCH_S = 0.0005

@@ -96,7 +96,7 @@ class Front:
         return TimeSearch(self.policies, state, time_s, quickest=quickest, tolerance_s=tolerance_s).run()
 
     def ladder_times_s(self) -> Floats:
-        """Time (s) of the whole section under every multiplier, by the policies."""
+        """Time (s) of the whole section under every multiplier, according to the policies."""
         state = State.at(self.section)
         self._cover(state)
         return state.totals(self.policies).time_s
@@ -140,7 +140,7 @@ SETTINGS: Final = SearchSettings()
 class Trial(NamedTuple):
     """A trajectory that was tried.
 
-    `place` is its multiplier as a number of a step of the ladder, or a fraction between two steps (inf: the fastest
+    `place` is the index of its multiplier on the ladder, with a fraction if it lies between two steps (inf: the fastest
     trajectory). `miss_s` is how much longer than wanted the trajectory takes.
     """
 
@@ -251,7 +251,7 @@ class TimeSearch:
         return gain_j <= self.settings.blend_loss_ratio * kinetic_j
 
     def _place(self, time_s: float) -> float:
-        """Where on the ladder a trip time lies by the policies."""
+        """Where on the ladder a trip time lies according to the policies."""
         return float(np.interp(-time_s, -self._table_s, self._steps))
 
     def _beyond(self, trial: Trial, step: float) -> float:

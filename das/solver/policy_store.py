@@ -36,7 +36,8 @@ Number = TypeVar("Number", bound=np.generic)
 KEPT_BYTES = 128_000_000
 """At most this much memory that no array uses is kept (bytes): two fronts of 30 km, or one of 57 km."""
 LARGEST_RATIO = 2.0
-"""A kept block is used only for an array that needs at least half of it: it is at most this many times as large."""
+"""A kept block is used only for an array that needs at least half of it: the block is at most this many times as large
+as the array."""
 
 ALIGNED_BYTES = 64
 """Arrays begin at a multiple of this (bytes): a line of the cache, so that no vector lies across two."""

@@ -1,9 +1,9 @@
 """Refinement: a trajectory of the table is improved in a narrow tube around it, with the same arrival.
 
-The table decides once in up to 150 m and between some two hundred speeds. A trajectory from it is near the optimum of
-the section, but not on it. `refined` lays a few lines beside the trajectory, finds the best one between them by a
-dynamic program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around that, and
-so on. The price of time is chosen anew in every pass, so that the arrival stays the same.
+The table takes a decision every 150 m or more often, and among some two hundred speeds. A trajectory from it is near
+the optimum of the section, but not on it. `refined` lays a few lines beside the trajectory, finds the best one between
+them by a dynamic program on the section's own integration grid (`das.solver.kernels.tube`), lays narrower lines around
+that, and so on. The price of time is chosen anew in every pass, so that the arrival stays the same.
 """
 
 from __future__ import annotations
@@ -52,17 +52,17 @@ class RefinementSettings:
     """In the first pass the knots, where the train may change its line, are this far apart (m). Knots move together
     as the lines do, so that a change of line stays a gentle change of force. In the end every node is a knot."""
     most_rounds: int = 3
-    """Rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
+    """At most this many rounds of all passes; another follows while the last has saved more than `closed_ratio`."""
     closed_ratio: float = 2e-4
     """A round that saves less than this share of the energy is the last."""
     most_trials: int = 8
-    """Prices of time that are tried in a pass."""
+    """At most this many prices of time are tried in a pass."""
     time_tolerance_s: float = 1e-3
     """The refined trajectory is never later than the given one, and earlier by at most about this (s)."""
     blend_loss_ratio: float = 1e-6
     """Two trajectories of a pass are blended if no price between theirs could save more than this share of energy."""
     most_blends: int = 20
-    """Blends of two trajectories that are tried in a pass."""
+    """At most this many blends of two trajectories are tried in a pass."""
 
 
 SETTINGS: Final = RefinementSettings()
@@ -262,7 +262,7 @@ class TubeSearch:
 
 
 def _between(slow: TubeRun, quick: TubeRun, wanted_s: float) -> float:
-    """A price between those of two trajectories, by their times."""
+    """A price between those of two trajectories, chosen according to their times."""
     share = (slow.time_s - wanted_s) / (slow.time_s - quick.time_s)
     return slow.price_w + min(max(share, 0.1), 0.9) * (quick.price_w - slow.price_w)
 
@@ -286,8 +286,8 @@ def _shares(node_m: Floats, knot: NDArray[np.int64]) -> Floats:
 
 
 QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1, blend_loss_ratio=1e-5)
-"""A third of the passes of a single trajectory: misses 0.001 % of the energy on average, and 0.05 % where the best
-trajectories change their kind."""
+"""A third of the passes of a single trajectory: 0.001 % of the energy remains unsaved on average, and 0.05 % where the
+best trajectories change their kind."""
 NARROW: Final = replace(QUICK, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3)
 """Three passes that begin as narrow as the late ones of a single trajectory: enough for a blend of near neighbours."""
 
@@ -297,7 +297,7 @@ class ManySettings:
     """How the trajectories of a section are refined together."""
 
     alone: RefinementSettings = SETTINGS
-    """For a trajectory whose refinement begins with the table's own; by default as a single one is refined."""
+    """For a trajectory whose refinement begins with the table's own; by default the settings for a single one."""
     between: RefinementSettings = NARROW
     """For a trajectory whose refinement begins with the blend of its neighbours."""
     tangent_ratio: float = 3e-4

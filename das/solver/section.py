@@ -37,10 +37,10 @@ class Section(LineProfile):
     """A section that one train runs on: from `start_m` to `end_m` of a route (positions in route coordinates).
 
     The arrays of the line's profile are those on the integration nodes. `allowed_mps` (per node) is the fastest speed
-    from which all limits and the end can be kept with full brakes. `envelope_mps` is the fastest planned speed: lower
-    only if the section is planned with a service `braking`. `floor_mps` is the slowest speed from which the end
-    speed can still be reached (mostly 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the
-    decision nodes among the integration nodes.
+    from which full brakes can still keep the train to all limits and to the speed at the end. `envelope_mps` is the
+    fastest planned speed: lower only if the section is planned with a service `braking`. `floor_mps` is the slowest
+    speed from which the end speed can still be reached (mostly 0). `train_length_m` is 0 for a point mass. `decision`
+    holds the indices of the decision nodes among the integration nodes.
     """
 
     route: Route
@@ -218,7 +218,8 @@ def rebuilt(
 ) -> Section:
     """The same stretch of the line with another vehicle, other brakes or a service braking.
 
-    None for `brakes` stands for those of the section, None for `braking` for full brakes. Raises as `build_section`.
+    None for `brakes` stands for those of the section, None for `braking` for full brakes. Raises as `build_section`
+    does.
     """
     return build_section(
         section.route,
@@ -237,7 +238,7 @@ def rebuilt(
 
 
 def with_braking(section: Section, braking: ServiceBraking | None) -> Section:
-    """The same section, planned with a service braking, or with the train's full brakes; raises as `build_section`."""
+    """The same section, planned with a service braking, or with full brakes; raises as `build_section` does."""
     return rebuilt(section, section.vehicle, braking=braking)
 
 
@@ -359,7 +360,7 @@ def _bounding_speeds(
 def _planned_envelope(
     route: Route, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
 ) -> Floats:
-    """The fastest speeds (m/s) from which limits and the end are kept by braking as in service.
+    """The fastest speeds (m/s) from which braking as in service keeps to the limits and to the speed at the end.
 
     A limit beside the train counts as well, if the train may be under it because its position is uncertain.
     """

@@ -42,8 +42,9 @@ class Solution:
 
     `certificate` proves a lower bound of the energy (`docs/explanation/bounds.md`). It is computed when first asked
     for, unless `tightened` has already given it as `proven`; `bound_j`, `gap_ratio` and `gap_reason` are read from it.
-    `table_bound_j` is the least energy for this time by the solver's table of values. It bounds the trajectories on
-    the table's grid from below, but not this one, which is integrated more finely: `table_gap_ratio` can be negative.
+    `table_bound_j` is the least energy for this time according to the solver's table of values. It bounds the
+    trajectories on the table's grid from below, but not this one, which is integrated more finely: `table_gap_ratio`
+    can be negative.
     """
 
     section: Section

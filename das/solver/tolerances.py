@@ -20,9 +20,9 @@ class StepSettings:
     """Changes of limit or gradient this far apart (m) are usual. With a distance d between changes, the steps
     are multiplied by the cube root of (d / this distance), because changes near each other ask for more switches."""
     dense_factor: float = 0.3
-    """Where changes are dense, the steps are shortened to this ratio at most."""
+    """Where changes are dense, the steps are multiplied by at least this factor."""
     sparse_factor: float = 1.5
-    """Where changes are sparse, the steps are lengthened to this ratio at most."""
+    """Where changes are sparse, the steps are multiplied by at most this factor."""
     steep_change_ratio: float = 0.01
     """A change of gradient of at least this ratio counts as a change; it changes the acceleration by 0.1 m/s²."""
     max_step_m: float = 150.0
@@ -91,7 +91,7 @@ class JourneySettings:
     time_tolerance_s: float = 0.002
     """The run of a section hits its time to within this (s), because the errors of the sections add up."""
     passing_speed_step_mps: float = 1e-6
-    """The lowest passing speed that is not too late for the points after it is found to within this (m/s)."""
+    """The lowest passing speed from which the points after it are reached in time is found to within this (m/s)."""
     passing_band_ratio: float = 1e-3
     """A passing at one given speed may be slower by at most this ratio, so that the grid there has several speeds."""
 
@@ -105,7 +105,8 @@ class Tolerances:
     speed_mps: float = 1e-6
     """A speed above a bound by less than this (m/s) is on the bound."""
     time_s: float = 0.02
-    """A run hits the time that was asked for to within this (s): far below the second in which advice changes."""
+    """A run hits the time that was asked for to within this (s): far less than the second from one advice to the next.
+    """
     unreachable_j: float = 1e16
     """A cost above this (J) was interpolated with `infeasible_j`, so its state is infeasible too."""
     infeasible_j: float = 1e30
@@ -113,7 +114,7 @@ class Tolerances:
     smallest_share: float = 1e-9
     """An interpolation weight below this is rounding, and it is taken as 0."""
     crest_mps: float = 0.05
-    """No crest is planned to be passed slower than this (m/s), because at its very floor speed a train would stop."""
+    """A plan passes no crest slower than this (m/s), because a train at exactly the floor speed would stop there."""
     slowest_limit_mps: float = 2.0
     """A margin below a limit leaves at least this speed (m/s), or the limit itself where that is lower."""
     creep_mps: float = 0.1

@@ -186,8 +186,8 @@ class _Arcs:
     def around(self) -> tuple[_Path, _Path, float]:
         """The best arcs just above and just within the time to spare, and the price of time (W) that both are best at.
 
-        The dual function max over prices of least (energy + price·(time − wanted)) is piecewise linear: each new price
-        is where the lines of the two neighbours meet. If the best arcs at price 0 are within the time to spare, they
+        The dual function of the price, least (energy + price·(time − wanted)), is piecewise linear: each new price is
+        where the lines of the two neighbours meet. If the best arcs at price 0 are within the time to spare, they
         are returned as both.
         """
         slow = self.at(0.0)
@@ -231,7 +231,7 @@ class _Arcs:
             near = {path for path in paths if self._miss_s(path) <= NEAR_S} | {nearest}
             return sorted(near, key=lambda path: (path.extra_j + price_w * path.extra_s, path.arcs))
 
-        # No cruising speed brings a late set to the time if it coasts from the run-up: take early and late in turn.
+        # A late set that coasts from the run-up is on time at no cruising speed: take early and late sets in turn.
         pairs = zip_longest(best(early, quick), best(late, slow))
         mixed = [path for pair in pairs for path in pair if path is not None]
         return mixed[:MAX_TUNED]
@@ -287,7 +287,7 @@ class FourModeSearch:
         runs = [rms]
         for speed_mps in speeds[:TRIED_SPEEDS]:
             runs += self._runs_on_time(speed_mps)
-            # An arc that grazes the base run may end early once the speed is changed to hit the time: try the next.
+            # An arc that grazes the base run may end early once the speed is changed to hit the time: then try another.
             least_j = min(self.driving.energy_j(run) for run in runs)
             if least_j <= bound_j + ENOUGH_RATIO * max(abs(bound_j), abs(arcs.base_j)):
                 break

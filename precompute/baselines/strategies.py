@@ -31,9 +31,9 @@ Floats = NDArray[np.float64]
 class Baseline:
     """A run of a baseline strategy on a section's integration grid.
 
-    `fit`, `least_time_s`, `requested_s` and `feasible` as in `das.solver.front.Solution`. `cruise_speed_mps` is the
-    speed held (None for the fastest run, which holds the limits). `coasting_m`: begin and end (route position) of each
-    stretch on which the train coasts, in order.
+    `fit`, `least_time_s`, `requested_s` and `feasible` mean what they mean in `das.solver.solution.Solution`.
+    `cruise_speed_mps` is the speed held (None for the fastest run, which runs at the limits). `coasting_m`: begin and
+    end (route position) of each stretch on which the train coasts, in order.
     """
 
     strategy: Strategy

@@ -136,7 +136,7 @@ def seconds_of(work: Callable[[], object]) -> float:
 
 
 def peak_bytes_of(work: Callable[[], object]) -> float | None:
-    """Most memory that a call takes (bytes), beyond what the process had before; None if the system does not say."""
+    """The most memory (bytes) that a call takes at any time, beyond what the process had; None if it is not known."""
     _give_back_free_memory()
     before = _status_bytes("VmRSS")
     if before is None or not _reset_peak():

@@ -88,7 +88,7 @@ def bisected(front: Front, time_s: float) -> tuple[Floats, float]:
 
 @kernel
 def plain_transitions(first, last, line, bounds, steps, p, c, moves):
-    """All transitions of the decision nodes first … last − 1, as `das.solver.kernels.transitions.transitions`."""
+    """All transitions of the decision nodes first … last − 1, as in `das.solver.kernels.transitions.transitions`."""
     floor, envelope = bounds
     dt, energy, target, weight, count = moves
     n = line.step_m.size

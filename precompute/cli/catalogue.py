@@ -29,8 +29,9 @@ LEGEND = {"levels": "loss levels the vehicle has data for, its default first (do
 def catalogue(as_json: JsonOption = False) -> None:
     """List the bundled routes and vehicles.
 
-    Each is shown with its id, the word to give to the other commands, and with where its figures come from. The files
-    can be copied and changed: a route or vehicle of your own is a file like them. --json tells the sources in full.
+    Each is shown with its id, which is the word to give to the other commands, and with the source of its figures. The
+    files can be copied and changed: a route or vehicle of your own is a file like them. --json gives the sources in
+    full.
     """
     from das.domain.files import load
 

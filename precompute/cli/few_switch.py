@@ -171,7 +171,7 @@ def _row(
     front: Front,
     phases: tuple[NDArray[np.int64], NDArray[np.bool_]],
 ) -> FewSwitchRow:
-    """The row of a run; `phases` holds the first interval of each phase, and whether the phase is a brake."""
+    """The row of a run; `phases` holds the first interval of each phase, and whether the train brakes in it."""
     begins, brakes = phases
     lasts_s = np.diff(np.append(run.t_s[begins], run.t_s[-1]))
     others = lasts_s[~brakes]

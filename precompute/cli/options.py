@@ -226,12 +226,12 @@ def buffered(min_time_s: float, buffer_percent: float) -> float:
 
 
 def refine_seconds(text: str) -> float:
-    """The seconds that `--refine` allows: 0 for off, inf for on; DasError for any text that is none of these."""
+    """The seconds that `--refine` allows: a number, 0 for off, or inf for on; DasError for any other text."""
     return _seconds("--refine", text, "off", "on")
 
 
 def bound_seconds(text: str) -> float:
-    """The seconds that `--bound` allows: 0 for quick, inf for tight; DasError for any text that is none of these."""
+    """The seconds that `--bound` allows: a number, 0 for quick, or inf for tight; DasError for any other text."""
     return _seconds("--bound", text, "quick", "tight")
 
 

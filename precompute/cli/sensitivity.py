@@ -45,10 +45,10 @@ def sensitivity(
 ) -> None:
     """Show how time and energy of a planned run change when train, wind, line or rail differ from the plan.
 
-    The plan is the least-energy run under the options given. The driver follows its speeds over the way in the changed
-    world as well as the train can, and brakes as early as the changed train needs. Beside it stands what planning anew
-    would give there, for the planned time ("on time") and for the time that following the plan took ("saved": what the
-    stale plan wastes). All % are of the plan's energy at the current collector.
+    The plan is the least-energy run under the options given. In the changed world the driver follows its speed profile
+    as well as the train can, and brakes as early as the changed train needs. Beside it stands what planning anew would
+    give there, for the planned time ("on time") and for the time that following the plan took ("saved": what the stale
+    plan wastes). All % are of the plan's energy at the current collector.
     """
     trip.check(needed=True)
     files.check(*pose.inputs())

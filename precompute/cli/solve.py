@@ -57,8 +57,8 @@ def solve(
     A time below the least possible one gives the fastest run, and the column "fit" says "late". A time beyond that of
     the least-energy run gives the least-energy run, and "fit" says "early".
 
-    The solver's table decides once in up to 150 m. By default the optimal run is then refined on a finer grid, without
-    arriving later.
+    The solver's table takes a decision every 150 m or more often. By default the optimal run is then refined on a finer
+    grid, without arriving later.
 
     The gap says how far the energy can be above the least possible. With a loss map (level l3) the quick bound leaves
     0.1 to 1.3 % that no run could save; "--bound 30" searches for 30 s for a higher bound.
@@ -147,7 +147,7 @@ def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, 
         section = pose.section()
         strategies.warm_up()
     began = time.perf_counter()
-    with busy(f"searching the {strategy} run …"):
+    with busy(f"searching for the {strategy} run …"):
         min_time_s = strategies.fastest(section).time_s
         run = strategies.baseline(strategy, section, trip.wanted_s(min_time_s))
     return section, run, min_time_s, time.perf_counter() - began

@@ -1,1 +1,1 @@
-"""The exact time–energy front of a section: slow, and the witness of the fast solver."""
+"""The exact time–energy front of a section: slow, but an independent check of the fast solver."""

@@ -23,7 +23,7 @@ from das.solver.section import Section
 from precompute.exact.front import STATES, ExactFront, Limits, passes, solve_exact
 
 RECENT = 6
-"""How much slower a pass is than the one before is estimated from this many of its latest layers."""
+"""This many of the latest layers of a pass show how much slower it is than the pass before."""
 MOST_GROWTH, MOST_MULTIPLE = 1.15, 12.0
 """A layer's time is forecast as a multiple of its time in the pass before. That multiple may grow by this factor from
 layer to layer, up to this value."""
@@ -233,14 +233,14 @@ def _print(section: Section, result: dict[str, Any]) -> None:
         paragraph(
             f"not the whole front: one partial run was kept per state and {result['bucket_ms']:g} ms; what is printed "
             f"lies at most {100 * result['worst_above_bound_ratio']:.4f} % above a lower bound, "
-            f"{100 * result['mean_above_bound_ratio']:.4f} % in the mean"
+            f"{100 * result['mean_above_bound_ratio']:.4f} % on average"
         )
     paragraph(
         f"the supported front lies at most {100 * result['worst_gap_ratio']:.3f} % below it "
-        f"(at {result['worst_gap_time_s']:.3f} s), {100 * result['mean_gap_ratio']:.4f} % in the mean"
+        f"(at {result['worst_gap_time_s']:.3f} s), {100 * result['mean_gap_ratio']:.4f} % on average"
     )
     paragraph(
         f"the fast solver's method on the same grid: {result['swept_runs']} runs, "
         f"{100 * result['swept_least_gap_ratio']:.4f} to {100 * result['swept_worst_gap_ratio']:.4f} % above it, "
-        f"{100 * result['swept_mean_gap_ratio']:.4f} % in the mean"
+        f"{100 * result['swept_mean_gap_ratio']:.4f} % on average"
     )

@@ -6,8 +6,8 @@ where a bound proves that it cannot lead to the front:
 
 - *time*: the least time from and to every node, against the largest time asked for;
 - *dual bounds*: V(λ, node), the least energy + λ·time from the node to the other end, bounds every completion of a
-  label from below; known runs bound the front from above. A label is kept if, for at least one λ that watches a stretch
-  of the front, its energy + λ·time + V does not exceed what the known runs still allow there.
+  label from below; known runs bound the front from above. A label is kept if, for at least one λ that bounds a stretch
+  of the front best, its energy + λ·time + V does not exceed what the known runs still allow there.
 
 The known runs come from the sweeps (supported points, and switches between neighbouring λ) and from quick passes that
 keep one label per state and bucket of time; each pass tightens the bounds of the next.
@@ -38,7 +38,7 @@ STATES = "states"
 
 NS_PER_MS = 1e6
 BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000, 0)
-"""One pass each; the last one, without buckets, is exact."""
+"""The buckets of time (ns) of the passes; the last pass, without buckets, is exact."""
 LARGEST_MEMORY_BYTES = 20e9
 
 

@@ -44,7 +44,7 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Graph:
-    """A section on a grid. Speeds are whole numbers of `unit_mps`, those divisible by `ratio` are on the coarse grid.
+    """A section on a grid. Speeds are whole numbers of `unit_mps`; those divisible by `ratio` are on the coarse grid.
 
     `lowest` and `highest` bound the speeds of every node; at both ends they are the section's.
     """

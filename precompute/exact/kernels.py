@@ -146,7 +146,7 @@ def arcs(first, last, coast, ratio, lowest, row):
 
 @kernel
 def dual_values(begin, stop, start, other, u, other_u, onward, unit, h, g, q, p, c, lam, beyond, value, choice):
-    """value[i, l] = least energy + lam·time (J) to the far end, for states begin … stop − 1; choice: the row it takes.
+    """value[i, l] = least energy + lam·time (J) to the far end, for states begin … stop − 1; `choice`: the best row.
 
     `other` are the rows of the neighbours of each state, whose values are `beyond`. `onward`: the neighbours lie ahead,
     and the far end is the end of the section; else they lie behind, and the far end is its start. A choice of −1: no

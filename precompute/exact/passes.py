@@ -70,9 +70,10 @@ class Known:
 
 
 class Duals:
-    """Least energy + λ·time (J) from every state to one end of the section, per node an array (states, multipliers).
+    """Least energy + λ·time (J) from every state to the end of the section, per node an array (states, multipliers).
 
-    This is the section's end or, with `onward=False`, its start. `layer_done` is called after each interval.
+    With `onward=False` it is that from the start of the section to every state. `layer_done` is called after each
+    interval.
     """
 
     def __init__(
@@ -166,8 +167,8 @@ def allowed_j(known: Known, latest_ns: int, duals: Duals) -> Floats:
     """For each λ the largest energy + λ·time (J) of a run that could still belong to the front.
 
     A run not yet known that belongs to the front lies between two neighbours of the known front: it takes less time
-    than the later one and no more energy than the earlier one. Each such stretch is watched by the λ whose bound is
-    highest at its end. A λ that watches nothing gets −inf.
+    than the later one and no more energy than the earlier one. Each such stretch is bounded by the λ whose bound is
+    highest at the stretch's end. A λ that bounds no stretch gets −inf.
     """
     allowed = np.full(len(duals.lambda_w), -np.inf)
     end_s = np.append(known.time_ns[1:], latest_ns) / kernels.NS
@@ -205,7 +206,7 @@ class Labels:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bounds:
-    """The multipliers (W) that watch some stretch of the front, and the largest energy + λ·time (J) each allows."""
+    """The multipliers (W) that bound some stretch of the front best, and the largest energy + λ·time (J) of each."""
 
     lambda_w: Floats
     allowed_j: Floats

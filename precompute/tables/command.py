@@ -34,7 +34,7 @@ kWh: net energy at the current collector of the first and of the last run, which
   is mostly the one of least energy.
 gap %: by how much at most the energy of a run can lie above the least possible,
   over the runs for which the build proved it. –: it proved none.
-refined: by how much the refinement lowered the energy of the runs, in the mean
+refined: by how much the refinement lowered the energy of the runs, on average
   in %. –: they were not refined."""
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]

@@ -22,7 +22,7 @@ TOWN_LIMITS_KMH = (60.0, 70.0, 80.0, 90.0)
 TOWN_M = 800.0
 """Within this distance of a stop one of the town limits holds."""
 LIMIT_EVERY_M = 3.5 * KM
-"""Mean length of the stretches between towns."""
+"""Mean length of the stretches with one limit between towns."""
 GRADIENT_EVERY_M = 1.2 * KM
 GRADIENT_SPREAD_RATIO = 6.0 * PERMILLE
 STEEPEST_RATIO = 12.0 * PERMILLE

@@ -93,7 +93,7 @@ def make_table(
     threads: int = 1,
     stopwatch: Callable[[], float] = time.perf_counter,
 ) -> dict[str, bytes]:
-    """Solve a section; the files of its table by name.
+    """Solve a section; returns the files of its table by name.
 
     The trajectories come from the full front and are refined. The policies come from a second sweep, with the
     multipliers that a table keeps. The `stopwatch` (s) measures the time that the settings allow for the

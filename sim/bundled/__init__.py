@@ -1,1 +1,1 @@
-"""The bundled recording: the train and the driver it was made with."""
+"""The files of `das-sim example`, and the train and the driver that the bundled recording was made with."""

@@ -32,7 +32,7 @@ LONGEST_S: Final = 7200.0
 
 
 def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -> list[PlantState]:
-    """Drive from standstill at the first stop to standstill at the last, without a stop between.
+    """Drive from standstill at the first stop to standstill at the last, without an intermediate stop.
 
     `arrival_s` is the timetable's arrival, counted from the departure. Returns one state a second and the one in which
     the train has arrived; raises DasError if it does not arrive.
@@ -76,7 +76,7 @@ DEPARTURE: Final = datetime(2026, 11, 21, 8, 31, 0, tzinfo=UTC)
 
 @dataclass(frozen=True, kw_only=True)
 class Receiver:
-    """A GPS receiver and how a trip is recorded with it; the errors are assumed, as of a good receiver."""
+    """A GPS receiver and how a trip is recorded with it; the errors are assumed to be those of a good receiver."""
 
     position_sd_m: float = 3.0
     """Standard deviation (m) of the position, each to the north and to the east."""

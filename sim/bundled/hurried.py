@@ -43,7 +43,7 @@ class HurriedPlant:
         self._offsets = np.linspace(-vehicle.train_length_m, 0.0, TRAIN_SAMPLES)
 
     def step(self, state: HurriedState, wanted_n: float) -> HurriedState:
-        """One step of semi-implicit Euler: forces from the speed before, position from the mean speed."""
+        """One step of semi-implicit Euler: forces from the speed before the step, position from the mean speed."""
         vehicle, v, dt = self.vehicle, state.speed_mps, self.step_s
         total = self._built_up(state, self._within_envelope(wanted_n, v))
         electric = max(total, -float(vehicle.electric_brake_effort_n(v))) if total < 0 else total
@@ -129,7 +129,7 @@ class HurriedDriver:
         return hold + share * self.vehicle.inertial_mass_kg * 2.0 * style.braking_mps2
 
     def _aim(self, s_m: float) -> float:
-        """The speed to aim at: limit here and braking curves to what comes, less a margin; the stop exactly."""
+        """The speed to aim at: limit here and braking curves to limits ahead, less a margin (none for the stop)."""
         style = self.style
         way = np.maximum(self._at_m - s_m, 0.0)
         ahead = self._at_m > s_m

@@ -98,7 +98,7 @@ def batch(
 
 
 def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Path) -> None:
-    """End with code 1 where runs failed."""
+    """End with code 1 if runs failed."""
     if failed := sum(group["failed"] for group in found["groups"]):
         print(f"{failed} of {len(jobs)} runs failed: see the column error of {out / TABLE}", file=sys.stderr)
         raise typer.Exit(1)

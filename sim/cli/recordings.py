@@ -267,7 +267,7 @@ def what_if(
 ) -> None:
     """Ask what would have been: other advice for a recorded drive, or its day driven anew; into a new recording.
 
-    What is not said stays as it was. With nothing otherwise, the new recording holds the same messages.
+    What no option changes stays as it was. Without any change, the new recording holds the same messages.
     """
     check_outputs(out, inputs=(file,), overwrite=overwrite)
     asked.otherwise()  # Refuses impossible changes before anything is read or solved.

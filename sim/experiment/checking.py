@@ -35,7 +35,7 @@ FAILED_SHOWN: Final = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Sensed:
-    """Whether the driver senses a factor, which means that he drives differently at each of its levels.
+    """Whether the driver senses a factor, which means that the driver drives differently at each of its levels.
 
     `alike` are the pairs of levels that made no difference on `days` days. `failed` says why a drive failed; None if
     none failed.
@@ -113,7 +113,7 @@ class SensingTest:
         return self._traces[key]
 
     def _trial(self, setting: Setting, day: int) -> StudyTrial:
-        """A trial for this test only: all settings of a day have the same person and the same chances."""
+        """A trial for this test only: all settings of a day have the same person and the same random numbers."""
         people = self.design.people
         return StudyTrial(
             number=1,

@@ -146,7 +146,7 @@ class Design:
     plan: AnalysisPlan
 
     def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
-        """All combinations of levels of the factors within (or between) participants; without any, one empty one."""
+        """All combinations of levels of the factors within (or between) participants; if none exist, an empty one."""
         some = [factor for factor in self.factors if factor.within is within]
         return [
             {factor.name: level for factor, level in zip(some, levels, strict=True)}

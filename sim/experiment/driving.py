@@ -27,9 +27,9 @@ from sim.world.service import Day, Service, make_day
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
-"""Most solved lines that a process keeps: one for the true train's losses, and two for loss levels of the advice."""
+"""Largest number of solved lines in a process: one for the true train's losses, two for loss levels of the advice."""
 APART: Final = 1_000_000_007
-"""Distance of a participant's random streams on two trials; it exceeds every participant's number."""
+"""Distance between the numbers of a participant's random streams; it exceeds every participant's number."""
 _services = ServiceMemory(most=LINES_KEPT)
 
 

@@ -40,7 +40,7 @@ class Setting:
 
     `loss_level` is the level of losses that the advice is planned with (None: the train's own); the losses of the true
     train do not change with it. `scenario` and `train` are names of bundled files or paths; `train` None is the
-    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything that comes.
+    scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead.
     """
 
     scenario: str = "clear-day"

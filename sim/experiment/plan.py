@@ -67,7 +67,7 @@ PROCEDURE_WORDS: Final = {
     "order full": "all orders in turn",
     "order random": "drawn at random for each driver",
     "order listed": "the same for all, as the design lists them",
-    "days own": "each driver has days of his own, and meets the same day under every condition",
+    "days own": "each driver has their own days, and meets the same day under every condition",
     "days common": "all drivers meet the same days, under every condition",
     "days new": "every trial has a day of its own",
     "chances new": "reactions, errors and lapses are drawn anew on every trial",

@@ -1,6 +1,6 @@
 """The trials of a design: who drives what under which condition, in which order and on which day; and driving them.
 
-`run_study` drives the trials that are not finished on all workers, and writes the files in the study's folder.
+`run_study` drives all unfinished trials, on all workers, and writes the files in the study's folder.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from sim.recording.inputs import sha256
 from sim.world.service import PLANNED
 
 MOST_PERMUTED: Final = 6
-"""Most conditions whose permutations are all used: 720 orders."""
+"""Largest number of conditions whose permutations are all used: 720 orders."""
 ORDER_STREAM: Final = 1
 """Number of the stream of a design's seed from which orders are drawn."""
 DAY_STREAM: Final = 2
@@ -333,7 +333,7 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
 def _write_results(
     design: Design, jobs: Sequence[TrialJob], folder: Path, rows: Mapping[int, Mapping[str, Any] | None]
 ) -> list[Mapping[str, Any]]:
-    """Write the table of trials, the list of those that failed and the checksums; returns the rows that failed."""
+    """Write the table of trials, the list of failed trials and the checksums; returns the rows of failed trials."""
     known = {number: row for number, row in rows.items() if row is not None}
     good = {number: row["measures"] for number, row in known.items() if row.get("error") is None}
     failed = [row for row in known.values() if row.get("error") is not None]

@@ -35,7 +35,7 @@ from sim.world.scenario import load_scenario, read_scenario
 from sim.world.service import lay_out, make_day, scenario_files
 
 MOST_SEEDS = 1_000_000
-"""Most seeds in one range; a larger range is taken for a typing error."""
+"""Largest number of seeds in one range; a larger range is taken for a typing error."""
 STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
 """Figures of the stops: lists in the order in which the train comes to the stops."""
 _services = ServiceMemory()

@@ -1,4 +1,4 @@
-"""Runs many jobs into a folder on all workers; a command that was stopped goes on with what is not finished.
+"""Does many jobs on all workers and keeps the results in a folder; a stopped command goes on with the unfinished jobs.
 
 A job has an identity: the hash of everything on which its result depends. Its result is one row in the journal of the
 folder, and perhaps files. Results do not depend on the number or the place of the workers.
@@ -60,11 +60,11 @@ class RunnerJob(Protocol):
 
     @property
     def inputs_sha256(self) -> str:
-        """The hash of everything that decides the result; a job with the same hash need not be made again."""
+        """The hash of everything that decides the result; a job with the same hash need not be done again."""
 
     @property
     def row(self) -> dict[str, Any]:
-        """The entries of the job's row that are known before it is made, with `inputs_sha256`."""
+        """The entries of the job's row that are known before it is done, `inputs_sha256` among them."""
 
     @property
     def kept_files(self) -> Sequence[str]:
@@ -167,7 +167,7 @@ def _sha256(row: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Runner(Generic[Job]):
-    """Makes jobs into a folder on workers; `make` must be a function at the top of a module."""
+    """Does jobs on workers and puts the results into a folder; `make` must be a function at the top of a module."""
 
     make: Callable[[Job], JobResult]
     folder: Path
@@ -175,7 +175,7 @@ class Runner(Generic[Job]):
     words: JobWords
 
     def run(self, jobs: Sequence[Job], write: Callable[[Rows, int], None]) -> int:
-        """Make the jobs that are not finished, in their order; returns the number of these.
+        """Do the unfinished jobs, in their order; returns how many these were.
 
         `write` is called at the end, even after an interruption, with the journal's rows and that number. Raises
         DasError if another command has the folder, if files cannot be written, and as `Workers.made` does.
@@ -196,7 +196,7 @@ class Runner(Generic[Job]):
         return len(left)
 
     def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
-        """Make the jobs that are left; the files of a job are written before its row."""
+        """Do the jobs that are left; the files of a job are written before its row."""
         for job in left:
             if job.recording is not None:
                 if self.workers.scheduler is not None:
@@ -222,7 +222,7 @@ def made_with_progress(
     *,
     done: int = 0,
 ) -> Generator[Made[AnyJob, AnyResult]]:
-    """Yield the result of each job as it ends, and show the progress; `done` jobs were made before.
+    """Yield the result of each job as it ends, and show the progress; `done` jobs were finished before.
 
     `first` is shown until a job ends. An interruption waits for the jobs that are under way on this machine.
     """
@@ -254,7 +254,7 @@ def _failed(job: RunnerJob, why: str) -> JobResult:
 
 
 def is_finished(job: RunnerJob, folder: Path, rows: Rows) -> bool:
-    """Whether a job was made without error and all its files exist; a failed job is made again."""
+    """Whether a job was done without error and all its files exist; a failed job is done again."""
     row = rows.get(job.inputs_sha256)
     if row is None or row.get("error") is not None:
         return False

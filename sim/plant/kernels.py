@@ -110,7 +110,9 @@ class Actuators(NamedTuple):
 
 
 class LossNumbers(NamedTuple):
-    """A loss model as the kernels take it; `table_w[i, j]` at speed i/steps_per_mps, force force0_n + j/steps_per_n."""
+    """A loss model as the kernels take it; `table_w[i, j]` is the loss at the speed i/steps_per_mps and the force
+    force0_n + j/steps_per_n.
+    """
 
     is_map: bool
     traction_ratio: float
@@ -244,7 +246,9 @@ def efforts(v, rail, p):
 
 @kernel
 def running_resistance(v, wind, tunnel, p):
-    """c0 + c1·v + c2·(v + w)·|v + w| + q·v²: a tail wind faster than the train pushes it; tunnels are without wind."""
+    """c0 + c1·v + c2·(v + w)·|v + w| + q·v²: a tail wind faster than the train pushes it; the tunnels' term ignores the
+    wind.
+    """
     air = v + wind
     return p.c0_n + p.c1_n_per_mps * v + p.c2_n_per_mps2 * air * abs(air) + tunnel * v * v
 

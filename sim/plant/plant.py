@@ -147,9 +147,9 @@ class Plant:
     """A train on a route, stepped under commands.
 
     `conditions` and `patches` say how the true train and line differ from the files of route and vehicle; a plan need
-    not know this. A wind belongs there and not in the vehicle's resistance. A train with the brake policy FRICTION has
-    only a friction brake, which gives the whole braking force; any other train uses the electric brake first, friction
-    for the rest.
+    not know this. A wind belongs in `conditions` or `patches`, not in the vehicle's resistance. A train with the brake
+    policy FRICTION has only a friction brake, which gives the whole braking force; any other train uses the electric
+    brake first, friction for the rest.
 
     Raises DasError for losses that do not cover what the train can do here, and for conditions without data.
     """

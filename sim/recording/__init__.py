@@ -1,1 +1,1 @@
-"""The files a recorded run was made from."""
+"""Recordings: opening one, the files it was made from, the course of its drive, its health, and its recovery."""

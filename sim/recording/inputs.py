@@ -102,7 +102,8 @@ class AttachedFiles:
         return self._put(self.sha256(kind), loss_map)
 
     def find(self, kind: str, identity: str, load: Callable[[Path], _Input]) -> tuple[_Input, str, str]:
-        """The route or vehicle (`kind`: "routes", "vehicles") with an id, its name or path, and its origin in words.
+        """The route or vehicle (`kind`: "routes", "vehicles") that has an id, with its name or path and its origin in
+        words.
 
         It is read from the attached file with that id, else from the bundled file. Raises DasError if there is neither.
         """

@@ -38,11 +38,11 @@ FIRST: Final = (Meaning.NOTE, Meaning.WARNING, Meaning.NO_ADVICE, None)
 """Joined marks have the colour of the mark whose meaning comes first here."""
 
 LISTED: Final = 40
-"""Most marks that are listed; the viewer lists all of them."""
+"""At most this many marks are listed; the viewer lists all of them."""
 
 ROW_IN: Final = 0.185
 LETTERS: Final = 78
-"""Most characters in one line of the list of marks."""
+"""Largest number of characters in one line of the list of marks."""
 
 LETTER_SHARE: Final = 0.0085
 """Width of a letter of a stop's name, as a share of the axis."""
@@ -63,7 +63,7 @@ class Panel(NamedTuple):
 
 
 def figure_of(panels: Sequence[Panel], below_in: float, theme: Theme) -> tuple[Figure, list[Any]]:
-    """A figure of these panels under each other, with room below."""
+    """A figure of these panels, one below the other, with room at the bottom."""
     height_in = sum(panel.height_in + panel.above_in for panel in panels) + below_in
     figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, facecolor=theme.background)
     FigureCanvasAgg(figure)
@@ -89,7 +89,7 @@ def _plain(axis: Any, title: str, theme: Theme) -> None:
 
 
 def share_x(axes: Sequence[Any], limits: tuple[float, float], title: str, theme: Theme) -> None:
-    """Give axes under each other one horizontal axis, named under the last."""
+    """Give axes that lie one below the other the same horizontal axis, named below the last."""
     for axis in axes:
         axis.set_xlim(*limits)
         axis.tick_params(labelbottom=axis is axes[-1])
@@ -148,7 +148,7 @@ def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> N
 
 
 def legend(axis: Any, theme: Theme, patches: Mapping[str, str] | None = None) -> None:
-    """Draw the legend above the right end of the axis, because curves would always lie under it inside the axis.
+    """Draw the legend above the right end of the axis, because inside the axis it would always cover curves.
 
     It names the curves, or patches by their colours if there are any.
     """
@@ -173,7 +173,7 @@ def bands(axis: Any, along: Along, spans: Iterable[Span], theme: Theme) -> None:
 
 
 def numbered_marks(axis: Any, along: Along, found: Sequence[Mark], theme: Theme) -> None:
-    """Draw a dotted line for every mark, at its top the mark's number in the list; numbers that overlap are joined."""
+    """Draw a dotted line for each mark, with its number in the list at the top; numbers that overlap are joined."""
     if not found:
         return
     places = along(_times(*(one.time_ns for one in found)))
@@ -311,7 +311,7 @@ def as_image(figure: Figure) -> str:
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:
-    """Compared drives over the position: speeds, and the time and the energy lost minus those of the first drive."""
+    """Compared drives over the position: speeds, and time and lost energy, each minus that of the first drive."""
     figure, (speed, time, energy) = light_figure((2.6, 1.5, 1.5))
     at_km = aligned.s_m / KM
     curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)

@@ -1,7 +1,8 @@
 """The blueprint of a review: plots over distance and time with one cursor, the cab, the energy, and lists to click on.
 
 A plot of rerun follows the active timeline and shows ±30 s about the cursor unless its axis has a range, which linked
-axes ignore. So every plot has its own range, the whole trip on the drive's clock. Plots over distance are planes.
+axes ignore. So every plot has its own range, the whole trip on the drive's clock. Plots over distance are
+two-dimensional views.
 """
 
 from __future__ import annotations

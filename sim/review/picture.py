@@ -69,7 +69,7 @@ LABEL_HEIGHT: Final = 0.88
 SIGNAL_HEIGHT: Final = 0.12
 """Height of a signal at danger and of a target, as a share of the axis."""
 TICKS_S: Final = (10, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200)
-"""Round distances of the ticks of a time axis (s); it has at most `MOST_TICKS`."""
+"""Round intervals (s) between the ticks of a time axis; it has at most `MOST_TICKS`."""
 MOST_TICKS: Final = 12
 FIGURE_SHARE: Final = 0.028
 """A span of the cost shows its figure (kWh) if it is at least this wide, as a share of the axis."""

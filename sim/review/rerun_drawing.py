@@ -1,8 +1,8 @@
 """The scene as rerun entities: over time, over distance in a plane that can be zoomed, and on the track.
 
 Rerun's own plots always follow its active timeline. So curves over distance lie in a plane, in which 1 unit is 1/1600
-of the trip in both directions. Speed, force and gradient are scaled into strips under each other, and a cursor follows
-the time.
+of the trip in both directions. Speed, force and gradient are scaled into strips one below the other, and a cursor
+follows the time.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ MARGIN: Final = (100.0, 30.0, 105.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Timelines:
-    """Puts messages on all timelines. All tables and pictures show the same drive's clock."""
+    """Puts messages on all timelines. All tables and pictures show the same clock, that of the drive."""
 
     trip: DrivenCourse
     clock: DriveClock
@@ -262,7 +262,7 @@ def _range(scene: ReviewScene, strip: Strip) -> tuple[float, float]:
 
 
 def _step(range_: float, most: int = 6) -> float:
-    """The distance of grid lines: a round figure, so that there are no more than `most`."""
+    """The distance between grid lines: a round figure, such that there are no more than `most` lines."""
     rough = range_ / most
     power = 10.0 ** np.floor(np.log10(rough))
     return float(power * next(one for one in NICE if one * power >= rough))

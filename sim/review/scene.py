@@ -180,7 +180,9 @@ class ReviewScene:
         )
 
     def with_attribution(self) -> ReviewScene:
-        """The scene with its energy attribution, which takes a while to find; the same scene if that is not known."""
+        """The scene with its energy attribution, which takes a while to find; the same scene if the attribution is not
+        known.
+        """
         if self.drive.attribution is None:
             return self
         shown = AttributionView.of(self.drive.attribution)

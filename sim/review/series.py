@@ -1,6 +1,6 @@
 """What is plotted of a drive: its quantities with their units and colours, the values over time, and the train's track.
 
-If only the node was recorded, some are missing. They are derived from the attached files and the positions: the
+If only the node was recorded, some series are missing. They are derived from the attached files and the positions: the
 gradient from the line, forces and energy by inverse dynamics as in `das-sim energy` (docs/explanation/trip-energy.md).
 """
 

@@ -42,8 +42,7 @@ def save_view(
 ) -> None:
     """Write a recording as a rerun file, with our layout, the energy attribution, and a display in a language.
 
-    Raises DasError for a recording without positions, a place that cannot be written to, or where rerun is not
-    installed.
+    Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
     _check_installed("rerun", "rerun_cli")
     check_writable(rrd_path, overwrite=True)
@@ -69,8 +68,7 @@ def write_view(recording: Recording, path: Path, *, with_map: bool = False, lang
 def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT) -> None:
     """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
 
-    Raises DasError for a recording without positions, a place that cannot be written to, or where matplotlib is not
-    installed.
+    Raises DasError if the recording has no positions, the place cannot be written to, or matplotlib is not installed.
     """
     _check_installed("matplotlib")
     check_picture(picture_path)
@@ -84,8 +82,8 @@ def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT)
 def open_view(recording: Recording, *, with_map: bool = False, language: Language = Language.EN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
-    The viewer opens with what was recorded; the energy attribution follows as soon as it is found. It listens on
-    127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is no display.
+    The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
+    on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is no display.
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()

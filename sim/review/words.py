@@ -22,7 +22,7 @@ from sim.recording.course import DrivenCourse
 from sim.world.disturbances import NOTHING
 
 LETTERS: Final = 150
-"""Most characters in a line under the headline of a picture."""
+"""Largest number of characters in a line under the headline of a picture."""
 NO_ADVICE: Final = "## No advice is shown"
 NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
 

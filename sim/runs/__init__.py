@@ -1,1 +1,1 @@
-"""A drive from a drive: replay, reproduce, what-if."""
+"""What is made from a recorded drive: replay, reproduction, what-if."""

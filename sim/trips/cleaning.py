@@ -150,7 +150,7 @@ class FindingLog:
 def in_order(record: Record, log: FindingLog) -> Record:
     """The record with increasing times: of equal times the first point is kept; as few others as possible are dropped.
 
-    A file that mostly runs backwards is turned round first. Raises DasError for times in disorder, or all equal.
+    A file that mostly runs backwards is turned round first. Raises DasError if the times are in disorder, or all equal.
     """
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):
@@ -204,7 +204,7 @@ def find_jumps(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
     Two points fit if their distance is the integral of the reported speeds between them, give or take 50 m, 5 s times
     the change of speed, and 2 %. Where speeds are not reported, or contradict the positions around, the speeds of the
-    positions count instead, give or take the distance that a change of speed by 1 m/s² makes. The distance must also be
+    positions count instead, give or take the distance that an acceleration of 1 m/s² makes. The distance must also be
     within the train's top speed, and not lead back. The search is repeated until it drops nothing.
     """
     kept = np.arange(len(time_s))
@@ -241,7 +241,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
 
 def _led_on(time_s: Floats, along_m: Floats, speed_mps: Floats, last_good: int) -> bool:
-    """Whether reported speeds lead 50 m beyond the last position, and positions led there at half the speed or more."""
+    """Whether reported speeds lead 50 m past the last position, and the positions came there at half that or more."""
     before = max(last_good - POSITIONS.steps_around, 0)
     if before == last_good:
         return False

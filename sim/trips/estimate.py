@@ -73,7 +73,7 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     """Inverse dynamics over a run; the arrays have one length, and times and positions never decrease.
 
     The force comes from the change of v² over the distance, and the resistance, gradient and curves of each interval.
-    The motors drive; they also brake up to their envelope, and friction brakes beyond it (friction alone if the
+    The motors drive; they also brake up to their envelope, and the friction brake does the rest (or all of it, if the
     section brakes so).
     """
     vehicle = section.vehicle
@@ -148,7 +148,7 @@ class DrivenCase:
 
 
 BRAKING = "braking"
-"""The name of the unknown how motors and friction brake shared the braking."""
+"""The name of one unknown: how motors and friction brake shared the braking."""
 
 _Ends = tuple[dict[str, Any], dict[str, Any]]
 _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (

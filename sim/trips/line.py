@@ -22,9 +22,9 @@ COLUMNS: Final = {
 EARTH_RADIUS_M: Final = 6_371_008.8
 """Mean radius of the Earth (m, IUGG)."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
-"""The distance of two posts on the map may differ from their difference in kilometres by this share."""
+"""The distance between two posts on the map may differ from their difference in kilometres by this share."""
 _PAIRS_AT_ONCE: Final = 1_000_000
-"""Most pairs of a point and a segment that are projected at once; this bounds the memory."""
+"""Largest number of pairs of a point and a segment that are projected at once; this bounds the memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

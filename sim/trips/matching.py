@@ -204,7 +204,7 @@ def _mended(record: Record, points: Points, log: FindingLog) -> Points:
     # Wrong speeds are sought again on the final positions, so that a cleaned trip has nothing left to mend.
     dropout, spike = cleaning.find_wrong_speeds(points.time_s, s_m, measured_mps(record, points))
     points = replace(points, dropout=points.dropout | dropout, spike=points.spike | spike)
-    # A standing train has speed 0; a moving train is at least as fast as the limit of standing.
+    # A standing train has speed 0; a moving train has at least the speed below which trains count as standing.
     derived = np.maximum(cleaning.derived_speed_mps(points.time_s, s_m), STANDS.standing_mps)
     derived = np.where(points.standing, 0.0, derived)
     return replace(points, along_m=s_m, speed_mps=np.where(points.speed_derived, derived, points.speed_mps))

@@ -243,7 +243,7 @@ def stood_through(time_s: Floats, along_m: Floats, still: Bools, untold: Bools) 
 def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
     """Speed (m/s) at the first and the last point if positions slow down to a stand there, else NaN.
 
-    A mean slope of the positions is seconds old, so it shows no stand in a record that ends as the train stops. At an
+    A mean slope of the positions lags by seconds, so it shows no stand in a record that ends as the train stops. At an
     end whose speed is `untold`, the speed is therefore the slope of the parabola through the positions of 12 s.
     """
     found = np.full(len(time_s), np.nan)

@@ -123,7 +123,8 @@ class PlacingSettings:
     one_way_ratio: float = 0.5
     """The ends of a trip in one direction are at least this share of its whole extent apart."""
     scale_tolerance_ratio: float = 0.01
-    """The kilometrage is scaled to the stops if matched length and distance of the stops differ by at most this."""
+    """The kilometrage is scaled to the stops if the matched length and the distance between the stops differ by at most
+    this."""
     told_m: float = 0.01
     """Positions that were moved by less than this (m) are not reported."""
     whole_trip_m: float = 100.0
@@ -174,7 +175,7 @@ class EstimateSettings:
     held_s: int = 8
     """The strongest force is one held for this long (s): the smoothing acts over this time and hides shorter ones."""
     smoothing_ratio: float = 10.0
-    """The density of jerk may be this many times higher or lower: the window shrinks and grows by 1.8."""
+    """The density of jerk may be this many times higher or lower: the window shrinks or grows by a factor of 1.8."""
     foreign_ratio: float = 0.005
     """If a trip needs more force than the vehicle has in more than this share of the time, another vehicle drove it."""
 

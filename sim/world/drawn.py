@@ -195,11 +195,11 @@ class HumanRange:
         return _driver(drawn), drawn
 
     def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of the participant, or of the seed's driver if there is none, and their source values."""
+        """The parameters of the participant, or of the seed's driver if there is none, and the values behind them."""
         return self.draw(seed) if who is None else self.participant(who, source)
 
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of a participant, and their source values.
+        """The parameters of a participant, and the values behind them.
 
         Values of the scenario (`source`) replace those of the population. Raises DasError if the values contradict each
         other, or if the scenario gives a range, because each seed would then draw another driver.

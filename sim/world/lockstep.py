@@ -147,7 +147,9 @@ class Stations:
         return Process("node", "das.node", arguments)
 
     def _place(self, own: int, role: Role) -> Sequence[str]:
-        """Arguments with the train and either the endpoints of a process (it listens on port `own`) or its bus file."""
+        """Arguments with the train and either the endpoints of a process (it listens on the port with the index `own`)
+        or its bus file.
+        """
         if self._processes.bus is not None:
             return ["--train", self._processes.train, *self._processes.bus.file(role).arguments()]
         others = [port for i, port in enumerate(self._ports) if i != own]
@@ -237,7 +239,9 @@ RECORDER_WINDOW = 50
 
 @dataclass(kw_only=True)
 class Traffic:
-    """Counts of a run: messages sent and recorded by topic; ticks with advice, without, and with it above the limit."""
+    """Counts of a run: messages sent and recorded by topic; ticks by what the advice was: given, withdrawn, above the
+    limit.
+    """
 
     ticks: int = 0
     start_s: float = 0.0

@@ -1,4 +1,4 @@
-"""The closed loop: train, driver, localisation and disturbances, second by second, with the advice between them."""
+"""The closed loop: train, driver, localisation and disturbances, second by second, with advice at every tick."""
 
 from __future__ import annotations
 

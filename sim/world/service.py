@@ -42,7 +42,7 @@ from sim.world.scenario import Scenario
 KEPT_BYTES = 300_000_000
 """Largest total size (bytes) of the fronts that runs without a bus keep."""
 TIMETABLE_STEP_S = 6.0
-"""Running times in timetables are rounded up to tenths of a minute (s)."""
+"""Running times in timetables are rounded up to multiples of this (s), a tenth of a minute."""
 PLANNED = (
     *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "dwell_s"),
@@ -238,9 +238,9 @@ class Day:
     """Plan and truth of the day that belongs to one seed.
 
     `conditions` are those of the true train and line, without what happens on the way. `held_s` is the delay (s) of the
-    departure from each stop. `human` are the parameters of a human driver, and `stream` is the number of his random
-    numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances, the truth, and the
-    human.
+    departure from each stop. `human` are the parameters of a human driver, and `stream` is the number of this driver's
+    stream of random numbers on this day. `drawn` is everything that was drawn, in SI, for programs: the disturbances,
+    the truth, and the human.
     """
 
     service: Service
@@ -294,7 +294,9 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
 
 
 def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
-    """The same day with other disturbances, none of which may act on train or rail, because these exist already."""
+    """The same day with other disturbances, none of which may act on train or rail, because the train and its line have
+    been made already.
+    """
     found = tuple(disturbances)
     return replace(day, disturbances=found, drawn={**day.drawn, "disturbances": as_figures(found)})
 

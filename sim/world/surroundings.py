@@ -208,7 +208,10 @@ class DayNews:
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
 
     def _traffic(self, state: PlantState) -> list[str]:
-        """Update the targets, with which the train sees only clear signals; returns a sentence for each new one."""
+        """Update the targets; a train that keeps to them sees only clear signals.
+
+        Returns a sentence for each new target.
+        """
         before = self.targets
         self.targets = tuple(
             Target(

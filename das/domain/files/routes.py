@@ -109,7 +109,7 @@ def _stops(fields: Fields) -> tuple[Stop, ...]:
         places = {"position": "length", "altitude": "length", "latitude": "angle", "longitude": "angle"}
         table.check_keys(["name", "source", *table.quantity_keys(places)])
         for name, dimension in places.items():
-            table.quantity(name, dimension, 0.0)  # information only, but not unreadable
+            table.quantity(name, dimension, 0.0)  # not used, but it must be readable
         stops.append(Stop(name=table.name("name"), position_m=table.quantity("position", "length")))
     return tuple(stops)
 

@@ -47,7 +47,7 @@ def check_writable(path: Path, *, overwrite: bool) -> None:
 
 
 def refuse_link(path: Path) -> None:
-    """Raise DasError for a symbolic link: it would write to a place that the user did not name."""
+    """Raise DasError for a symbolic link: writing to it would change a file that the user did not name."""
     if path.is_symlink():
         raise DasError(f"{path}: is a symbolic link, expected the file itself or a new name")
 

@@ -1,1 +1,1 @@
-"""Lower bounds of the energy of a run that are proven (`docs/explanation/bounds.md`)."""
+"""Proven lower bounds of the energy of a run (`docs/explanation/bounds.md`)."""

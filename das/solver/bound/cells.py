@@ -105,7 +105,7 @@ def _load_kernels(cells: Cells, line: CellLine, rows: EvenRows) -> None:
 
 
 def close(cells: Cells, most_j: float) -> None:
-    """Close the cells that no run with at most this energy and priced time (J) goes through."""
+    """Close the cells through which no run goes whose energy + price·time is at most `most_j`."""
     inside = np.isfinite(cells.ahead) & np.isfinite(cells.value)
     total = np.where(inside, cells.ahead, np.inf) + np.where(inside, cells.value, 0.0)
     cells.open[:] &= total <= most_j

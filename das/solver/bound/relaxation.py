@@ -81,7 +81,7 @@ class Task:
 
     @cached_property
     def high_tau(self) -> Floats:
-        """Largest slowness of each interval (s/m): all the others are driven in the least time."""
+        """Largest slowness of each interval (s/m), reached if all other intervals are driven in the least time."""
         spare_s = max(self.allowed_s - float(self.line.step_m @ self.low_tau), 0.0)
         return np.asarray(self.low_tau + spare_s / self.line.step_m)
 

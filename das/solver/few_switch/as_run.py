@@ -39,8 +39,8 @@ def speeds_as_held(phases: list[Phase], run: RunAtNodes, back_share: float) -> l
     A train that is to hold a much higher speed accelerates to it with `back_share` of its traction, and a train that
     slows down to the speed to hold coasts. If a limit keeps the train below its target speed, the limit is held, and
     left by accelerating. An acceleration that a limit ends at once begins where this limit ends. A change of effort
-    shortly before a limit rises is put off until then. A short acceleration before a brake that gains no time is left
-    out. A speed to hold to which the train never slows down, as on a descent, is raised to its lowest speed there.
+    shortly before a limit rises is put off until then. A short acceleration that gains no time before a brake is left
+    out. If the train never slows down to the speed to hold, as on a descent, that speed is raised to its lowest there.
     """
     said = _with_coasting(_with_accelerations(phases, run, back_share), run)
     said = _with_limits_held(_without_vain_traction(said, run), run, back_share)
@@ -219,7 +219,7 @@ def _without_likes(phases: list[Phase], run: RunAtNodes) -> list[Phase]:
 
 
 def _holds(one: Phase, end: int, run: RunAtNodes) -> bool:
-    """Whether a train that accelerates in a phase then holds its speed for at least `HELD_S` before its end."""
+    """Whether a train that accelerates in a phase then holds its speed for at least `HELD_S` before the phase ends."""
     reached = np.flatnonzero(run.speeds_mps[one.begin : end] > one.target_mps - STEADY_MPS)
     return bool(reached.size) and run.lasts_s(one.begin + int(reached[0]), end) >= HELD_S
 
@@ -287,7 +287,7 @@ def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], ru
 
 
 def _without_repeats(phases: list[Phase]) -> list[Phase]:
-    """The phases, with coasting after coasting and holding the same speed again merged."""
+    """The phases, with neighbours merged that both coast, or that hold the same speed."""
     found = phases[:1]
     for one in phases[1:]:
         before = found[-1]
@@ -309,7 +309,7 @@ def _braked_by_limits(run: RunAtNodes) -> list[tuple[int, int]]:
 def _with_brake(phases: list[Phase], begin: int, end: int, run: RunAtNodes) -> list[Phase]:
     """The phases with a brake along the braking curve between two nodes, if there is none yet.
 
-    A brake whose effort is too small begins earlier. A phase that would follow before the last node begins there.
+    A brake whose effort is too small begins earlier. A phase that would begin before the last node begins at it.
     """
     here = max(k for k, one in enumerate(phases) if one.begin <= begin or k == 0)
     one, after = phases[here], phases[here + 1] if here + 1 < len(phases) else None

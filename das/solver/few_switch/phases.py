@@ -91,7 +91,7 @@ def _done(run: FewSwitchTrajectory, i: int, kind: NotchRegime) -> NotchRegime:
 def _without_short(
     parts: list[_Part], elapsed_s: Floats, speeds: Floats, least_s: float, ripple_mps: float
 ) -> list[_Part]:
-    """The parts without those too short to be followed: the shortest first becomes part of a neighbour."""
+    """The parts without those too short to be followed: each becomes part of a neighbour, the shortest first."""
 
     def lasts_s(k: int) -> float:
         return float(elapsed_s[parts[k].last + 1] - elapsed_s[parts[k].first])

@@ -32,17 +32,17 @@ MET_MPS = 1e-3
 NOWHERE = -1.0
 """The `met_mps` of a train that is followed to the end and never counts as on the schedule's trajectory."""
 MOST_UNSAID_S = 0.5
-"""For at most this time (s), limits ahead may demand brakes that no phase of a schedule has."""
+"""Where limits ahead demand brakes, a schedule may lack a phase to brake for at most this time (s)."""
 SAYINGS = 3
 """Rounds in which phases are made to agree with their trajectory; after them they hardly change any more."""
 ON_CURVE_MPS = 0.05
-"""A brake follows the braking curve if its target is this near (m/s) to the curve's speed at its end."""
+"""A phase to brake follows the braking curve if its target is this near (m/s) to the curve where the phase ends."""
 
 
 class Prospect(NamedTuple):
     """The forecast of a train that keeps to a schedule: speeds at the nodes (behind the state: NaN), time and energy.
 
-    `unsaid_s` is the time (s) in which limits ahead demand brakes that no phase has.
+    `unsaid_s` is the time (s) in which limits ahead demand brakes although the phase is not one to brake.
     """
 
     speeds_mps: Floats
@@ -188,9 +188,9 @@ class Schedule:
     def as_run(self) -> Schedule:
         """The schedule with phases that agree with its trajectory, so that a driver who keeps to them follows it.
 
-        Where a limit ahead makes the trajectory brake, a brake begins: a driver who begins later needs the friction
-        brake. A brake without effect is left out. A speed to hold to which the train never slows down, as on a descent,
-        is raised to its lowest speed there.
+        Where a limit ahead makes the trajectory brake, a phase to brake begins: a driver who begins later needs the
+        friction brake. A phase to brake without effect is left out. If the train never slows down to the speed that a
+        phase holds, as on a descent, that speed is raised to the train's lowest one there.
         """
         phases = phases_as_run(self.phases, self.columns[0], self.run, self.back_share)
         return replace(self, phases=phases)
@@ -285,7 +285,7 @@ def topped(schedule: Schedule, top_mps: float, before: int | None = None) -> Sch
 
 
 def on_section(schedule: Schedule, section: Section) -> Schedule:
-    """The schedule on another section of the same line, by place."""
+    """The schedule on another section of the same line: its phases begin at the same places."""
     node_m, before = section.node_m, schedule.section.node_m
     found: list[Phase] = []
     for one in schedule.phases:

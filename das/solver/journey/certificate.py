@@ -131,7 +131,7 @@ class PricedTimeline:
         return total_j
 
     def _section_j(self, index: int, run: Trajectory) -> float:
-        """The least energy + price·time of a section, from below (J)."""
+        """A lower bound of energy + price·time (J) over a section."""
         journey_section = self.sections[index]
         section = journey_section.whole
         price_w = np.empty(len(section.step_m))

@@ -2,8 +2,8 @@
 
 A *span* lies between two neighbouring tight times, and it has one price of time λ. Spans that meet at a stop do not
 depend on each other. Spans that meet at a tight passing share the speed there and form a *chain*. A chain is solved by
-one sweep from its end to its beginning: the cost of a span in its time, by the speed at its beginning, is the end value
-of the span before it.
+one sweep from its end to its beginning: the cost of driving a span in its time, as a function of the speed at the
+span's beginning, is the end value of the span before.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ class Chains:
         )
 
     def lowest(self, span: TightSpan) -> int:
-        """The index of a span's first multiplier: in a span with a wait, slower than least energy is of no use."""
+        """The index of a span's first multiplier: in a span with a wait, multipliers below 0 are of no use."""
         return 0 if span.last_wait < 0 else self.fronts.least_energy
 
     def _solve(self, spans: Sequence[TightSpan], split: Split) -> tuple[Solved, ...]:
@@ -262,13 +262,13 @@ class Chains:
                 parts[stretch] = self.fronts.part(stretch, ahead if stretch is span.stretches[-1] else None)
 
     def _ahead(self, span: TightSpan, parts: Parts) -> Ahead:
-        """The cost of a span that begins at a passing, in its time, by the speed there: max over λ of its dual."""
+        """The cost of driving a span in its time, by the speed at the passing before it: the largest dual over λ."""
         first = parts[span.stretches[0]]
         cost_j = self.dual_j(span, parts, first.value_j[0])[:, self.lowest(span) :].max(axis=1)
         return Ahead(speed_mps=start_speeds(first), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
     def dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
-        """Least cost of a span by λ minus λ·its time (J), if its first stretch costs `first_j` (…, L)."""
+        """For each λ, a span's least total cost less λ·its time (J), if its first stretch costs `first_j` (…, L)."""
         tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
         fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
         total_j = first_j + sum((table.total_j for table in tables), fixed_j)

@@ -52,7 +52,7 @@ class SectionPlan:
     """The plan of a section.
 
     `lambda_w` holds the price of time (W) of each stretch between tight passings (inf: the fastest run). `feasible`
-    is True if the runs keep the limits, the forces that the train has, and the times.
+    is True if the runs keep to the limits, to the forces that the train has, and to the times.
     """
 
     start: Call
@@ -204,8 +204,8 @@ class JourneyPlanner:
         return PricedTimeline(sections=self.sections, timeline=timeline, price_w=price_w)
 
     def fastest_j(self) -> float:
-        """Energy of the journey with every section as fast as possible, waiting at stops; passing windows are
-        not kept."""
+        """Energy of the journey if every section is driven as fast as possible and the train waits at stops; windows of
+        passings are not kept."""
         return sum(_driven(section, section.fastest_mps)[1].input for section in self.sections)
 
     def _check_reachable(self) -> None:
@@ -231,7 +231,7 @@ class JourneyPlanner:
         return float(least_s[way.place + 1] - least_s[way.place])
 
     def _solve(self, split: Split) -> tuple[Solved, ...]:
-        """Solve all spans; in each, hold the time that violates its window most at that bound; repeat until none does.
+        """Solve all spans; in each, hold the time that is furthest outside its window at the bound it violates; repeat.
 
         In a span with one λ, the bound that is violated most is tight at the optimum (docs/explanation/journeys.md).
         """

@@ -1,7 +1,7 @@
 """The sections of a journey from stop to stop, and the timeline of all its events.
 
-The passing points of a section are nodes that keep their speeds. A *span* of the timeline lies between two events that
-are held at a bound of their windows.
+The passing points of a section are nodes, where the bounds of their speeds are kept. A *span* of the timeline lies
+between two events that are held at a bound of their windows.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class JourneySection:
     fastest_mps: Floats
 
     def part(self, first: int, last: int, least_end_mps: float = 0.0) -> Section:
-        """The section between two places; if the last is a passing, it may end at any speed from `least_end_mps` on.
+        """The section between two places; if the last is a passing, it may end at any speed >= `least_end_mps`.
 
         Its start and end speeds remain those of the whole section; a front answers for any speed at its beginning.
         """

@@ -6,5 +6,5 @@ force of an interval (gradient and curves, N), q tunnel coefficient (N/(m/s)²),
 the price of a second. Within a step of integration the acceleration is constant.
 
 Preconditions of every kernel: float64 C-contiguous arrays of matching lengths, steps > 0, and named tuples as
-`das.solver.kernels.tuples` and `das.solver.kernels.tuples` define them.
+`das.solver.kernels.tuples` defines them.
 """

@@ -83,7 +83,7 @@ class CellLine(NamedTuple):
 
 
 class CellInterval(NamedTuple):
-    """One interval: its numbers of `CellLine`, and the train."""
+    """One interval: its entries in `CellLine`, and the train."""
 
     step_m: float
     constant_n: float
@@ -173,7 +173,7 @@ def interval(k, line):
 
 @inlined
 def link(here, start, end, rows):
-    """Least energy and priced time of an interval from a cell to a cell, plus the second's line, minus the first's.
+    """Least energy and priced time of an interval between two cells, plus the second cell's line, minus the first's.
 
     A cell is given by its slowest and fastest speed and the slope of its line, which is counted from the middle of the
     cell (in w). The result is infinite if no run goes from one cell to the other.
@@ -207,7 +207,7 @@ def link(here, start, end, rows):
 
 @inlined
 def _split_link(here, speeds, forces, split, rows):
-    """The least of a link, with the lines' difference split into a·(force), ρ·(mean of w0 and w1) and a constant."""
+    """Least cost of a link, with the lines' difference split into a·(force), ρ·(mean of w0 and w1) and a constant."""
     low0, high0, low1, high1 = speeds
     f1, f2, electric, least_electric = forces
     a, rho, constant = split

@@ -20,13 +20,13 @@ from das.solver.kernels.forces import (
 from das.solver.kernels.landings import landing_under
 
 SLOW_MPS = 5.0
-"""Below this speed (m/s) the brakes' delay needs no further reserve: the driver sees the mark, and they act already."""
+"""Below this speed (m/s) the brakes' delay needs no further reserve: the driver sees the mark and brakes already."""
 FULL_BRAKES = (1e9, 0.0)
 """A `service` of full brakes: no deceleration limit (m/s²) below the train's own, and no delay (s)."""
 _ROUNDING_W = 1e-9
 """A v² above the envelope's by no more than this comes from rounding in the iterations."""
 _FIXED_POINT_STEPS = 60
-"""Most iterations in the search for a speed that is its own image under a step."""
+"""Largest number of iterations in the search for a speed that is its own image under a step."""
 _FIXED_POINT_TOLERANCE = 1e-13
 """A speed has been found when an iteration changes it by at most this share."""
 

@@ -20,7 +20,7 @@ TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
 NO_MOVE = -1
 """The target of a notch that cannot be used from a speed."""
 CONTACT_MPS = 0.2
-"""A notch may run into the highest allowed speed only from further below it than this (m/s)."""
+"""A notch may lead up to the highest allowed speed only from a speed that is lower by more than this (m/s)."""
 
 
 @kernel
@@ -118,7 +118,8 @@ def few_switch_sweep(first, last, prices, moves, policy, value):
     """Bellman sweep under multipliers first … last − 1, whose `prices` are those of time (W) and of a change (J).
 
     Of `policy`, `choice[k, j, l]` becomes the best notch of a state, and bit m of `stay[k, j, l]` says that a train in
-    notch m keeps it. `value` (speeds, notches, L) holds the values of the last node before, of the first node after.
+    notch m keeps it. `value` (speeds, notches, L) holds the values of the last node before the sweep, and of the first
+    node after it.
     """
     dt, energy, target, weight = moves
     choice, stay = policy

@@ -36,7 +36,7 @@ def followed_speed(i, phase, back_share, way, line, curve, v):
             return target
         effort = share if kind == TRACTION else back_share
         return min(speed_under(TRACTION, effort, v, step[i], g[i], q[i], here), target)
-    if v < CREEP_MPS and way > CREEP_M:  # It would stop short of its mark.
+    if v < CREEP_MPS and way > CREEP_M:  # The train would stop short of its mark.
         return min(speed_under(TRACTION, back_share, v, step[i], g[i], q[i], here), max(CREEP_MPS, target))
     if v <= target:
         return min(target, max(_coasting(i, line, v), v))
@@ -61,7 +61,7 @@ def _coasting(i, line, v):
 def followed_step(i, phase, back_share, way, line, envelope, p, v):
     """Drive interval i in a `phase` (kind, share, target); fills v[i + 1].
 
-    Returns the time (s), or -1 after a stall, and whether limits ahead demand more braking than the phase has.
+    Returns the time (s), or -1 after a stall, and whether limits ahead demand more braking than the phase provides.
     """
     step, g, q, u = line
     here = (step, g, q, on_supply(p, u[i]))
@@ -80,7 +80,7 @@ def follow(first, at, ends, phases, back_share, known, met_mps, line, envelope, 
     """Follow a schedule from v[first] to the end; fills v.
 
     Returns the trip time (s), the energy at the current collector (J), and the time (s) in which limits ahead demand
-    brakes that no phase has; (-1, 0, 0) after a stall.
+    brakes although the phase is not one to brake; (-1, 0, 0) after a stall.
 
     `at[i]` is the number of the phase in interval i, and that phase ends `ends[i]` (m) beyond the interval; `phases`
     are the phases' kinds, shares and target speeds. `known` is a trajectory that keeps to the schedule (speeds and time
@@ -109,7 +109,7 @@ def follow(first, at, ends, phases, back_share, known, met_mps, line, envelope, 
 
 
 UNSAID_S = 0.1
-"""A move may add at most this (s) to the time in which limits demand brakes that no phase has."""
+"""A move may add at most this (s) to the time in which limits demand brakes although the phase is not one to brake."""
 MET_MPS = 1e-3
 """Two trajectories with the same phases ahead count as one once their speeds differ by less than this (m/s)."""
 SLOWEST_MPS = 2.0
@@ -132,7 +132,7 @@ def cost_of_time(late, prices):
 
 @kernel
 def missing_time(first, begin, kind, step, least_s, v):
-    """The sum of the times (s) by which phases other than brakes are shorter than `least_s`."""
+    """The sum of the times (s) by which phases that do not brake are shorter than `least_s`."""
     missing = 0.0
     for k in range(begin.size):
         last = begin[k + 1] if k + 1 < begin.size else step.size
@@ -159,7 +159,7 @@ def lay_out(begin, node, at, ends):
 
 @kernel
 def drive_schedule(start, meets, laid_out, phases, back_share, line, envelope, p, c, base, v):
-    """Follow a schedule from node `start` of the trajectory `base` on; from node `meets` on it may join that again.
+    """Follow a schedule from node `start` of the trajectory `base` on; from node `meets` on it may join `base` again.
 
     `base` holds speed, time, energy and the time of unsaid braking (s) up to every node. Fills v; returns time, energy
     and time of unsaid braking of the whole trajectory, or (-1, 0, 0) after a stall.
@@ -231,8 +231,8 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
     """One move of phase k: begun earlier (0) or later (1), slower (2) or faster (3), with less (4) or more effort (5).
 
     `by` are the distance, the speed and the share. Fills in the new places, shares and speeds; returns the first node
-    that changes and the first one after the change, or (-1, -1) if there is no such move. The end of a brake stays,
-    because its speed is needed there.
+    that changes and the first one after the change, or (-1, -1) if there is no such move. The end of a phase to brake
+    stays, because its target speed is needed there.
     """
     by_m, by_speed, by_share = by
     kind, share, target = phases
@@ -275,9 +275,9 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
 def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted, steps, least_s, speed):
     """Move the phases (kind, share, target) of a schedule, in rounds of smaller steps, each to where it costs least.
 
-    `wanted` are the time that it is to take (s) and the prices of time (see `cost_of_time`), `steps` the step sizes of
-    places (m), speeds and shares. Changes `begin`, shares and targets. The train begins with `speed` at node `first`.
-    The times by which phases other than brakes are shorter than `least_s` do not grow in sum.
+    `wanted` are the time that the schedule is to take (s) and the prices of time (see `cost_of_time`), `steps` the step
+    sizes of places (m), speeds and shares. Changes `begin`, shares and targets. The train begins with `speed` at node
+    `first`. The sum of the times by which phases that do not brake are shorter than `least_s` does not grow.
     """
     kind, share, target = phases
     asked, prices = wanted

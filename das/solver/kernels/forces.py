@@ -46,7 +46,7 @@ def on_supply(p, u):
 
 @kernel
 def adhesion_coefficient(v):
-    """Friction between wheel and rail by Curtius & Kniffler, as `das.domain.formulary.adhesion_coefficient`."""
+    """Friction between wheel and rail by Curtius & Kniffler, as in `das.domain.formulary.adhesion_coefficient`."""
     return ADHESION_LEAST + ADHESION_EXTRA / (ADHESION_SPEED * v + ADHESION_OFFSET)
 
 
@@ -79,7 +79,8 @@ def brake_limit(v, p, friction_n):
 
 @kernel
 def largest_gain(v, resisting, p):
-    """Acceleration at full traction against a resisting force: at most the largest, unless full brake leaves more."""
+    """Acceleration at full traction against a resisting force: at most the train's largest, unless even full brakes
+    leave more."""
     rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
     if rate <= p.max_acceleration_mps2:
         return rate
@@ -88,7 +89,8 @@ def largest_gain(v, resisting, p):
 
 @kernel
 def largest_loss(v, resisting, p, friction_n):
-    """Deceleration at full brake with a resisting force: at most the largest, unless full traction leaves more."""
+    """Deceleration at full brake with a resisting force: at most the train's largest, unless even full traction
+    leaves more."""
     rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
     if rate <= p.max_deceleration_mps2:
         return rate

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 _TO_BOUNDARY = 0.99
 """Share of the way to the nearest bound that a step takes."""
 _LEAST_SLACK = 0.01
-"""Least slack of a constraint at the first point, whether the point keeps the constraint or not."""
+"""Least slack of a constraint at the first point, whether the point satisfies the constraint or not."""
 _CENTRE = 0.1
 """Product of slack and multiplier of a constraint at the first point, per metre of the interval."""
 _PATIENCE = 5
@@ -72,8 +72,8 @@ class TimeColumn(NamedTuple):
 def best_bound(run: RelaxedRun, multipliers: Multipliers, program: Program, most_steps, enough):
     """Improve a point and its multipliers by Newton steps; returns the best bound, its price of time, and the steps.
 
-    The first point need not keep the constraints. The search stops when the bound is within `enough` (a ratio) of the
-    energy of a point that keeps them, when it no longer improves, or after `most_steps`.
+    The first point need not satisfy the constraints. The search stops when the bound is within `enough` (a ratio) of
+    the energy of a point that satisfies them, when it no longer improves, or after `most_steps`.
     """
     n, m = multipliers.rows.shape
     newton = empty_newton(n, m)

@@ -18,10 +18,10 @@ from das.solver.tolerances import LANDINGS_BRAKE, LANDINGS_EFFORT
 SPECIAL_LANDINGS = 2
 """Coasting, and holding the speed."""
 LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
-"""Most landings of a step."""
+"""Largest number of landings of a step."""
 
 LANDING_STEPS = 4
-"""Iterations to find a landing: the forces depend on its mean speed."""
+"""Iterations to find a landing: the forces depend on the mean speed of the step."""
 
 
 @kernel
@@ -42,7 +42,7 @@ def landing_speed(v0, h, share, g, q, p):
 
 @kernel
 def landing_under(f, v0, h, g, q, p):
-    """Speed after a decision step under the constant wheel force f; 0 if it stops."""
+    """Speed after a decision step under the constant wheel force f; 0 if the train stops."""
     v1 = v0
     for _ in range(LANDING_STEPS):
         v1 = speed_under_force(f, v0, v1, h, g, q, p)

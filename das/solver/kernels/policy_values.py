@@ -18,7 +18,7 @@ from das.solver.tolerances import INFEASIBLE, SMALLEST_SHARE, UNREACHABLE
 
 @kernel
 def grid_speed(floor, top, j, steps):
-    """Speed of grid line j of a decision node: evenly from the floor to the envelope."""
+    """Speed of grid line j of a decision node; the lines are evenly spaced from the floor to the envelope."""
     return floor + (top - floor) * j / steps
 
 
@@ -70,7 +70,7 @@ def _compiled_time_at(time_to_go, k, j, a):
 
 @kernel
 def blended_values(policies, policy, k, first, last, row):
-    """Values (J) of the policy at decision node k, grid lines first … last, into row[first … last]."""
+    """Write the values (J) of the policy at decision node k, grid lines first … last, into row[first … last]."""
     value, time_to_go = policies.value_j, policies.time_to_go_s
     a, gap = policy.ladder_index, policy.gap_w
     if gap <= 0.0:

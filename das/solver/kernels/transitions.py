@@ -36,7 +36,7 @@ def adhesion(v):
 
 @compiled(fastmath=True)
 def full_effort_landings(direction, speeds, step, g, q, p, out):
-    """Speeds after a step at the full traction (direction 1) or electric brake (−1) at the mean speed; 0: it stops."""
+    """Speeds after a step under full traction (direction 1) or electric brake (−1) at the mean speed; 0: a stop."""
     force, power = p.traction_force_n, p.traction_power_w
     if direction == _ELECTRIC_BRAKE:
         force, power = p.electric_force_n, p.electric_power_w
@@ -57,7 +57,7 @@ def full_effort_landings(direction, speeds, step, g, q, p, out):
 
 @compiled(fastmath=True)
 def landings_under(forces, speeds, step, g, q, p, out):
-    """Speeds after a step under a constant wheel force for each speed; 0 if it stops."""
+    """Speeds after a step under a constant wheel force for each speed; 0 if the train stops."""
     n = speeds.size
     for j in range(n):
         out[j] = speeds[j]
@@ -152,7 +152,7 @@ def costs(speeds, landings, step, g, q, p, c, time_s, energy_j):
 
 @compiled(fastmath=True)
 def locations(landings, floor, top, steps, line, share, energy_j):
-    """Grid line below each landing and the share of the line above it, as `locate`; outside, the energy is INFEASIBLE.
+    """Grid line below each landing and the share of the line above, as in `locate`; INFEASIBLE energy off the grid.
 
     `line` holds whole numbers as floats.
     """

@@ -2,7 +2,8 @@
 
 The formulas are those of `das.solver.kernels.tube`, without branches: every pair is calculated, and what the train
 cannot do is marked afterwards. With `fastmath`, divisions may become products and sums may be taken in another order,
-as vectors need it. So these costs only choose among moves; the resulting trajectory is integrated without `fastmath`.
+as vector instructions require. So these costs only choose among moves; the resulting trajectory is integrated without
+`fastmath`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from das.solver.tolerances import INFEASIBLE
 Floats = NDArray[np.float64]
 
 ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
-"""Forces and accelerations above their bounds by no more than this count as rounding errors."""
+"""Forces and accelerations that exceed their bounds by no more than this are taken for rounding errors."""
 _ROWS = 8
 ANY_SQUARED = 1.0
 """v² (m²/s²) that stands in for a barred pair, so that nothing is divided by 0."""

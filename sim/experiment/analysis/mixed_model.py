@@ -1,4 +1,4 @@
-"""The mixed model of a comparison: every driver has a level and an effect of his own, and conditions differ in noise.
+"""The mixed model of a comparison: drivers differ in their level and in their effect, and conditions in their noise.
 
 Where each driver drives one condition only, drivers have a level of their own and no effect.
 
@@ -25,7 +25,7 @@ BOUNDARY: Final = 0.01
 """A variance below this share of the residual variance counts as 0, and the fit as singular: the optimizer ends near
 0, not at 0. statsmodels warns of the boundary at the same share."""
 CERTAIN: Final = 0.999
-"""A fit in which the drivers' level and effect correlate more than this (±) counts as singular as well."""
+"""A fit in which the drivers' level and effect correlate by more than this (±) counts as singular as well."""
 LEAST_DRIVERS: Final = 5
 """Fewest drivers for which a model is fitted."""
 METHODS: Final = ("bfgs", "lbfgs", "powell")

@@ -34,7 +34,7 @@ from sim.review.colors import LIGHT, SEVERAL
 
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
-"""Number of columns of the table of measures that belong to no comparison."""
+"""Number of columns in the table of those measures that belong to no comparison."""
 BLUE, ORANGE = SEVERAL[0], SEVERAL[1]
 FAINT: Final = "#9aa0a6"
 ROW_IN: Final = 0.5

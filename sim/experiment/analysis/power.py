@@ -26,7 +26,7 @@ STUDIES: Final = 2000
 RESAMPLES_EACH: Final = 999
 """Resamples for the test of each made-up study."""
 MOST_PARTICIPANTS: Final = 2000
-"""Most participants (of each group) for which experiments are simulated."""
+"""Largest number of participants (in each group) for which experiments are simulated."""
 AT_ONCE: Final = 250
 """Studies computed at once, so that memory stays below about 100 MB."""
 

@@ -29,7 +29,8 @@ LEAST_RESAMPLES: Final = 999
 SD_RESAMPLES: Final = 1999
 """Resamples for the interval of a standard deviation."""
 MOST_CELLS: Final = 20_000_000
-"""Most cells of a table of resamples by participants (160 MB); very many participants get fewer resamples."""
+"""Largest number of cells of a table of resamples by participants (160 MB); very many participants get fewer resamples.
+"""
 NO_RANGE: Final = (math.nan, math.nan)
 
 
@@ -137,7 +138,7 @@ def _less(sd: float, variance: float) -> float:
 
 
 def sd_interval(values: Floats, rng: np.random.Generator) -> tuple[float, float]:
-    """The 95 % interval of the standard deviation of drivers' values (n,), without a bell curve; NaN for a few.
+    """The 95 % interval of the standard deviation of drivers' values (n,), without a bell curve; NaN for too few.
 
     It is the studentized bootstrap of the logarithm of the variance, whose standard error comes from the fourth moment.
     """
@@ -162,8 +163,8 @@ def _log_variance(values: Floats) -> tuple[Floats, Floats]:
 def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
     """Values by driver and cell, (drivers, cells), NaN if there are none; and whether drivers share cells.
 
-    If they share cells, what all drivers have in common in a cell (a hard day) is subtracted. If each driver has days
-    of his own, the columns are his first, second, … value.
+    If they share cells, what all drivers have in common in a cell (a hard day) is subtracted. If the drivers have
+    different days, the columns are each driver's first, second, … value.
     """
     _, row = np.unique(driver, return_inverse=True)
     names, column = np.unique(cell, return_inverse=True)
@@ -182,7 +183,7 @@ def as_table(values: Floats, driver: Texts, cell: Texts) -> tuple[Floats, bool]:
 
 
 def components(tables: Floats, removed: int = 0) -> tuple[Floats, Floats]:
-    """Standard deviations between the rows and within them, of tables (studies, drivers, cells), NaN if missing.
+    """Standard deviations between rows and within them, of tables (studies, drivers, cells; NaN: a missing value).
 
     `removed` is how many differences between cells were taken out of the table. A negative variance between drivers is
     0. If no driver has two values, the first holds the spread of both kinds, and the second is NaN.

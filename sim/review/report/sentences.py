@@ -143,7 +143,7 @@ def _took(drive: Drive) -> list[str]:
 
 
 def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:
-    """The causes with their energies (J), the largest first; of an estimated drive without causes of exactly 0."""
+    """The causes with their energies (J), the largest first; for an estimated drive, only those that are not 0."""
     parts = [one for one in attribution.by_cause.items() if one[1] or attribution.measured]
     return sorted(parts, key=lambda one: -one[1])
 
@@ -194,7 +194,7 @@ def at_signals(drive: Drive) -> list[str]:
 
 
 def compliance(drive: Drive) -> float | None:
-    """Share of the time with a shown speed to keep in which it was kept within 2 km/h; None without such a time.
+    """For which share of the time that a speed to keep was shown it was kept within 2 km/h; None if none was shown.
 
     A speed shown as the highest is also kept at any lower speed.
     """

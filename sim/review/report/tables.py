@@ -24,9 +24,9 @@ from sim.review.report.sentences import compliance, shown_s, told_causes
 from sim.review.words import readable
 
 BEFORE_S: Final = 10.0
-"""The page lists changes of the advice from this long (s) before a bookmark on."""
+"""The page lists changes of the advice that begin at most this long (s) before a bookmark."""
 AFTER_S: Final = 5.0
-"""The page lists changes of the advice until this long (s) after a bookmark was over."""
+"""The page lists changes of the advice that begin at most this long (s) after the end of a bookmark."""
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
@@ -123,7 +123,7 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
 
 
 def stop_rows(drive: Drive) -> list[Row]:
-    """How every stop was kept."""
+    """How well the times at every stop were kept."""
     clock = drive.clock
 
     def at(time_ns: int) -> str:

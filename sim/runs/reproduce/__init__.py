@@ -1,1 +1,1 @@
-"""A recording heard again by today's cab: whether it still says what was recorded."""
+"""A recording is sent to today's cab again, to see whether the cab still says what was recorded."""

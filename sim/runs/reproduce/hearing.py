@@ -251,7 +251,7 @@ def _wanted(control: Any) -> dict[str, int]:
 
 
 def _announced(messages: Sequence[RecordedMessage]) -> dict[str, list[RecordedMessage]]:
-    """Restrictions and targets by topic that a Control message names, in the order of their times.
+    """By topic, the restrictions and targets that a Control message names, in the order of their times.
 
     States reach the recorder on paths of their own, so it may have written them some ticks too early or too late. The
     Control messages show when the node received them.
@@ -271,7 +271,7 @@ def _announced(messages: Sequence[RecordedMessage]) -> dict[str, list[RecordedMe
 
 
 def _starts(messages: Sequence[RecordedMessage]) -> set[int]:
-    """Places in the list of the first status after each restart of the node."""
+    """Indices, in the list of messages, of the first status after each restart of the node."""
     places = [i for i, one in enumerate(messages) if one.topic is STATUS]
     found = restarts_of([Stamped(messages[i].log_time_ns, messages[i].message) for i in places])
     return {places[i] for i in found}

@@ -1,4 +1,4 @@
-"""Reproduces a recording: today's cab receives the recorded messages, and its answers are compared with the old."""
+"""Reproduces a recording: today's cab gets the recorded messages, and its answers are compared with the old ones."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ class Changed:
         }
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """What is compared, of both recordings; in an open loop the drive is the same, and only its advice differs."""
+        """The compared figures of both recordings; in an open loop the drive is the same; only the advice is new."""
         advice, rows = self.advice, list[tuple[str, str, str]]()
         if self.aligned is not None and self.kind is WhatIfKind.DRIVEN_ANEW:
             rows += _drive_rows(self.aligned)
@@ -168,7 +168,7 @@ def _by_time(recording: Recording) -> dict[int, AdviceThen]:
 
 
 def _advised(old: AdviceThen, new: AdviceThen) -> Advised:
-    """A moment at which the advice differs, in words; those of the coach if only its advice differs."""
+    """A moment at which the advice differs, in words: the advice of the coach, if only that differs."""
     plain = [(one.mode, one.speed_mps) for one in (old, new)]
     if (old.mode, old.speed_mps) != (new.mode, new.speed_mps):
         return Advised(old.s_m, *told_apart(*plain))
