@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
+from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import Regime
 from das.domain.errors import DasError
 from das.estimate.estimate import Problem, ProblemKind
@@ -153,12 +154,11 @@ class Replan:
 
 @dataclass(frozen=True, kw_only=True)
 class Coaching:
-    """What the driver should do now and next, and what it saves.
+    """What the driver should do now and next, and why where the instruction does not say it.
 
     `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
     is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps the reference here;
-    while braking, `force_n` differs from it because the effort shown is rounded up. `worth_j` is what following the
-    instruction saves compared with going on at the present speed first, for the same arrival.
+    while braking, `force_n` differs from it because the effort shown is rounded up.
     """
 
     now: Instruction
@@ -167,8 +167,7 @@ class Coaching:
     target_s: float = 0.0
     force_n: float = 0.0
     reference_force_n: float = 0.0
-    reason: str = ""
-    worth_j: float = 0.0
+    reason: Reason = NO_REASON
     replan: Replan = Replan()
 
 
@@ -201,7 +200,7 @@ class Timetable:
 class Advice:
     """One advice; fields, units and signs are those of the message in das.proto.
 
-    Mode NONE means that advice is withdrawn: `cause` says why, and `reason` says it in words. In mode DEPART the
+    Mode NONE means that advice is withdrawn: `cause` says why, and `reason` has it as a text. In mode DEPART the
     driver waits until the train is cleared: advised speed, force and horizon are those of a standing train, and
     `next_mode`, `departure_speed_mps` and `departure_force_ratio` (a share of the available traction) say how to
     depart. In every other mode `departure_speed_mps` and `departure_force_ratio` are 0.
@@ -225,7 +224,7 @@ class Advice:
     buffer_ratio: float = math.nan
     energy_to_go_j: float = math.nan
     source: Source = Source.NONE
-    reason: str = ""
+    reason: Reason = NO_REASON
     valid_until_ns: int = 0
     limit_mps: float = math.nan
     position_sd_m: float = math.nan

@@ -75,6 +75,7 @@ class BrakingModel:
             resistance_ratio=min(measured.resistance_ratio, 1.0),
         )
         train, self.end_m = careful.train(basis.vehicle), basis.end_m
+        self.end_stop = basis.route.stop_name_at(basis.end_m)
         length_m = 0.0 if basis.point_mass else train.train_length_m
         nodes_m = _nodes(basis, length_m)
         limit_mps = np.minimum(_limits(basis, nodes_m, length_m), train.max_speed_mps)

@@ -23,6 +23,7 @@ from das.advice.goal import (
 from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan, four_mode
 from das.advice.planner import Planner
+from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
 from das.advice.settings import DEFAULT, AdviceSettings, DisplaySettings
 from das.advice.shown_safely import FourModes, braked_enough, kept_behind
@@ -67,7 +68,7 @@ class Display:
         self._shown_mps = math.nan
 
     def withdrawn(self, here: Estimate, why: Withdrawal) -> Advice:
-        """The message that there is no advice, with the cause and the reason in words."""
+        """The message that there is no advice, with the cause and the reason as a text."""
         self._show(Regime.NONE, here.time_ns)
         return Advice(
             time_ns=here.time_ns,
@@ -75,12 +76,12 @@ class Display:
             s_m=here.s_m,
             speed_mps=here.speed_mps,
             cause=why.cause,
-            reason=wording.withdrawal(why),
+            reason=Reason.of_text(wording.withdrawal(why)),
             valid_until_ns=here.time_ns,
             position_sd_m=here.position_sd_m,
         )
 
-    def standing(self, scene: Scene, reason: str, reduced_max_speed_mps: float = math.nan) -> Advice:
+    def standing(self, scene: Scene, reason: Reason, reduced_max_speed_mps: float = math.nan) -> Advice:
         """The advice for a train that stands at a stop and is to stay there."""
         state, here, planner, _, coach = scene
         horizon_s = self._settings.display.horizon_s
@@ -111,7 +112,7 @@ class Display:
         """The advice for a train that stands before its departure; the top speed of the trip ahead is shown already."""
         state, _, planner, goal, _ = scene
         reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
-        return self.standing(scene, wording.departs_in((goal.departure_ns - state.now_ns) * NS), reduced_mps)
+        return self.standing(scene, Reason(code=ReasonCode.DEPARTURE, time_ns=goal.departure_ns), reduced_mps)
 
     def departing(self, scene: Scene, plan: Plan) -> Advice:
         """The advice for a standing train that is due to depart: stand until cleared, then depart as shown.
@@ -147,10 +148,9 @@ class Display:
             advised_force_ratio=0.0,
             horizon_speed_mps=(0.0,) * horizon_s,
             horizon_force_n=(0.0,) * horizon_s,
-            reason=wording.departs_when_cleared(moving.reason),
         )
 
-    def braking(self, scene: Scene, reason: str) -> Advice:
+    def braking(self, scene: Scene, reason: Reason) -> Advice:
         """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
         state, here, planner, _, coach = scene
         train, v_mps = planner.section.train, state.v_mps
@@ -363,35 +363,40 @@ class Display:
             self._shown_mps = min(nearest_step(advised_mps), step_below(allowed_mps))
         return self._shown_mps
 
-    def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> str:
-        """The reason of the advice, in words."""
+    def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> Reason:
+        """The reason of the advice."""
         planner, goal = scene.planner, scene.goal
         basis, fit = planner.basis, plan.solution.fit
         if excess_mps > OVERSPEED_MPS:
-            return wording.too_fast(excess_mps)
+            return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
         if basis.front is None:
-            return wording.meanwhile(basis.meanwhile, follows_plan=basis.before is not None)
-        window = self._window_said(scene, plan)
+            return Reason(code=ReasonCode.FASTEST_SAFE if basis.before is None else ReasonCode.AS_BEFORE)
+        window = self._window_said(scene, plan, deviation_s)
         if window:
-            return f"{window}, {wording.deviation(deviation_s)}"
+            return window
         if fit is Fit.LATE:
-            return wording.fastest(deviation_s)
+            return Reason(code=ReasonCode.FASTEST, late_s=deviation_s)
         if deviation_s <= -DEVIATION_NAMED_S:
-            return wording.wait_at(deviation_s, planner.section.end_stop_name)
+            stop = planner.section.end_stop_name
+            return Reason(code=ReasonCode.WAITS_AT_STOP, late_s=deviation_s, stop=stop)
         if fit is Fit.EARLY or deviation_s >= DEVIATION_NAMED_S:
-            return wording.least_energy(deviation_s)
-        return wording.on_time(goal.operator_delay_s)
+            return Reason(code=ReasonCode.LEAST_ENERGY, late_s=deviation_s)
+        if goal.operator_delay_s is not None and goal.operator_delay_s >= 1:
+            return Reason(code=ReasonCode.ON_TIME_TOLD_LATE, late_s=goal.operator_delay_s)
+        return Reason(code=ReasonCode.ON_TIME)
 
-    def _window_said(self, scene: Scene, plan: Plan) -> str:
-        """Words on the point ahead: for how long it may not be passed yet, or that it will be passed late; or empty."""
+    def _window_said(self, scene: Scene, plan: Plan, deviation_s: float) -> Reason:
+        """The point ahead, if it may not be passed yet or will be passed late; otherwise no reason."""
         state, _, planner, goal, _ = scene
         point = goal.passing
         if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:
-            return ""
-        if point.earliest_ns is not None and point.earliest_ns > state.now_ns:
-            return wording.wait_for_point(point, state.now_ns)
-        missed_s = _missed_s(point, plan)
-        return wording.point_missed(point, missed_s) if missed_s >= self._settings.display.missed_named_s else ""
+            return NO_REASON
+        code, time_ns = ReasonCode.POINT_EARLIEST, point.earliest_ns or 0
+        if time_ns <= state.now_ns:
+            if _missed_s(point, plan) < self._settings.display.missed_named_s:
+                return NO_REASON
+            code, time_ns = ReasonCode.POINT_MISSED, point.latest_ns or 0
+        return Reason(code=code, at_m=point.s_m, time_ns=time_ns, late_s=deviation_s, text=point.reason)
 
 
 def _buffer_ratio(scene: Scene, settings: DisplaySettings) -> float:

@@ -19,8 +19,18 @@ import numpy as np
 from das.advice import last_word_kernels as kernels
 from das.advice import wording
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Source, Withdrawal
-from das.advice.braking_model import LONGEST_S, STOPPED_MPS, BrakingBasis, BrakingModel, Consequences, Doing, Excess
+from das.advice.braking_model import (
+    LONGEST_S,
+    STOPPED_MPS,
+    BrakingBasis,
+    BrakingModel,
+    Consequences,
+    Doing,
+    Excess,
+    Needed,
+)
 from das.advice.goal import SPEED_STEP_MPS
+from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
@@ -178,8 +188,17 @@ class _Judgement:
             advised_force_ratio=force_n / most_n if most_n > 0 else 0.0,
             **self._train.braked_horizon(force_n, needed.speed_mps, seconds),
             source=Source.FALLBACK,
-            reason=wording.brake_for(needed.speed_mps, needed.at_m, stops=needed.at_m >= self._model.end_m),
+            reason=self._reason(needed),
         )
+
+    def _reason(self, needed: Needed) -> Reason:
+        """Why the train must brake: it is too fast already, or for the limit or the stop that needs it."""
+        if needed.at_m >= self._model.end_m:
+            return Reason(code=ReasonCode.STOP, stop=self._model.end_stop)
+        if needed.speed_mps < self._model.limit_mps(self._train.ahead_m):
+            return Reason(code=ReasonCode.LIMIT, speed_mps=needed.speed_mps, at_m=needed.at_m)
+        excess_mps = self._train.v_mps - needed.speed_mps
+        return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps) if excess_mps > 0 else NO_REASON
 
     def _judge_speeds(self) -> None:
         """Judge the speeds shown for the present position, and the limit."""
@@ -307,7 +326,7 @@ class _Judgement:
             target_s=2.0 * way_m / max(self._train.v_mps + needed.speed_mps, STOPPED_MPS),
             force_n=force_n,
             reference_force_n=force_n,
-            reason=wording.brake_for(needed.speed_mps, needed.at_m, stops=needed.at_m >= self._model.end_m),
+            reason=self._reason(needed),
         )
 
     def _judge_speed_of(self, now: Instruction) -> None:
@@ -375,7 +394,7 @@ def _withdrawn(advice: Advice) -> Advice:
         time_ns=advice.time_ns,
         position_time_ns=advice.position_time_ns,
         cause=why.cause,
-        reason=wording.withdrawal(why),
+        reason=Reason.of_text(wording.withdrawal(why)),
         valid_until_ns=advice.time_ns,
     )
 

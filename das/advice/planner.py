@@ -34,10 +34,9 @@ from das.solver.state import fastest, least_time_s
 class PlanBasis:
     """What the plans of a section are made from.
 
-    `front` is the section's front of optimal trajectories. While it is None (not known yet, for the reason that
-    `meanwhile` gives), the plan is the fastest safe trajectory, nowhere faster than `before`, the plan that the train
-    has followed so far. `passing` holds the fronts for a point that must be passed in a window of time; None if there
-    is no such point.
+    `front` is the section's front of optimal trajectories. While it is None (not known yet), the plan is the fastest
+    safe trajectory, nowhere faster than `before`, the plan that the train has followed so far. `passing` holds the
+    fronts for a point that must be passed in a window of time; None if there is no such point.
     """
 
     section: Section
@@ -45,7 +44,6 @@ class PlanBasis:
     source: Source = Source.FALLBACK
     passing: PassingFronts | None = None
     before: Plan | None = None
-    meanwhile: str = "solving"
 
 
 class Planner:

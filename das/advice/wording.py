@@ -1,12 +1,19 @@
-"""The texts of advice and withdrawals, for people. Programs must read the causes and modes, never these texts."""
+"""The words of advice, for people, in the languages of drivers. Programs read codes, causes and modes, never these.
+
+Why there is no advice is said in English alone: a cab shows nothing then, and the words are for logs.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime, tzinfo
+from enum import StrEnum
 from typing import Final, NamedTuple
 
 from das.advice.advice import Cause, Withdrawal
-from das.advice.goal import DEVIATION_NAMED_S, PassingTarget
-from das.advice.regimes import Regime
+from das.advice.reason import Reason, ReasonCode
+from das.advice.regimes import Regime, mode_name
 from das.domain.units import KM, KMH, NS
 from das.estimate.estimate import Problem, ProblemKind
 
@@ -64,130 +71,201 @@ def problem(what: Problem) -> str:
     return texts[kind]
 
 
-def deviation(late_s: float) -> str:
-    """The text on how late (> 0) or early (< 0) a train is (s)."""
-    if abs(late_s) < 1.0:
-        return "on time"
-    return f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
-
-
-def arrived(late_s: float) -> str:
-    """The reason for a train that stands at its stop."""
-    return f"arrived, {deviation(late_s)}"
-
-
-def departs_in(seconds: float) -> str:
-    """The reason for a train that waits for its departure."""
-    return f"depart in {seconds:.0f} s"
-
-
-def departs_when_cleared(then: str) -> str:
-    """The reason for a standing train that is due to depart; `then` is the reason for what it does after departing."""
-    return f"depart when cleared: {then}"
-
-
-STOP_HERE: Final = "stop here"
-
-
 NOTHING_TO_JUDGE_BY: Final = "no advice: position or speed unknown"
 
 
-def brake_for(speed_mps: float, at_m: float, *, stops: bool) -> str:
-    """The reason for a train that must brake at once, for a limit or for the stop."""
-    return "brake for the stop" if stops else f"brake to {speed_mps / KMH:.0f} km/h by km {at_m / KM:.2f}"
+class Language(StrEnum):
+    """The languages in which a display can show the advice; the values are those of the command line."""
+
+    EN = "en"
+    DE = "de"
+    FR = "fr"
 
 
-def no_plan_too_fast(why: str) -> str:
-    """The reason for a train that is too fast for any plan and must brake."""
-    return f"too fast; no plan from here ({why})"
+ARRIVAL_STEP_S: Final = 5.0
+"""The arrival beside a reason is said in steps of this, so that the words do not change every second."""
 
 
-def too_fast(excess_mps: float) -> str:
-    """The reason for a train that is faster than limits and the stop allow."""
-    return f"{excess_mps / KMH:.0f} km/h too fast"
+class _Words(NamedTuple):
+    """The words of a language. `late`, `early`, `arrives_late` and `arrives_early` are about `seconds`.
+
+    The templates of `reasons` may name the limit or speed (`kmh`), the place (`km`), the time of day (`clock`), how
+    late the train is (`deviation`), the stop with its preposition (`at_stop`), and the `text` of a reason, in brackets
+    as `because`.
+    """
+
+    modes: Mapping[Regime, str]
+    reasons: Mapping[ReasonCode, str]
+    at_stop: str
+    on_time: str
+    late: str
+    early: str
+    arrives_late: str
+    arrives_early: str
+    top_speed: str
 
 
-def meanwhile(why: str, *, follows_plan: bool) -> str:
-    """The reason for advice without an optimum; `why` says why there is none (yet)."""
-    how = "as before, no faster than is allowed now" if follows_plan else "the fastest safe run"
-    return f"{why}: {how}"
+_WORDS: Final[Mapping[Language, _Words]] = {
+    Language.EN: _Words(
+        modes={**{mode: mode_name(mode) for mode in Regime}, Regime.DEPART: "depart when cleared"},
+        reasons={
+            ReasonCode.NONE: "",
+            ReasonCode.TEXT: "{text}",
+            ReasonCode.TOO_FAST: "{kmh} km/h too fast",
+            ReasonCode.LIMIT: "{kmh} km/h from km {km}",
+            ReasonCode.RESTRICTION: "restriction to {kmh} km/h from km {km}",
+            ReasonCode.STOP: "stop{at_stop}",
+            ReasonCode.POINT_EARLIEST: "km {km} not before {clock}{because}",
+            ReasonCode.POINT_MISSED: "km {km} as soon as possible, wanted by {clock}{because}",
+            ReasonCode.ARRIVAL: "",
+            ReasonCode.ARRIVED: "arrived, {deviation}",
+            ReasonCode.DEPARTURE: "departure at {clock}",
+            ReasonCode.NO_PLAN: "too fast; no plan from here ({text})",
+            ReasonCode.FASTEST_SAFE: "no optimum yet: the fastest safe run",
+            ReasonCode.AS_BEFORE: "no optimum yet: as before, no faster than is allowed now",
+            ReasonCode.FASTEST: "fastest, {deviation}",
+            ReasonCode.LEAST_ENERGY: "least energy, {deviation}",
+            ReasonCode.WAITS_AT_STOP: "least energy, {deviation}: wait{at_stop}",
+            ReasonCode.ON_TIME: "least energy on time",
+            ReasonCode.ON_TIME_TOLD_LATE: "least energy on time, operator says {deviation}",
+        },
+        at_stop=" at {stop}",
+        on_time="on time",
+        late="{seconds} s late",
+        early="{seconds} s early",
+        arrives_late="arrives {seconds} s late",
+        arrives_early="arrives {seconds} s early",
+        top_speed="top speed {speed}",
+    ),
+    Language.DE: _Words(
+        modes={
+            Regime.NONE: "keine Empfehlung",
+            Regime.FULL_TRACTION: "volle Zugkraft",
+            Regime.REDUCED_TRACTION: "verminderte Zugkraft",
+            Regime.CRUISE: "Geschwindigkeit halten",
+            Regime.COAST: "ausrollen",
+            Regime.REDUCED_BRAKE: "elektrisch bremsen",
+            Regime.FULL_BRAKE: "elektrisch voll bremsen",
+            Regime.FRICTION_BRAKE: "mit Druckluftbremse bremsen",
+            Regime.STOP: "Halt",
+            Regime.DEPART: "nach Zustimmung abfahren",
+        },
+        reasons={
+            ReasonCode.NONE: "",
+            ReasonCode.TEXT: "{text}",
+            ReasonCode.TOO_FAST: "{kmh} km/h zu schnell",
+            ReasonCode.LIMIT: "{kmh} km/h ab km {km}",
+            ReasonCode.RESTRICTION: "Langsamfahrstelle {kmh} km/h ab km {km}",
+            ReasonCode.STOP: "Halt{at_stop}",
+            ReasonCode.POINT_EARLIEST: "km {km} nicht vor {clock}{because}",
+            ReasonCode.POINT_MISSED: "km {km} so bald wie möglich, gewünscht bis {clock}{because}",
+            ReasonCode.ARRIVAL: "",
+            ReasonCode.ARRIVED: "angekommen, {deviation}",
+            ReasonCode.DEPARTURE: "Abfahrt um {clock}",
+            ReasonCode.NO_PLAN: "zu schnell; kein Plan von hier ({text})",
+            ReasonCode.FASTEST_SAFE: "noch kein Optimum: schnellste sichere Fahrt",
+            ReasonCode.AS_BEFORE: "noch kein Optimum: wie bisher, nicht schneller als jetzt erlaubt",
+            ReasonCode.FASTEST: "schnellste Fahrt, {deviation}",
+            ReasonCode.LEAST_ENERGY: "sparsamste Fahrt, {deviation}",
+            ReasonCode.WAITS_AT_STOP: "sparsamste Fahrt, {deviation}: warten{at_stop}",
+            ReasonCode.ON_TIME: "sparsamste Fahrt, pünktlich",
+            ReasonCode.ON_TIME_TOLD_LATE: "sparsamste Fahrt, pünktlich; Leitstelle meldet {deviation}",
+        },
+        at_stop=" in {stop}",
+        on_time="pünktlich",
+        late="{seconds} s verspätet",
+        early="{seconds} s zu früh",
+        arrives_late="Ankunft {seconds} s verspätet",
+        arrives_early="Ankunft {seconds} s zu früh",
+        top_speed="Höchstgeschwindigkeit {speed}",
+    ),
+    Language.FR: _Words(
+        modes={
+            Regime.NONE: "pas de conseil",
+            Regime.FULL_TRACTION: "pleine traction",
+            Regime.REDUCED_TRACTION: "traction réduite",
+            Regime.CRUISE: "maintenir la vitesse",
+            Regime.COAST: "marche sur l'erre",
+            Regime.REDUCED_BRAKE: "frein électrique réduit",
+            Regime.FULL_BRAKE: "frein électrique à fond",
+            Regime.FRICTION_BRAKE: "frein à air",
+            Regime.STOP: "arrêt",
+            Regime.DEPART: "départ après assentiment",
+        },
+        reasons={
+            ReasonCode.NONE: "",
+            ReasonCode.TEXT: "{text}",
+            ReasonCode.TOO_FAST: "{kmh} km/h de trop",
+            ReasonCode.LIMIT: "{kmh} km/h dès le km {km}",
+            ReasonCode.RESTRICTION: "ralentissement à {kmh} km/h dès le km {km}",
+            ReasonCode.STOP: "arrêt{at_stop}",
+            ReasonCode.POINT_EARLIEST: "km {km} pas avant {clock}{because}",
+            ReasonCode.POINT_MISSED: "km {km} dès que possible, souhaité avant {clock}{because}",
+            ReasonCode.ARRIVAL: "",
+            ReasonCode.ARRIVED: "arrivé, {deviation}",
+            ReasonCode.DEPARTURE: "départ à {clock}",
+            ReasonCode.NO_PLAN: "trop vite ; aucun plan d'ici ({text})",
+            ReasonCode.FASTEST_SAFE: "pas encore d'optimum : la marche sûre la plus rapide",
+            ReasonCode.AS_BEFORE: "pas encore d'optimum : comme avant, sans dépasser ce qui est permis",
+            ReasonCode.FASTEST: "marche la plus rapide, {deviation}",
+            ReasonCode.LEAST_ENERGY: "marche économique, {deviation}",
+            ReasonCode.WAITS_AT_STOP: "marche économique, {deviation} : attendre{at_stop}",
+            ReasonCode.ON_TIME: "marche économique, à l'heure",
+            ReasonCode.ON_TIME_TOLD_LATE: "marche économique, à l'heure ; la régulation annonce {deviation}",
+        },
+        at_stop=" à {stop}",
+        on_time="à l'heure",
+        late="{seconds} s de retard",
+        early="{seconds} s d'avance",
+        arrives_late="arrivée avec {seconds} s de retard",
+        arrives_early="arrivée avec {seconds} s d'avance",
+        top_speed="vitesse maximale {speed}",
+    ),
+}
+_WITH_ARRIVAL: Final = frozenset({
+    *(ReasonCode.LIMIT, ReasonCode.RESTRICTION, ReasonCode.STOP, ReasonCode.ARRIVAL),
+    *(ReasonCode.POINT_EARLIEST, ReasonCode.POINT_MISSED),
+})  # fmt: skip
+"""After these reasons the arrival is said, if it is known."""
 
 
-def fastest(late_s: float) -> str:
-    """The reason for a train that is as fast as possible but late."""
-    return f"fastest, {deviation(late_s)}"
+def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) -> str:
+    """A reason in words, with times of day in a time zone; empty if there is nothing to say."""
+    said = _WORDS[language]
+    text = said.reasons[reason.code].format(
+        kmh=f"{reason.speed_mps / KMH:.0f}",
+        km=f"{reason.at_m / KM:.1f}",
+        clock=f"{datetime.fromtimestamp(reason.time_ns * NS, zone):%H:%M:%S}",
+        deviation=deviation(reason.late_s, language),
+        at_stop=said.at_stop.format(stop=reason.stop) if reason.stop else "",
+        text=reason.text,
+        because=f" ({reason.text})" if reason.text else "",
+    )
+    return ", ".join(filter(None, (text, _arrival(reason.late_s, said) if reason.code in _WITH_ARRIVAL else "")))
 
 
-def least_energy(late_s: float) -> str:
-    """The reason for a train that saves energy, with how late (s) it arrives."""
-    return f"least energy, {deviation(late_s)}"
+def _arrival(late_s: float, said: _Words) -> str:
+    """By how much a train arrives late or early; empty if that is unknown, or little."""
+    steps = round(late_s / ARRIVAL_STEP_S) if math.isfinite(late_s) else 0
+    if not steps:
+        return ""
+    return (said.arrives_late if steps > 0 else said.arrives_early).format(seconds=f"{abs(steps) * ARRIVAL_STEP_S:.0f}")
 
 
-def wait_at(late_s: float, stop: str) -> str:
-    """The reason for a train that arrives early and then waits at the stop."""
-    return f"least energy, {deviation(late_s)}: wait at {stop}"
+def deviation(late_s: float, language: Language = Language.EN) -> str:
+    """How late (> 0) or early (< 0) a train is (s), in words; a train within 0.5 s is on time."""
+    said = _WORDS[language]
+    seconds = f"{abs(late_s):.0f}"
+    if seconds == "0":
+        return said.on_time
+    return (said.late if late_s > 0 else said.early).format(seconds=seconds)
 
 
-def on_time(operator_delay_s: float | None) -> str:
-    """The reason for a train that arrives on time, with the delay (s) that the operator stated (None: no delay)."""
-    late = operator_delay_s is not None and operator_delay_s >= 1
-    return "least energy on time" + (f", operator says {deviation(operator_delay_s)}" if late else "")  # type: ignore[arg-type]
+def mode_words(mode: Regime, language: Language = Language.EN) -> str:
+    """What a display shows for a driving mode."""
+    return _WORDS[language].modes[mode]
 
 
-def wait_for_point(point: PassingTarget, now_ns: int) -> str:
-    """The reason for a train with a point ahead that it must not pass before a time."""
-    assert point.earliest_ns is not None
-    return f"{_pass(point)} in {(point.earliest_ns - now_ns) * NS:.0f} s or later{_because(point)}"
-
-
-def point_missed(point: PassingTarget, missed_s: float) -> str:
-    """The reason for a train that passes a point `missed_s` after the end of its window."""
-    return f"{_pass(point)} as soon as possible, {missed_s:.0f} s too late{_because(point)}"
-
-
-def _pass(point: PassingTarget) -> str:
-    return f"pass km {point.s_m / KM:.1f}"
-
-
-def _because(point: PassingTarget) -> str:
-    return f" ({point.reason})" if point.reason else ""
-
-
-class Aim(NamedTuple):
-    """What an instruction leads to: a speed (m/s; 0: a stop), where it is reached (m), and the name of the stop."""
-
-    speed_mps: float
-    at_m: float
-    stop: str = ""
-
-
-def instructed(mode: Regime, speed_mps: float, ahead: Aim | None, late_s: float) -> str:
-    """The reason of a coach's instruction; `ahead` is the limit or stop that it leads to, None if none is near."""
-    place = "" if ahead is None else f" for {_named(ahead)}"
-    if mode is Regime.COAST:
-        return f"coast{place}{_spare(late_s)}"
-    if mode in (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE):
-        return f"brake{place}"
-    if mode is Regime.CRUISE:
-        return f"hold {speed_mps / KMH:.0f}{_spare(late_s)}"
-    return f"accelerate to {speed_mps / KMH:.0f}{_spare(late_s)}"
-
-
-def slow_for_point(point: PassingTarget, now_ns: int, clock: str) -> str:
-    """The reason of the coach for a train that must not pass a point before a time; `clock` is that time of day."""
-    why = f"{point.reason}: " if point.reason else ""
-    seconds = (point.earliest_ns - now_ns) * NS if point.earliest_ns is not None else 0.0
-    return f"slow: {why}km {point.s_m / KM:.1f} not before {clock}, in {seconds:.0f} s"
-
-
-def _named(ahead: Aim) -> str:
-    if ahead.speed_mps < 0.5 and ahead.stop:
-        return ahead.stop
-    return f"the {ahead.speed_mps / KMH:.0f} at km {ahead.at_m / KM:.1f}"
-
-
-def _spare(late_s: float) -> str:
-    """How early or late the train is; empty if it is nearly on time."""
-    if late_s <= -DEVIATION_NAMED_S:
-        return f", {-late_s:.0f} s spare"
-    return f", {deviation(late_s)}" if late_s >= DEVIATION_NAMED_S else ""
+def top_speed(speed: str, language: Language = Language.EN) -> str:
+    """What a display shows for a speed that is not to be exceeded."""
+    return _WORDS[language].top_speed.format(speed=speed)

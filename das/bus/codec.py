@@ -128,6 +128,7 @@ def encode_output(output: Output, tick: int = 0) -> Outgoing:
 def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
     """The message of an advice; the field names are the same."""
     fields = dict(vars(advice))  # A deep copy would take half of the time between a position and its advice.
+    fields["reason"] = vars(advice.reason)
     if advice.coach is not None:
         fields["coach"] = dataclasses.asdict(advice.coach)
     return das_pb2.Advice(tick=tick, **fields)

@@ -199,6 +199,58 @@ REPLAN_LOST: ReplanCause.ValueType  # 8
 """it cannot be kept to from where the train is"""
 Global___ReplanCause: _TypeAlias = ReplanCause  # noqa: Y015
 
+class _ReasonCode:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ReasonCodeEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ReasonCode.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    REASON_NONE: _ReasonCode.ValueType  # 0
+    """the advice says all there is to say"""
+    REASON_TEXT: _ReasonCode.ValueType  # 1
+    REASON_TOO_FAST: _ReasonCode.ValueType  # 2
+    REASON_LIMIT: _ReasonCode.ValueType  # 3
+    REASON_RESTRICTION: _ReasonCode.ValueType  # 4
+    REASON_STOP: _ReasonCode.ValueType  # 5
+    REASON_POINT_EARLIEST: _ReasonCode.ValueType  # 6
+    REASON_POINT_MISSED: _ReasonCode.ValueType  # 7
+    REASON_ARRIVAL: _ReasonCode.ValueType  # 8
+    REASON_ARRIVED: _ReasonCode.ValueType  # 9
+    REASON_DEPARTURE: _ReasonCode.ValueType  # 10
+    REASON_NO_PLAN: _ReasonCode.ValueType  # 11
+    REASON_FASTEST_SAFE: _ReasonCode.ValueType  # 12
+    REASON_AS_BEFORE: _ReasonCode.ValueType  # 13
+    REASON_FASTEST: _ReasonCode.ValueType  # 14
+    REASON_LEAST_ENERGY: _ReasonCode.ValueType  # 15
+    REASON_WAITS_AT_STOP: _ReasonCode.ValueType  # 16
+    REASON_ON_TIME: _ReasonCode.ValueType  # 17
+    REASON_ON_TIME_TOLD_LATE: _ReasonCode.ValueType  # 18
+
+class ReasonCode(_ReasonCode, metaclass=_ReasonCodeEnumTypeWrapper):
+    """The kinds of reasons; das/advice/reason.py says what each one means and which fields it has."""
+
+REASON_NONE: ReasonCode.ValueType  # 0
+"""the advice says all there is to say"""
+REASON_TEXT: ReasonCode.ValueType  # 1
+REASON_TOO_FAST: ReasonCode.ValueType  # 2
+REASON_LIMIT: ReasonCode.ValueType  # 3
+REASON_RESTRICTION: ReasonCode.ValueType  # 4
+REASON_STOP: ReasonCode.ValueType  # 5
+REASON_POINT_EARLIEST: ReasonCode.ValueType  # 6
+REASON_POINT_MISSED: ReasonCode.ValueType  # 7
+REASON_ARRIVAL: ReasonCode.ValueType  # 8
+REASON_ARRIVED: ReasonCode.ValueType  # 9
+REASON_DEPARTURE: ReasonCode.ValueType  # 10
+REASON_NO_PLAN: ReasonCode.ValueType  # 11
+REASON_FASTEST_SAFE: ReasonCode.ValueType  # 12
+REASON_AS_BEFORE: ReasonCode.ValueType  # 13
+REASON_FASTEST: ReasonCode.ValueType  # 14
+REASON_LEAST_ENERGY: ReasonCode.ValueType  # 15
+REASON_WAITS_AT_STOP: ReasonCode.ValueType  # 16
+REASON_ON_TIME: ReasonCode.ValueType  # 17
+REASON_ON_TIME_TOLD_LATE: ReasonCode.ValueType  # 18
+Global___ReasonCode: _TypeAlias = ReasonCode  # noqa: Y015
+
 @_typing.final
 class Position(_message.Message):
     """Where the train is, from its own localisation (das/<train>/position)."""
@@ -511,6 +563,51 @@ class Control(_message.Message):
 Global___Control: _TypeAlias = Control  # noqa: Y015
 
 @_typing.final
+class Reason(_message.Message):
+    """Why an advice says what it says: a code with its figures and names, for a display to put into words."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CODE_FIELD_NUMBER: _builtins.int
+    SPEED_MPS_FIELD_NUMBER: _builtins.int
+    AT_M_FIELD_NUMBER: _builtins.int
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    LATE_S_FIELD_NUMBER: _builtins.int
+    STOP_FIELD_NUMBER: _builtins.int
+    TEXT_FIELD_NUMBER: _builtins.int
+    code: Global___ReasonCode.ValueType
+    speed_mps: _builtins.float
+    """[m/s] of the limit, or by how much the train is too fast; NaN: the code has none, as for all figures here"""
+    at_m: _builtins.float
+    """[m] where the limit begins, or the point to pass"""
+    time_ns: _builtins.int
+    """[ns since 1970, UTC] earliest or latest time of the point, or the departure; 0: none"""
+    late_s: _builtins.float
+    """[s] late > 0, at the arrival"""
+    stop: _builtins.str
+    """its name"""
+    text: _builtins.str
+    """not made by the advice: why the operator wants a point passed then, or an error"""
+    def __init__(
+        self,
+        *,
+        code: Global___ReasonCode.ValueType = ...,
+        speed_mps: _builtins.float = ...,
+        at_m: _builtins.float = ...,
+        time_ns: _builtins.int = ...,
+        late_s: _builtins.float = ...,
+        stop: _builtins.str = ...,
+        text: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["at_m", b"at_m", "code", b"code", "late_s", b"late_s", "speed_mps", b"speed_mps", "stop", b"stop", "text", b"text", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Reason: _TypeAlias = Reason  # noqa: Y015
+
+@_typing.final
 class Coaching(_message.Message):
     """What leads a driver along a reference that stands: what to do, up to which speed, and what comes after it."""
 
@@ -583,19 +680,15 @@ class Coaching(_message.Message):
     TARGET_M_FIELD_NUMBER: _builtins.int
     TARGET_S_FIELD_NUMBER: _builtins.int
     FORCE_N_FIELD_NUMBER: _builtins.int
-    REASON_FIELD_NUMBER: _builtins.int
-    WORTH_J_FIELD_NUMBER: _builtins.int
     REPLAN_FIELD_NUMBER: _builtins.int
     REFERENCE_FORCE_N_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
     target_m: _builtins.float
     """[m] way to where the speed is reached, or to the end of holding it"""
     target_s: _builtins.float
     """[s]"""
     force_n: _builtins.float
     """[N] wheel force of the instruction at the present speed"""
-    reason: _builtins.str
-    worth_j: _builtins.float
-    """[J] what following it saves against going on at the present speed, at the same arrival"""
     reference_force_n: _builtins.float
     """[N] wheel force that keeps to the reference here; the effort shown stands for a while"""
     @_builtins.property
@@ -606,6 +699,8 @@ class Coaching(_message.Message):
 
     @_builtins.property
     def replan(self) -> Global___Coaching.Replan: ...
+    @_builtins.property
+    def reason(self) -> Global___Reason: ...
     def __init__(
         self,
         *,
@@ -614,14 +709,13 @@ class Coaching(_message.Message):
         target_m: _builtins.float = ...,
         target_s: _builtins.float = ...,
         force_n: _builtins.float = ...,
-        reason: _builtins.str = ...,
-        worth_j: _builtins.float = ...,
         replan: Global___Coaching.Replan | None = ...,
         reference_force_n: _builtins.float = ...,
+        reason: Global___Reason | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["now", b"now", "replan", b"replan"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["now", b"now", "reason", b"reason", "replan", b"replan"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["following", b"following", "force_n", b"force_n", "now", b"now", "reason", b"reason", "reference_force_n", b"reference_force_n", "replan", b"replan", "target_m", b"target_m", "target_s", b"target_s", "worth_j", b"worth_j"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["following", b"following", "force_n", b"force_n", "now", b"now", "reason", b"reason", "reference_force_n", b"reference_force_n", "replan", b"replan", "target_m", b"target_m", "target_s", b"target_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -673,7 +767,6 @@ class Advice(_message.Message):
     BUFFER_RATIO_FIELD_NUMBER: _builtins.int
     ENERGY_TO_GO_J_FIELD_NUMBER: _builtins.int
     SOURCE_FIELD_NUMBER: _builtins.int
-    REASON_FIELD_NUMBER: _builtins.int
     VALID_UNTIL_NS_FIELD_NUMBER: _builtins.int
     LIMIT_MPS_FIELD_NUMBER: _builtins.int
     POSITION_SD_M_FIELD_NUMBER: _builtins.int
@@ -686,6 +779,7 @@ class Advice(_message.Message):
     COACH_FIELD_NUMBER: _builtins.int
     DEPARTURE_SPEED_MPS_FIELD_NUMBER: _builtins.int
     DEPARTURE_FORCE_RATIO_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     """[ns since 1970, UTC]"""
     tick: _builtins.int
@@ -717,7 +811,6 @@ class Advice(_message.Message):
     energy_to_go_j: _builtins.float
     """[J] at the current collector, to the next stop"""
     source: Global___Advice.Source.ValueType
-    reason: _builtins.str
     valid_until_ns: _builtins.int
     """[ns since 1970, UTC]"""
     limit_mps: _builtins.float
@@ -734,7 +827,7 @@ class Advice(_message.Message):
     next_four_change_s: _builtins.float
     """[s]"""
     cause: Global___WithdrawalCause.ValueType
-    """why mode is NONE; the reason says it in words"""
+    """why mode is NONE; the reason has it as a text"""
     departure_speed_mps: _builtins.float
     """[m/s] with DEPART: the speed to accelerate to when cleared; otherwise 0"""
     departure_force_ratio: _builtins.float
@@ -751,6 +844,8 @@ class Advice(_message.Message):
     def coach(self) -> Global___Coaching:
         """absent: the node has no coach, or no reference yet"""
 
+    @_builtins.property
+    def reason(self) -> Global___Reason: ...
     def __init__(
         self,
         *,
@@ -773,7 +868,6 @@ class Advice(_message.Message):
         buffer_ratio: _builtins.float = ...,
         energy_to_go_j: _builtins.float = ...,
         source: Global___Advice.Source.ValueType = ...,
-        reason: _builtins.str = ...,
         valid_until_ns: _builtins.int = ...,
         limit_mps: _builtins.float = ...,
         position_sd_m: _builtins.float = ...,
@@ -786,8 +880,9 @@ class Advice(_message.Message):
         coach: Global___Coaching | None = ...,
         departure_speed_mps: _builtins.float = ...,
         departure_force_ratio: _builtins.float = ...,
+        reason: Global___Reason | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["coach", b"coach"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["coach", b"coach", "reason", b"reason"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
     _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "coach", b"coach", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
@@ -1136,7 +1231,6 @@ class Cab(_message.Message):
     LIMIT_MPS_FIELD_NUMBER: _builtins.int
     SIGNAL_M_FIELD_NUMBER: _builtins.int
     LEVER_RATIO_FIELD_NUMBER: _builtins.int
-    REASON_FIELD_NUMBER: _builtins.int
     DISPLAY_SPEED_MPS_FIELD_NUMBER: _builtins.int
     LOOK_FIELD_NUMBER: _builtins.int
     CLOCK_S_FIELD_NUMBER: _builtins.int
@@ -1159,6 +1253,7 @@ class Cab(_message.Message):
     HORIZON_SPEED_MPS_FIELD_NUMBER: _builtins.int
     HORIZON_FORCE_N_FIELD_NUMBER: _builtins.int
     LIMITS_AHEAD_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     """[ns since 1970, UTC]"""
     presentation: Global___Cab.Presentation.ValueType
@@ -1177,8 +1272,6 @@ class Cab(_message.Message):
     """[m] a signal at danger ahead"""
     lever_ratio: _builtins.float
     """[ratio] what the controller is set to: share of the largest traction (> 0) or of all brakes (< 0)"""
-    reason: _builtins.str
-    """why, in the words of the coach"""
     display_speed_mps: _builtins.float
     """[m/s] the speed that is shown, in whole km/h; NaN: none is"""
     look: _builtins.int
@@ -1231,6 +1324,10 @@ class Cab(_message.Message):
     def limits_ahead(self) -> _containers.RepeatedCompositeFieldContainer[Global___Cab.LimitAhead]:
         """of the line, up to the next stop; only where an external driver is asked"""
 
+    @_builtins.property
+    def reason(self) -> Global___Reason:
+        """of the coach"""
+
     def __init__(
         self,
         *,
@@ -1244,7 +1341,6 @@ class Cab(_message.Message):
         limit_mps: _builtins.float = ...,
         signal_m: _builtins.float = ...,
         lever_ratio: _builtins.float = ...,
-        reason: _builtins.str = ...,
         display_speed_mps: _builtins.float = ...,
         look: _builtins.int = ...,
         clock_s: _builtins.float = ...,
@@ -1267,8 +1363,9 @@ class Cab(_message.Message):
         horizon_speed_mps: _abc.Iterable[_builtins.float] | None = ...,
         horizon_force_n: _abc.Iterable[_builtins.float] | None = ...,
         limits_ahead: _abc.Iterable[Global___Cab.LimitAhead] | None = ...,
+        reason: Global___Reason | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["reason", b"reason"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
     _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "clock_s", b"clock_s", "departure_s", b"departure_s", "deviation_s", b"deviation_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "friction_ratio", b"friction_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_s", b"next_change_s", "next_effort_ratio", b"next_effort_ratio", "next_mode", b"next_mode", "next_speed_mps", b"next_speed_mps", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from das.advice import wording
 from das.advice.advice import Advice, Cause
+from das.advice.reason import Reason
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab import event_wording
@@ -182,7 +183,7 @@ class Cab:
         self._reporting.note_internal_error()
         text = self._unforeseen(error)
         self._reporting.add(self._status(now_ns, NodeState.WITHDRAWN, text, Cause.INTERNAL_ERROR))
-        self._reporting.add(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=text))
+        self._reporting.add(Advice(time_ns=now_ns, cause=Cause.INTERNAL_ERROR, reason=Reason.of_text(text)))
         return self._reporting.take()
 
     def _act(self, message: Heard) -> None:
@@ -278,7 +279,8 @@ class Cab:
                 reporting.event(now_ns, Severity.INFO, text)
         if text := self.learning.news(now_ns):
             reporting.complain(now_ns, text)
-        reporting.changes(advice)
+        reason = wording.words(advice.reason, zone=self._post.route.zone)
+        reporting.changes(advice, reason)
         reporting.rejections(self.here)
         reporting.clocks(self.here)
         leg = self.legs.current
@@ -287,7 +289,7 @@ class Cab:
         if estimated is not None:
             reporting.add(estimated)
         reporting.advices += 1
-        status = self._status(now_ns, self._state(advice), advice.reason, advice.cause)
+        status = self._status(now_ns, self._state(advice), reason, advice.cause)
         reporting.add(dataclasses.replace(status, last_advice_s=took_s))
         reporting.add(advice)
 
@@ -310,7 +312,7 @@ class Cab:
         why = decide(self.here, trust, facts)
         if leg is None:
             assert why is not None
-            return Advice(time_ns=now_ns, cause=why.cause, reason=wording.withdrawal(why))
+            return Advice(time_ns=now_ns, cause=why.cause, reason=Reason.of_text(wording.withdrawal(why)))
         if why is None:
             try:
                 return leg.advise(self.here)

@@ -6,12 +6,12 @@ The words of advice and of withdrawals are in `das.advice.wording`; an event tha
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from typing import Final
 
 from das.advice import wording
 from das.advice.advice import Cause, Source, Withdrawal
-from das.advice.regimes import Regime, mode_name
+from das.advice.regimes import Regime
 from das.cab.heard import Kind, Target
 from das.domain.conditions import Conditions
 from das.domain.levels import Level
@@ -227,15 +227,15 @@ def departs_before_arrival(stop: int) -> str:
 # --- targets of traffic management -----------------------------------------------------------------------------------
 
 
-def targets(accepted: Sequence[Target]) -> str:
-    """The targets that hold from now on; the first few are named."""
+def targets(accepted: Sequence[Target], zone: tzinfo = UTC) -> str:
+    """The targets that hold from now on, with times of day in a time zone; the first few are named."""
     more = [f"{len(accepted) - MOST_NAMED} more"] if len(accepted) > MOST_NAMED else []
-    return "targets: " + ("; ".join([*map(_target, accepted[:MOST_NAMED]), *more]) or "none any more")
+    return "targets: " + ("; ".join([*(_target(one, zone) for one in accepted[:MOST_NAMED]), *more]) or "none any more")
 
 
-def _target(target: Target) -> str:
+def _target(target: Target, zone: tzinfo) -> str:
     words = (("at", target.arrival_ns), ("not before", target.earliest_ns), ("not after", target.latest_ns))
-    times = (f"{word} {datetime.fromtimestamp(at_ns * NS, UTC):%H:%M:%S}" for word, at_ns in words if at_ns > 0)
+    times = (f"{word} {datetime.fromtimestamp(at_ns * NS, zone):%H:%M:%S}" for word, at_ns in words if at_ns > 0)
     why = f" ({target.reason})" if target.reason else ""
     return " ".join([target.stop or f"km {target.s_m / KM:.1f}", *times]) + why
 
@@ -355,8 +355,8 @@ def tables_not_used(folder: object, error: Exception) -> str:
 
 
 def shown(regime: Regime, reason: str) -> str:
-    """Advice of another driving regime than before, or withdrawn for another cause."""
-    return reason if regime is Regime.DEPART else f"{mode_name(regime)}: {reason}"
+    """Advice of another driving regime than before, or withdrawn for another cause, with its reason in words."""
+    return ": ".join(filter(None, (wording.mode_words(regime), reason)))
 
 
 def position_restarted(s_m: float) -> str:

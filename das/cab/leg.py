@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from das.advice import wording
 from das.advice.advice import Advice, Coaching, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
 from das.advice.coach.coach import Coach
@@ -14,8 +13,8 @@ from das.advice.coach.keeping import Kept
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene
 from das.advice.goal import Goal, PassingTarget, TrainState
-from das.advice.plan import Plan
 from das.advice.planner import PlanBasis, Planner
+from das.advice.reason import Reason, ReasonCode
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.cab import event_wording
@@ -96,9 +95,9 @@ class Leg:
         if self._coach is not None:
             self._coach = self._coach.successor(self.section, front)
 
-    def use_meanwhile(self, section: Section, why: str) -> None:
+    def use_meanwhile(self, section: Section) -> None:
         """Plan for a changed section without a front yet: the last plan holds, capped by the speeds safe now."""
-        self.use(PlanBasis(section=section, before=self.planner.last_plan, meanwhile=why))
+        self.use(PlanBasis(section=section, before=self.planner.last_plan))
 
     def set_timetable(self, timetable: Timetable) -> None:
         """Take over a timetable; raises DasError if it leaves no time."""
@@ -144,20 +143,22 @@ class Leg:
         if stands:
             if beyond_m >= -stop.at_stop_m:
                 scene = scene._replace(coach=self._standing(state))
-                return self.display.standing(scene, wording.arrived(self._arrival_late_s(state.now_ns)))
+                late_s = self._arrival_late_s(state.now_ns)
+                return self.display.standing(scene, Reason(code=ReasonCode.ARRIVED, late_s=late_s))
             if state.s_m <= self.section.start_m + stop.at_stop_m and state.now_ns < self.goal.departure_ns:
                 return self.display.waiting(scene._replace(coach=self._standing(state)))
         if beyond_m >= -stop.standstill_m:
             needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
-            return self._braking(scene, wording.STOP_HERE, needed)
+            reason = Reason(code=ReasonCode.STOP, stop=self.section.end_stop_name)
+            return self._braking(scene, reason, needed)
         try:
             kept = None if self._coach is None else self._coach.plan(state, self.goal)
             plan = planner.plan_for(state, self.goal, None if kept is None else kept.scheduled)
-            scene = scene._replace(coach=self._coaching(kept, state, plan, stands=stands))
+            scene = scene._replace(coach=self._coaching(kept, state, stands=stands))
             return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
-                return self._braking(scene, wording.no_plan_too_fast(str(error)))
+                return self._braking(scene, Reason(code=ReasonCode.NO_PLAN, text=str(error)))
             raise NoPlanError(str(error)) from error
 
     def _state(self, here: Estimate) -> TrainState:
@@ -173,7 +174,7 @@ class Leg:
         self._forget()
         return self.display.withdrawn(here, why)
 
-    def _braking(self, scene: Scene, reason: str, needed: float = math.inf) -> Advice:
+    def _braking(self, scene: Scene, reason: Reason, needed: float = math.inf) -> Advice:
         """Advise full brakes without a plan; the coach shows the `needed` effort, but no less than it shows already."""
         shown = 0.0 if self._coach is None else self._coach.shown_effort
         if self._coach is not None and math.isfinite(needed) and self._coach.stands_at_mark(scene.state):
@@ -195,16 +196,15 @@ class Leg:
         if self._coach is not None:
             self._coach.forget()
 
-    def _coaching(self, kept: Kept | None, state: TrainState, plan: Plan, *, stands: bool) -> Coaching | None:
+    def _coaching(self, kept: Kept | None, state: TrainState, *, stands: bool) -> Coaching | None:
         """The coach's instruction to a train that runs, or that stands and has to go on; None without a coach."""
         if self._coach is None:
             return None
         planner = self.planner
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
         place = SpeedsAllowed(planner.allowed_for(state), limit_mps)
-        late_s = self.goal.late_s(plan.arrival_ns(state.now_ns, plan.at(state.s_m)))
         show = self._coach.departs if stands else self._coach.show
-        return show(kept, state, self.goal, place, late_s)
+        return show(kept, state, self.goal, place)
 
     def _standing(self, state: TrainState) -> Coaching | None:
         """The coach's instruction to a train that has to stand; None without a coach."""

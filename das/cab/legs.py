@@ -61,7 +61,7 @@ class Legs:
         news = self.preparation.take_news() + [News(text, True) for text in self.last_words.take_news()]
         if self._accepted != self._accepted_reported:
             self._accepted_reported = self._accepted
-            news.append(News(event_wording.targets(self._accepted)))
+            news.append(News(event_wording.targets(self._accepted, self.situation.route.zone)))
         return news
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:

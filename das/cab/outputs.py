@@ -178,11 +178,11 @@ class Reporting:
             self.event(now_ns, Severity.WARNING, event_wording.dropped(lost))
             self._dropped, self._losses_ns = dropped, now_ns
 
-    def changes(self, advice: Advice) -> None:
-        """Report a change of the driving regime, or of the cause of a withdrawal, with the reason."""
+    def changes(self, advice: Advice, reason: str) -> None:
+        """Report a change of the driving regime, or of the cause of a withdrawal, with the reason in words."""
         if (advice.mode, advice.cause) != self._shown:
             severity = Severity.WARNING if advice.mode is Regime.NONE else Severity.INFO
-            self.event(advice.time_ns, severity, event_wording.shown(advice.mode, advice.reason))
+            self.event(advice.time_ns, severity, event_wording.shown(advice.mode, reason))
             self._shown = advice.mode, advice.cause
 
     def note_internal_error(self) -> None:

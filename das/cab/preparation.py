@@ -231,7 +231,7 @@ def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
     why, refusal = difference(one.situation, wanted), ""
     one.give_up()
     try:
-        leg.use_meanwhile(wanted.section(leg.start.position_m, leg.end.position_m), why)
+        leg.use_meanwhile(wanted.section(leg.start.position_m, leg.end.position_m))
     except DasError as error:
         refusal = event_wording.impossible_now(why, error)
     # Only after the leg has taken over the situation: if that fails, the leg does not count as prepared.

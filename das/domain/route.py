@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +18,8 @@ Floats = NDArray[np.float64]
 
 POSITION_TOLERANCE_M = 1e-6
 """Two positions nearer than this are the same point."""
+AT_STOP_M = 1.0
+"""A stop is at a position if it is at most this far (m) from it."""
 NO_REGENERATION = -1.0
 """Supply (see `Route.supply`) of a stretch on which the electric brake must not be used."""
 NEUTRAL = -2.0
@@ -106,7 +109,8 @@ class Route:
     `receptivity_ratio` is the share of the power fed back that the line takes (0 to 1). While the head of the train is
     in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the `no_regeneration`
     zones there is no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where
-    unknown.
+    unknown. `restrictions` are the temporary ones that `limits_mps` holds. `time_zone` is the IANA name of the zone
+    whose clock the line has.
     """
 
     id: str
@@ -123,6 +127,8 @@ class Route:
     neutral_sections: tuple[Zone, ...] = ()
     no_regeneration: tuple[Zone, ...] = ()
     altitude_at_start_m: float = 0.0
+    restrictions: tuple[Restriction, ...] = ()
+    time_zone: str = "UTC"
     geometry_position_m: Floats
     geometry_latitude_deg: Floats
     geometry_longitude_deg: Floats
@@ -156,6 +162,11 @@ class Route:
         for array in (self.geometry_position_m, self.geometry_latitude_deg, self.geometry_longitude_deg):
             _check_finite(self.source, "geometry", array)
             array.setflags(write=False)
+
+    @property
+    def zone(self) -> ZoneInfo:
+        """The time zone of the line."""
+        return ZoneInfo(self.time_zone)
 
     def quantities(self) -> tuple[tuple[str, Stretches], ...]:
         """Speed limits, gradients, curves and receptivity, each with its name in messages."""
@@ -193,6 +204,11 @@ class Route:
         names = ", ".join(f"{i}: {s.name}" for i, s in enumerate(self.stops, 1))
         raise DasError(f"{self.source}: no stop {wanted!r}; it has {names}")
 
+    def stop_name_at(self, position_m: float) -> str:
+        """The name of the stop at a position (m); empty if there is none."""
+        near = (stop.name for stop in self.stops if abs(stop.position_m - position_m) <= AT_STOP_M)
+        return next(near, "")
+
     def reversed(self) -> Route:
         """The same line driven the other way; positions count from its other end."""
         length = self.length_m
@@ -207,6 +223,9 @@ class Route:
             receptivity_ratio=self.receptivity_ratio.reversed(length),
             neutral_sections=_zones_reversed(self.neutral_sections, length),
             no_regeneration=_zones_reversed(self.no_regeneration, length),
+            restrictions=tuple(
+                replace(x, start_m=length - x.end_m, end_m=length - x.start_m) for x in self.restrictions
+            ),
             altitude_at_start_m=float(self.altitude_m(length)),
             geometry_position_m=length - self.geometry_position_m[::-1],
             geometry_latitude_deg=self.geometry_latitude_deg[::-1].copy(),
@@ -223,7 +242,8 @@ class Route:
         for one in restrictions:
             within = (start_m >= one.start_m) & (start_m < one.end_m)
             value = np.where(within, np.minimum(value, one.limit_mps), value)
-        return replace(self, limits_mps=Stretches(start_m=start_m, value=value))
+        together = (*self.restrictions, *restrictions)
+        return replace(self, limits_mps=Stretches(start_m=start_m, value=value), restrictions=together)
 
     def limits_over_train(self, train_length_m: float) -> Stretches:
         """Lowest speed limit (m/s) over a train of a length (m, 0: a point mass), by the position of its head."""

@@ -30,8 +30,6 @@ from das.solver.kernels.tuples import KnownRun, LossParams, SpeedBounds, TrainPa
 from das.solver.line_profile import LineProfile, decision_nodes, even_nodes, fixed_nodes, subdivide
 
 Floats = NDArray[np.float64]
-AT_STOP_M = 1.0
-"""A section ends at a stop that is at most this far (m) from its end."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,9 +129,8 @@ class Section(LineProfile):
 
     @property
     def end_stop_name(self) -> str:
-        """The name of the stop where the section ends, or "the stop"."""
-        near = (stop.name for stop in self.route.stops if abs(stop.position_m - self.end_m) <= AT_STOP_M)
-        return next(near, "the stop")
+        """The name of the stop where the section ends; empty if it ends elsewhere."""
+        return self.route.stop_name_at(self.end_m)
 
     @property
     def name(self) -> str:

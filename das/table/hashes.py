@@ -43,6 +43,7 @@ _KEPT_BITS = 30
 """Bits of a number that count (about nine digits): the last ones of a computed loss map differ between processors."""
 _LINE_IGNORES = frozenset({
     *("id", "name", "source", "illustrative", "length_m", "stops", "altitude_at_start_m"),
+    *("restrictions", "time_zone"),  # `limits_mps` has the restrictions already
     *("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg"),
 })  # fmt: skip
 _TRAIN_IGNORES = frozenset(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from das.advice.wording import Language
 from das.command_line.files import check_outputs, check_picture, save_figure
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed, visible
@@ -50,6 +51,9 @@ ThemeOption = Annotated[str, typer.Option("--theme", metavar="NAME", help="Pictu
 MapOption = Annotated[
     bool,
     typer.Option("--map", help="Viewer: a map as well; it loads its tiles from OpenStreetMap over the network."),
+]
+LanguageOption = Annotated[
+    Language, typer.Option("--language", help="Viewer: the language of what the driver's display shows.")
 ]
 SHOWN = 8
 """The table of a comparison shows this many stretches: those on which the drives differ most."""
@@ -359,6 +363,7 @@ def view(
     end: ToTimeOption = None,
     theme: ThemeOption = "light",
     with_map: MapOption = False,
+    language: LanguageOption = Language.EN,
     of_train: OfTrainOption = None,
 ) -> None:
     """Look at a recording in the rerun viewer, or as a picture: speed, limits, advice, forces, delay, events.
@@ -377,12 +382,12 @@ def view(
     with busy(f"reading {file} …"):
         recording = part_of(open_recording(file, of_train), start, end)
     if save is None and plot is None:
-        open_view(recording, with_map=with_map)
+        open_view(recording, with_map=with_map, language=language)
     if plot is not None:
         with busy(f"drawing {plot} …"):
             save_picture(recording, plot, THEMES[theme])
         tell(f"written: {plot}")
     if save is not None:
         with busy(f"writing {save} …"):
-            save_view(recording, save, with_map=with_map)
+            save_view(recording, save, with_map=with_map, language=language)
         tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

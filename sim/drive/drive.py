@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC, tzinfo
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -143,6 +144,11 @@ class DrivenWay:
     def inputs(self) -> DriveInputs:
         """Line, train and level; DasError if they are neither attached to the recording nor bundled."""
         return _raised(self._inputs)
+
+    @property
+    def zone(self) -> tzinfo:
+        """The time zone of the line; UTC where the line is not known."""
+        return UTC if isinstance(self._inputs, DasError) else self._inputs.route.zone
 
     @cached_property
     def limit_mps(self) -> Floats:

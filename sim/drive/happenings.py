@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -10,6 +9,9 @@ from typing import Any, Final, NamedTuple
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from das.advice.advice import Cause
+from das.advice.reason import Reason
+from das.advice.wording import words
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS
@@ -87,14 +89,15 @@ def _silent(recording: Recording, first_ns: int, last_ns: int) -> Iterator[tuple
         valid_ns = max(advice.valid_until_ns, advice.time_ns + HEARD_NS)
         heard_ns = min(next_ns, valid_ns)
         if advice.source == das_pb2.Advice.SOURCE_NONE:
-            yield Span(advice.time_ns, heard_ns, advice.reason), _cause(advice)
+            yield Span(advice.time_ns, heard_ns, withdrawal_words(advice)), int(advice.cause)
     if advices:
         yield Span(heard_ns, last_ns, NOT_HEARD), NOT_HEARD
 
 
-def _cause(advice: Any) -> int | str:
-    """The cause of a withdrawal; in a recording older than causes, the reason without the numbers in it."""
-    return int(advice.cause) or re.sub(r"[\d.]+", "", advice.reason)
+def withdrawal_words(advice: Any) -> str:
+    """Why advice was withdrawn, in words; in a recording older than the codes of reasons, the name of the cause."""
+    text = words(Reason.read(advice.reason))
+    return text or Cause(advice.cause).label.replace("-", " ")
 
 
 def signals(recording: Recording) -> tuple[Signal, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
 from das.advice.goal import nearest_step
+from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import Regime
 from das.domain.restriction import Restriction
 from sim.drivers.kinds import Presentation
@@ -69,7 +70,7 @@ class AdviceView:
     next_effort_ratio: float = math.nan
     due_s: float = 0.0
     target_way_m: float = math.nan
-    reason: str = ""
+    reason: Reason = NO_REASON
     deviation_s: float = math.nan
 
     @property

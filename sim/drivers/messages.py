@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from google.protobuf.message import Message
 
+from das.advice.reason import Reason
 from das.bus import das_pb2
 from das.bus.restrictions import decode_restriction, encode_restriction
 from das.domain.errors import DasError
@@ -28,8 +29,8 @@ _FIELDS: Final = {
     **{name: name for name in ("next_effort_ratio", "due_s", "target_way_m", "deviation_s")},
 }
 """The figures of `AdviceView` with their names in the message, which has NaN for them while nothing is shown."""
-_WORDS: Final = ("mode", "next_mode", "reason")
-"""The fields of `AdviceView` other than figures; the message has them under the same names."""
+_MODES: Final = ("mode", "next_mode")
+"""The modes of `AdviceView`; the message has them under the same names."""
 
 
 class CabLook(NamedTuple):
@@ -138,7 +139,8 @@ def _advice_fields(view: AdviceView | None, *, horizons: bool) -> dict[str, Any]
     return {
         "presentation": presenter_of(view.presentation).number,
         **{field: getattr(view, name) for name, field in _FIELDS.items()},
-        **{name: getattr(view, name) for name in (*_WORDS, *ahead)},
+        **{name: getattr(view, name) for name in (*_MODES, *ahead)},
+        "reason": das_pb2.Reason(**vars(view.reason)),
     }
 
 
@@ -149,7 +151,8 @@ def _advice_view(message: Any) -> AdviceView | None:
     return AdviceView(
         presentation=presentation,
         **{name: getattr(message, field) for name, field in _FIELDS.items()},
-        **{name: getattr(message, name) for name in _WORDS},
+        **{name: getattr(message, name) for name in _MODES},
+        reason=Reason.read(message.reason),
         horizon_speed_mps=tuple(message.horizon_speed_mps),
         horizon_force_n=tuple(message.horizon_force_n),
     )

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
+from das.advice.reason import NO_REASON
 from das.advice.regimes import BRAKES, Regime
 from das.domain.errors import DasError, InputError
 from sim.drivers.cab import AdviceView
@@ -87,7 +88,7 @@ class Screen:
         """The advice without the parts that the display does not show."""
         settings = self._settings
         if not settings.reason and view.reason:
-            view = replace(view, reason="")
+            view = replace(view, reason=NO_REASON)
         if math.isinf(settings.preview_s):
             return view
         seconds = int(settings.preview_s)

@@ -16,6 +16,7 @@ import numpy as np
 import rerun as rr
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from das.advice.wording import Language
 from das.bus import topics
 from das.domain.units import KM, KMH, NS
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
@@ -23,7 +24,7 @@ from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
 from sim.review.series import QUANTITIES, STYLES, MapTrack, quantity_of
-from sim.review.words import cards, summary
+from sim.review.words import DisplayWords, cards, summary
 
 DRIVE_CLOCK, TIME_OF_DAY, POSITION = "drive_clock", "time_of_day", "position_m"
 """Names of the timelines: time on the drive's clock, time of day (UTC), position on the route (m)."""
@@ -93,8 +94,8 @@ class Timelines:
         ]
 
 
-def send(out: rr.RecordingStream, scene: ReviewScene, *, with_map: bool) -> None:
-    """Send everything to rerun that is to be shown, except the energy attribution."""
+def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, with_map: bool) -> None:
+    """Send everything to rerun that is to be shown, except the energy attribution; the display is in a language."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
     lines = Timelines(trip=scene.trip, clock=scene.clock)
     for name, (time_ns, values) in scene.series.items():
@@ -104,7 +105,7 @@ def send(out: rr.RecordingStream, scene: ReviewScene, *, with_map: bool) -> None
         _lane(out, lines, lane)
     _bookmarks(out, lines, scene)
     _events(out, lines, scene)
-    _cab(out, lines, scene)
+    _cab(out, lines, scene, language)
     if scene.way is not None:
         _location(out, lines, scene.way, scene, with_map=with_map)
     _over_distance(out, lines, scene)
@@ -183,9 +184,9 @@ def _event_text(event: Log, early_s: float) -> str:
     return f"{when}{event.name}: {event.message}" if event.name else f"{when}{event.message}"
 
 
-def _cab(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
+def _cab(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene, language: Language) -> None:
     """Send what the driver saw, as a text that changes with the time."""
-    found = cards(scene.recording, scene.trip)
+    found = cards(scene.recording, scene.trip, DisplayWords(language, scene.drive.zone))
     if found:
         columns = rr.TextDocument.columns(text=[card.text for card in found], media_type=[MARKDOWN] * len(found))
         out.send_columns(CAB_CARD, lines.of(np.array([card.time_ns for card in found])), columns)

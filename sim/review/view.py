@@ -18,6 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from das.advice.wording import Language
 from das.bus.recording import Recording
 from das.command_line.files import check_picture, save_figure
 from das.command_line.process import interrupt_on_termination
@@ -36,8 +37,10 @@ CLOSING_S: Final = 5.0
 """How long (s) a viewer may take to end before it is killed."""
 
 
-def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -> None:
-    """Write a recording as a rerun file, with our layout and the energy attribution in it.
+def save_view(
+    recording: Recording, rrd_path: Path, *, with_map: bool = False, language: Language = Language.EN
+) -> None:
+    """Write a recording as a rerun file, with our layout, the energy attribution, and a display in a language.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -45,18 +48,18 @@ def save_view(recording: Recording, rrd_path: Path, *, with_map: bool = False) -
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        write_view(recording, whole, with_map=with_map)
+        write_view(recording, whole, with_map=with_map, language=language)
         write_whole(rrd_path, whole.read_bytes())
 
 
-def write_view(recording: Recording, path: Path, *, with_map: bool = False) -> None:
+def write_view(recording: Recording, path: Path, *, with_map: bool = False, language: Language = Language.EN) -> None:
     """Write a rerun file with our layout, replacing an existing file; if this fails, a half-written file is left."""
     from sim.review.rerun_drawing import send, send_attribution
 
     scene = _scene_of(recording)
     with _stream(scene) as out:
         out.save(path, default_blueprint=_blueprint(scene, with_map=with_map))
-        send(out, scene, with_map=with_map)
+        send(out, scene, language, with_map=with_map)
         send_attribution(out, scene.with_attribution())
         out.flush()
         out.disconnect()
@@ -76,7 +79,7 @@ def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT)
     save_figure(picture_path, picture_of(recording, theme), dpi=DPI, facecolor=theme.background)
 
 
-def open_view(recording: Recording, *, with_map: bool = False) -> None:
+def open_view(recording: Recording, *, with_map: bool = False, language: Language = Language.EN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
     The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
@@ -86,10 +89,10 @@ def open_view(recording: Recording, *, with_map: bool = False) -> None:
     _check_display()
     scene, port = _scene_of(recording), _free_port()
     interrupt_on_termination()
-    run_viewer(port, lambda: _feed_viewer(scene, port, with_map=with_map))
+    run_viewer(port, lambda: _feed_viewer(scene, port, language, with_map=with_map))
 
 
-def _feed_viewer(scene: ReviewScene, port: int, *, with_map: bool) -> None:
+def _feed_viewer(scene: ReviewScene, port: int, language: Language, *, with_map: bool) -> None:
     """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
     attribution.
 
@@ -100,7 +103,7 @@ def _feed_viewer(scene: ReviewScene, port: int, *, with_map: bool) -> None:
 
     with _stream(scene) as out:
         out.connect_grpc(_viewer_address(port), default_blueprint=_blueprint(scene, with_map=with_map))
-        send(out, scene, with_map=with_map)
+        send(out, scene, language, with_map=with_map)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from textwrap import wrap
 from typing import Any, Final, NamedTuple
 
+from das.advice import wording
 from das.advice.regimes import Regime
+from das.advice.wording import Language
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, PERCENT, kwh
 from sim.drive.drive import Drive
+from sim.drive.happenings import withdrawal_words
 from sim.drivers.messages import recorded_view
-from sim.drivers.presentations.presenter import DEPART, mode_words, presenter_of, speed_words
+from sim.drivers.presentations.presenter import mode_words, presenter_of, speed_words
 from sim.recording.course import DrivenCourse
 from sim.world.disturbances import NOTHING
 
@@ -113,14 +116,24 @@ class Card(NamedTuple):
     text: str
 
 
-def cards(recording: Recording, trip: DrivenCourse) -> tuple[Card, ...]:
-    """What the driver saw, a card for each change; if no display was recorded, what the node advised."""
+class DisplayWords(NamedTuple):
+    """The language of the display, and the time zone of its clock."""
+
+    language: Language = Language.EN
+    zone: tzinfo = UTC
+
+
+IN_ENGLISH: Final = DisplayWords()
+
+
+def cards(recording: Recording, trip: DrivenCourse, said: DisplayWords = IN_ENGLISH) -> tuple[Card, ...]:
+    """What the driver saw, a card for each change; if no display was recorded, what the node advised.
+
+    The words of the display are in its language, those of the review beside them in English.
+    """
     seen = recording.of(topics.CAB)
-    texts = (
-        [Card(entry.message.time_ns, _of_cab(entry.message)) for entry in seen]
-        if seen
-        else [Card(entry.message.time_ns, _of_advice(entry.message)) for entry in recording.of(topics.ADVICE)]
-    )
+    of_message, entries = (_of_cab, seen) if seen else (_of_advice, recording.of(topics.ADVICE))
+    texts = [Card(entry.message.time_ns, of_message(entry.message, said)) for entry in entries]
     return tuple(_changes(sorted(texts), trip))
 
 
@@ -132,50 +145,54 @@ def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
             before = card.text
 
 
-def _of_cab(cab: Any) -> str:
+def _of_cab(cab: Any, said: DisplayWords) -> str:
     view = recorded_view(cab)
-    head = NO_ADVICE if view is None else f"## {presenter_of(view.presentation).headline(view)}"
+    head = NO_ADVICE if view is None else f"## {presenter_of(view.presentation).headline(view, said.language)}"
     rows = [("limit", speed_words(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
     if view is not None:
         rows[:0] = [
             ("effort advised", _share(view.lever_ratio)),
-            ("next", _next(view.next_mode, view.next_change_s)),
-            ("why", view.reason),
+            ("next", _next(view.next_mode, view.next_change_s, said.language)),
+            ("why", wording.words(view.reason, *said)),
         ]
     if view is not None and view.mode == Regime.DEPART:
-        rows[:2] = [("when cleared", _departure(view.next_mode, view.next_speed_mps, view.next_effort_ratio))]
+        how = _departure(view.next_mode, view.next_speed_mps, view.next_effort_ratio, said.language)
+        rows[:2] = [("when cleared", how)]
         rows.append(("display", view.presentation.value))
     if math.isfinite(cab.signal_m) and cab.signal_m > 0:
         rows.append(("signal at danger", f"km {cab.signal_m / KM:.2f}"))
     return _text(head, rows)
 
 
-def _of_advice(advice: Any) -> str:
+def _of_advice(advice: Any, said: DisplayWords) -> str:
     if advice.mode == Regime.NONE:
-        return _text(f"## No advice: {advice.reason}", [], NODE_ALONE)
+        return _text(f"## No advice: {withdrawal_words(advice)}", [], NODE_ALONE)
+    language = said.language
     rows = [
         ("effort advised", _share(advice.advised_force_ratio)),
-        ("next", _next(advice.next_mode, advice.next_change_s)),
+        ("next", _next(advice.next_mode, advice.next_change_s, language)),
         ("limit", speed_words(advice.limit_mps)),
     ]
     if advice.mode == Regime.DEPART:
-        how = _departure(advice.next_mode, advice.departure_speed_mps, advice.departure_force_ratio)
-        return _text(f"## {DEPART}", [("when cleared", how), *rows[2:]], NODE_ALONE)
-    return _text(f"## {mode_words(advice.mode)}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
+        how = _departure(advice.next_mode, advice.departure_speed_mps, advice.departure_force_ratio, language)
+        return _text(f"## {mode_words(advice.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
+    head = mode_words(advice.mode, language)
+    return _text(f"## {head}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
 
 
 def _share(ratio: float) -> str:
     return f"{ratio / PERCENT:+.0f} %" if math.isfinite(ratio) else ""
 
 
-def _next(number: int, in_s: float) -> str:
-    name = mode_words(number)
+def _next(number: int, in_s: float, language: Language) -> str:
+    name = mode_words(number, language)
     return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
 
 
-def _departure(number: int, speed_mps: float, ratio: float) -> str:
+def _departure(number: int, speed_mps: float, ratio: float, language: Language) -> str:
     """How to depart: mode, speed and effort, as far as the display shows them."""
-    return ", ".join(filter(None, (mode_words(number), speed_words(speed_mps), _share(ratio)))) if number else ""
+    parts = mode_words(number, language), speed_words(speed_mps), _share(ratio)
+    return ", ".join(filter(None, parts)) if number else ""
 
 
 def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:

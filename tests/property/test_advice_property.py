@@ -15,6 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from das.advice.advice import Advice, Source, Timetable
+from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
 from das.advice.settings import DEFAULT
 from das.cab.fronts import onboard_ladder
@@ -172,7 +173,7 @@ def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
                 # Told while the plan of the free line holds; the front is not there yet.
                 advisor = asked(free, Source.SOLVED, s_m, v_mps, left_s)
                 advisor.update(ns(0))
-                advisor.set_section(section, "restriction set")
+                advisor.set_section(section)
                 meanwhile = advisor.update(ns(0))
                 assert meanwhile.source is Source.FALLBACK
                 check(meanwhile, allowed, v_mps)
@@ -192,19 +193,19 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: ra
         advisor = asked(free, Source.SOLVED, s_m, v_mps, left_s)
         for second in range(4000):
             if second == 1:
-                advisor.set_section(section, "restriction set")
+                advisor.set_section(section)
             if second == 4:
                 advisor.set_front(front_of(section), Source.SOLVED)
             advisor.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
             advice = advisor.update(ns(second))
             assert advice.mode is not Regime.NONE, advice.reason
-            if advice.reason.startswith("arrived"):
+            if advice.reason.code is ReasonCode.ARRIVED:
                 break
             if second > 30:  # too fast for what it has just been told of at the most until then
                 assert v_mps <= allowed.highest(s_m, s_m) + 2 * SLACK_MPS, (second, s_m)
             after = after_a_second_mps(advice)
             s_m, v_mps = s_m + 0.5 * (v_mps + after), after
-        assert advice.reason.startswith("arrived"), (restrictions, s_m, v_mps)
+        assert advice.reason.code is ReasonCode.ARRIVED, (restrictions, s_m, v_mps)
         assert abs(s_m - END_M) <= DEFAULT.stop.at_stop_m
         if advisor.plan is not None:
             assert advisor.plan.solution.feasible
@@ -250,7 +251,7 @@ def test_a_train_that_is_too_fast_has_no_horizon_above_a_limit_ahead(number: int
         s_m = start_m + float(random.uniform(-600.0, 140.0))
         v_mps = float(np.interp(s_m, section.node_m, section.allowed_mps)) + float(random.uniform(1.0, 12.0))
         advice = asked(front, Source.SOLVED, s_m, v_mps, 400.0).update(ns(0))
-        assert "too fast" in advice.reason
+        assert advice.reason.code is ReasonCode.TOO_FAST
         check_horizon(advice, allowed)
 
 
@@ -259,6 +260,6 @@ def test_at_the_stop_the_horizon_is_to_stand(beyond_m: float) -> None:
     section = section_of(())
     for v_mps in (0.4, 1.0, 3.0, 8.0):
         advice = asked(front_of(section), Source.SOLVED, END_M + beyond_m, v_mps, 400.0).update(ns(0))
-        assert advice.reason == "stop here"
+        assert advice.reason.code is ReasonCode.STOP
         assert max(advice.horizon_speed_mps[1:]) == pytest.approx(0.0, abs=1e-9 if beyond_m >= 0 else 0.1)
         check_horizon(advice, Allowed(()))

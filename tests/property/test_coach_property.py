@@ -125,7 +125,6 @@ def check(advice: Advice, coach: Coaching, world: World, here: Estimate) -> None
     assert coach.target_m >= 0.0
     assert all(math.isfinite(one.speed_mps) and one.way_m > -1.0 for one in coach.following)
     assert all(a.in_s <= b.in_s for a, b in pairwise(coach.following))
-    assert math.isfinite(coach.worth_j)
     creeps = now.mode is Regime.CRUISE and now.speed_mps <= SETTINGS.coach.showing.brake.creep_mps
     assert coach.replan.cause is not ReplanCause.NONE or now.mode in (Regime.STOP, *BRAKES) or creeps
     assert advice.mode is not Regime.NONE

@@ -162,7 +162,7 @@ class Witness:
         given = advice.mode != das_pb2.MODE_NONE
         self.advices[given] += 1
         if not given:
-            assert advice.reason
+            assert advice.reason.text
             assert math.isnan(advice.advised_speed_mps)
             assert not advice.horizon_speed_mps
             return

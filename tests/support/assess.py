@@ -11,6 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from das.advice.wording import words
 from sim.drivers.kinds import Presentation
 from tests.support.assessed_day import Seen
 from tests.support.assessment import Assessor, Verdict, drawn_days, table
@@ -47,7 +48,7 @@ def line_of(seen: Seen) -> str:
         )
         for one in advice.coach.following:
             text += f", then {one.mode.name} {one.speed_mps:.2f} m/s in {one.in_s:.1f} s {one.way_m:.0f} m"
-    return f"{text} | {advice.reason or advice.cause.label}"
+    return f"{text} | {words(advice.reason) or advice.cause.label}"
 
 
 def _excerpt(verdict: Verdict, seconds: list[Seen], around_s: int, kind: str) -> None:

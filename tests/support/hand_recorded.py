@@ -47,9 +47,13 @@ def advice(t_s: float, *, valid_s: float = 3.0, **fields: Any) -> tuple[topics.T
     return topics.ADVICE, found
 
 
-def withdrawn(t_s: float, reason: str) -> tuple[topics.Topic, Any]:
+def withdrawn(t_s: float, reason: str, cause: int = 0) -> tuple[topics.Topic, Any]:
     return topics.ADVICE, das_pb2.Advice(
-        time_ns=at_ns(t_s), valid_until_ns=at_ns(t_s), reason=reason, limit_mps=math.nan
+        time_ns=at_ns(t_s),
+        valid_until_ns=at_ns(t_s),
+        cause=cause,
+        reason=das_pb2.Reason(code=1, text=reason),
+        limit_mps=math.nan,
     )
 
 

@@ -32,8 +32,8 @@ class OneSection:
     def set_front(self, front: Front, source: Source) -> None:
         self.leg.use(PlanBasis(section=front.section, front=front, source=source))
 
-    def set_section(self, section: Section, why: str) -> None:
-        self.leg.use_meanwhile(section, why)
+    def set_section(self, section: Section) -> None:
+        self.leg.use_meanwhile(section)
 
     def set_timetable(self, timetable: Timetable) -> None:
         self.leg.set_timetable(timetable)

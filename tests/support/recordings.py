@@ -136,7 +136,11 @@ def publish_second(publish: Publish, t_s: int) -> None:
     )  # fmt: skip
     publish(topics.TRUTH, truth, t_s)
     if withdrawn:
-        publish(topics.ADVICE, das_pb2.Advice(time_ns=time_ns, s_m=s_m, reason="position invalid"), t_s)
+        publish(
+            topics.ADVICE,
+            das_pb2.Advice(time_ns=time_ns, s_m=s_m, reason=das_pb2.Reason(code=1, text="position invalid")),
+            t_s,
+        )
     else:
         advice = das_pb2.Advice(
             time_ns=time_ns, s_m=s_m, speed_mps=v_mps, mode=1 if t_s < 300 else 4, advised_speed_mps=v_mps + 0.5,

@@ -9,6 +9,7 @@ from typing import Any
 
 from das.advice.advice import Advice, Timetable
 from das.advice.plan import Plan
+from das.advice.reason import ReasonCode
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
@@ -137,7 +138,7 @@ def follow(
             tell(second, s_m)
         advice = at(made, second, s_m, v_mps)
         yield advice
-        if advice.reason.startswith("arrived") and s_m > LINE.length_m - 60:
+        if advice.reason.code is ReasonCode.ARRIVED and s_m > LINE.length_m - 60:
             return
         after = after_a_second_mps(advice)
         s_m, v_mps = s_m + 0.5 * (v_mps + after), after

@@ -1,28 +1,45 @@
-"""The coach of a section: it keeps the reference, chooses the instruction to show, and says why and what it saves."""
+"""The coach of a section: it keeps the reference, chooses the instruction to show, and says why."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from datetime import UTC, datetime
+from itertools import takewhile
 
-from das.advice import wording
+import numpy as np
+from numpy.typing import NDArray
+
 from das.advice.advice import Coaching, Instruction
 from das.advice.coach.keeping import Keeper, Kept
+from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import OVERSPEED_MPS, Goal, TrainState
+from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, SPEED_STEP_MPS, Goal, TrainState
+from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
-from das.domain.units import NS
+from das.domain.route import Route
+from das.domain.units import KMH, NS
+from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime
 from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
+Floats = NDArray[np.float64]
 NEAR_M = 4000.0
 """The limit or stop that an instruction leads to is named if it is nearer than this."""
+BESIDE_M = 100.0
+"""A limit may begin this far (m) beyond the phase that slows down for it, which ends before it."""
+BINDS_MPS = 10.0 * KMH
+"""A limit that the train is forecast to pass slower than this below it is not what it slows down for."""
+SLOWED_S = 30.0
+"""A train that passes a point more than this (s) after its earliest time is not slowed down for it."""
+ARRIVING_M = 500.0
+"""A train this near (m) to its stop is not told when it arrives."""
+SLOWING = (NotchRegime.COAST, NotchRegime.BRAKE)
+NOT_FASTER = (*SLOWING, NotchRegime.HOLD)
 
 
 class Coach:
@@ -41,18 +58,20 @@ class Coach:
         self._section, self._settings, self._worker = section, settings, worker
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
         self._lost = False
+        self._said_late_s = 0.0
 
     def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
         """The coach that takes over from this one, with another front or under other limits."""
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
-        found._showing = self._showing
+        found._showing, found._said_late_s = self._showing, self._said_late_s
         return found
 
     def forget(self) -> None:
         """Drop the reference and all that was shown."""
         self._keeper.forget()
         self._showing.forget()
+        self._said_late_s = 0.0
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
@@ -63,10 +82,8 @@ class Coach:
             self._lost = True
             return None
 
-    def show(
-        self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
-    ) -> Coaching | None:
-        """What the driver should do now and next; None if there is no reference. The train arrives `late_s` late."""
+    def show(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
+        """What the driver should do now and next; None if there is no reference."""
         if kept is None:
             return self._creeping(state, place) if self._lost else None
         shown = self._showing.show(kept, state, place)
@@ -77,8 +94,7 @@ class Coach:
             target_s=shown.target_s,
             force_n=shown.force_n,
             reference_force_n=shown.reference_force_n,
-            reason=self._reason(kept, shown, state, goal, place, late_s),
-            worth_j=self._worth_j(kept, state, waits=goal.waits(state)),
+            reason=self._reason(kept, shown, state, goal, place),
             replan=kept.reference.replan,
         )
 
@@ -90,7 +106,7 @@ class Coach:
         now, following, force_n = self._showing.creeping(self._section, state, place)
         return Coaching(
             now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
-            reference_force_n=force_n, reason=wording.instructed(now.mode, now.speed_mps, None, 0.0),
+            reference_force_n=force_n, reason=Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name),
         )  # fmt: skip
 
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
@@ -108,67 +124,100 @@ class Coach:
         """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
         return self._showing.stands_at_mark(state)
 
-    def brakes(self, effort: float, force_n: float, reason: str) -> Coaching:
+    def brakes(self, effort: float, force_n: float, reason: Reason) -> Coaching:
         """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast."""
         self.forget()
         now = self._showing.braking(effort)
         return Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
 
-    def departs(
-        self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
-    ) -> Coaching | None:
+    def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
         """The advice for a standing train that is due to depart: stand until cleared, then follow the reference.
 
         None if there is no reference, or if the reference brakes here.
         """
         self._showing.forget()
-        found = self.show(kept, state, goal, place, late_s)
+        found = self.show(kept, state, goal, place)
         self._showing.forget()
         if found is None or found.now.mode in BRAKES:
             return None
         ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan
         now = Instruction(mode=Regime.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
-        reason = wording.departs_when_cleared(found.reason)
-        return replace(found, now=now, force_n=0.0, reference_force_n=0.0, worth_j=0.0, reason=reason)
+        return replace(found, now=now, force_n=0.0, reference_force_n=0.0)
 
-    def _reason(
-        self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed, late_s: float
-    ) -> str:
+    def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
+        """What the instruction does not say: what it is for, and when the train arrives if that is late or early."""
         excess_mps = state.v_mps - place.allowed_mps
         if excess_mps > OVERSPEED_MPS:
-            return wording.too_fast(excess_mps)
-        point = goal.passing
-        if point is not None and goal.waits(state) and shown.now.mode not in BRAKES:
-            clock = datetime.fromtimestamp((point.earliest_ns or 0) * NS, UTC).strftime("%H:%M:%S")
-            return wording.slow_for_point(point, state.now_ns, clock)
-        ahead = self._ahead(kept.reference.schedule, shown.number, state)
-        return wording.instructed(shown.now.mode, shown.now.speed_mps, ahead, late_s)
+            return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
+        ahead = self._ahead(kept, shown, state)
+        if not ahead and self._is_slowed_for_point(kept, state, goal):
+            point = goal.passing
+            assert point is not None
+            time_ns = point.earliest_ns or 0
+            return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
+        late_s = self._arrival_late_s(kept, state, goal)
+        if shown.now.mode in BRAKES or abs(late_s) < DEVIATION_NAMED_S:
+            return ahead
+        return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
 
-    def _ahead(self, schedule: Schedule, number: int, state: TrainState) -> wording.Aim | None:
-        """The limit or stop that the next braking phase leads to; None if there is none near."""
-        phases = schedule.phases
-        for k in range(number, min(number + 3, len(phases))):
-            if phases[k].kind is not NotchRegime.BRAKE:
-                continue
-            at_m = schedule.begin_m(k + 1)
-            if at_m - state.s_m > NEAR_M:
-                return None
-            last = at_m >= self._section.end_m - 1.0
-            return wording.Aim(phases[k].target_mps, at_m, self._section.end_stop_name if last else "")
-        return None
+    def _arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
+        """How late the train is said to arrive (s): the last value until it is off by as much as is named.
 
-    def _worth_j(self, kept: Kept, state: TrainState, *, waits: bool) -> float:
-        """What keeping the reference saves (J) compared with going on at the present speed for a while first.
-
-        It is 0 near the end of the section, and for a train that stands or `waits` until it may pass a point.
+        It is 0, so that nothing is said, for a train that stands, whose reference is made anew when it departs, and for
+        one that is almost there.
         """
-        reference = kept.reference
-        going_on_m = state.v_mps * self._settings.showing.worth_over_s
-        if kept.forecast.time_s < self._settings.showing.arrived_s or waits or going_on_m <= 0.0:
+        if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0
-        try:
-            other = reference.schedule.forecast(state.s_m, state.v_mps, held_until_m=state.s_m + going_on_m)
-        except DasError:
-            return 0.0
-        later_s = other.time_s - kept.forecast.time_s
-        return other.energy_j - kept.forecast.energy_j + reference.lambda_w * later_s
+        late_s = self._keeper.arrival_late_s(kept, state, goal)
+        if abs(late_s - self._said_late_s) >= DEVIATION_NAMED_S:
+            self._said_late_s = late_s
+        return self._said_late_s
+
+    @staticmethod
+    def _is_slowed_for_point(kept: Kept, state: TrainState, goal: Goal) -> bool:
+        """Whether the train would pass the point ahead too early if the reference did not slow it down."""
+        point = goal.passing
+        if point is None or point.earliest_ns is None or not goal.waits(state):
+            return False
+        passes = passes_s(kept.reference.schedule, kept.forecast, state.s_m, point.s_m)
+        return passes - (point.earliest_ns - state.now_ns) * NS < SLOWED_S
+
+    def _ahead(self, kept: Kept, shown: ShownNow, state: TrainState) -> Reason:
+        """The lower limit or the stop to which the instruction to coast or to brake leads, if it is near."""
+        if shown.now.mode is not Regime.COAST and shown.now.mode not in BRAKES:
+            return NO_REASON
+        schedule = kept.reference.schedule
+        section, first = schedule.section, schedule.phases[shown.number].begin
+        from_mps = max(float(schedule.known.speed_mps[first]), state.v_mps)
+        slows_m, holds_m = _ends_m(schedule, shown.number, SLOWING), _ends_m(schedule, shown.number, NOT_FASTER)
+        for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
+            leads_m = holds_m if shown.now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
+            near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
+            if not near or limit_mps >= from_mps:
+                continue
+            passed_mps = float(np.interp(at_m, section.node_m, kept.forecast.speeds_mps))
+            if passed_mps > limit_mps - BINDS_MPS:
+                return _of_limit(section.route, at_m, limit_mps)
+        if slows_m >= section.end_m and section.end_m - state.s_m <= NEAR_M:
+            return Reason(code=ReasonCode.STOP, stop=section.end_stop_name)
+        return NO_REASON
+
+
+def _ends_m(schedule: Schedule, number: int, kinds: tuple[NotchRegime, ...]) -> float:
+    """Where the phases of these kinds end that follow one another from a phase on (m)."""
+    count = len(list(takewhile(lambda one: one.kind in kinds, schedule.phases[number:])))
+    return schedule.begin_m(number + count)
+
+
+def falling_limits(route: Route) -> tuple[Floats, Floats]:
+    """Where the limits of a line fall (m), and to what (m/s)."""
+    limits = route.limits_mps
+    falls = np.flatnonzero(np.diff(limits.value) < 0) + 1
+    return limits.start_m[falls], limits.value[falls]
+
+
+def _of_limit(route: Route, at_m: float, limit_mps: float) -> Reason:
+    """The reason for slowing down to a limit that begins at a position (m): the line's own, or a restriction."""
+    restricted = any(one.start_m == at_m and one.limit_mps == limit_mps for one in route.restrictions)
+    code = ReasonCode.RESTRICTION if restricted else ReasonCode.LIMIT
+    return Reason(code=code, speed_mps=float(limit_mps), at_m=float(at_m))

@@ -166,6 +166,14 @@ class Keeper:
         asked, self._asked = self._asked, None
         return self._answered(asked, kept, state, goal)
 
+    def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
+        """How late the train is likely to arrive (s; early < 0): by its forecast, with the time that its driver loses.
+
+        The forecast alone is early by that loss, because references are made quicker by it.
+        """
+        left_s = goal.left_s(state.now_ns)
+        return kept.forecast.time_s - left_s + self._drift.loss_s(left_s)
+
     def _kept(self, state: TrainState, goal: Goal, forecast: Prospect | None) -> Kept | None:
         """The present reference with its forecast; None if there is none or it cannot be kept."""
         if self.reference is None or forecast is None:

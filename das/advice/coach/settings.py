@@ -156,10 +156,8 @@ class ShowingSettings:
     effort: EffortShowingSettings = field(default_factory=EffortShowingSettings)
     ahead: int = 2
     """This many instructions after the present one are shown."""
-    worth_over_s: float = 60.0
-    """What an instruction saves is measured against going on at the present speed for this long."""
     arrived_s: float = 30.0
-    """With less time than this to the end of the section, no new reference is tried and no saving is given."""
+    """With less time than this to the end of the section, no new reference is tried."""
 
 
 @dataclass(frozen=True, kw_only=True)

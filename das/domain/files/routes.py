@@ -6,6 +6,7 @@ import math
 import re
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def read_route(path: Path) -> Route:
     main = fields.table("route")
     main.check_keys(
         [
-            *("id", "name", "source", "description", "illustrative", ACCEPTED),
+            *("id", "name", "source", "description", "illustrative", "time_zone", ACCEPTED),
             *main.quantity_keys({"length": "length", "altitude_at_start": "length"}),
         ]
     )
@@ -62,11 +63,20 @@ def read_route(path: Path) -> Route:
         neutral_sections=_zones(fields, "neutral_sections"),
         no_regeneration=_zones(fields, "no_regeneration"),
         altitude_at_start_m=main.quantity("altitude_at_start", "length", 0.0),
+        time_zone=_time_zone(main),
         geometry_position_m=position_m,
         geometry_latitude_deg=latitude_deg,
         geometry_longitude_deg=longitude_deg,
     )
     return check_route(route, main.names(ACCEPTED, ROUTE_CHECKS), insist=INSIST % "route")
+
+
+def _time_zone(main: Fields) -> str:
+    name = main.text("time_zone", "UTC")
+    try:
+        return ZoneInfo(name).key
+    except (KeyError, ValueError, OSError):  # unknown; no name of a zone; the name of a folder of zones
+        raise main.error("time_zone", name, 'a time zone like "Europe/Zurich" (IANA)') from None
 
 
 def _geometry(fields: Fields) -> tuple[Floats, Floats, Floats]:

@@ -161,20 +161,14 @@ class Schedule:
             return self.section.end_m
         return float(self.section.node_m[self.phases[number].begin])
 
-    def forecast(
-        self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS, held_until_m: float = -math.inf
-    ) -> Prospect:
-        """The forecast of a train in a state that keeps to the schedule; raises InfeasibleError if it stalls.
-
-        If `held_until_m` is ahead, the train first holds its speed up to there.
-        """
+    def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Prospect:
+        """The forecast of a train in a state that keeps to the schedule; raises InfeasibleError if it stalls."""
         section = self.section
         first, line, envelope = self.ahead(s_m, v_mps)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
-        until = max(int(section.node_m.searchsorted(held_until_m)), first + 1) if held_until_m > s_m else first
         time_s, energy_j, unsaid_s = follow(
-            first, until, self.at, self.ends_m, self.columns, self.back_share, self.known, met_mps, line, envelope,
+            first, self.at, self.ends_m, self.columns, self.back_share, self.known, met_mps, line, envelope,
             section.train, section.loss_params, speeds,
         )  # fmt: skip
         return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j, unsaid_s)

@@ -76,27 +76,25 @@ def followed_step(i, phase, back_share, way, line, envelope, p, v):
 
 
 @kernel
-def follow(first, until, at, ends, phases, back_share, known, met_mps, line, envelope, p, c, v):
+def follow(first, at, ends, phases, back_share, known, met_mps, line, envelope, p, c, v):
     """Follow a schedule from v[first] to the end; fills v.
 
     Returns the trip time (s), the energy at the current collector (J), and the time (s) in which limits ahead demand
     brakes although the phase is not one to brake; (-1, 0, 0) after a stall.
 
     `at[i]` is the number of the phase in interval i, and that phase ends `ends[i]` (m) beyond the interval; `phases`
-    are the phases' kinds, shares and target speeds. Before interval `until` the train holds its first speed instead.
-    `known` is a trajectory that keeps to the schedule (speeds and time to go at every node). Its rest is used from the
-    node where the two speeds are within `met_mps` of each other (negative: never).
+    are the phases' kinds, shares and target speeds. `known` is a trajectory that keeps to the schedule (speeds and time
+    to go at every node). Its rest is used from the node where the two speeds are within `met_mps` of each other
+    (negative: never).
     """
     kinds, shares, targets = phases
     total, energy, unsaid = 0.0, 0.0, 0.0
     n = line.step_m.size
     for i in range(first, n):
         k = at[i]
-        kind, share, target = kinds[k], shares[k], targets[k]
-        if i < until:
-            kind, share, target = HOLD, 0.0, v[first]
+        phase = kinds[k], shares[k], targets[k]
         way = ends[i] + line.step_m[i]
-        took, is_unsaid = followed_step(i, (kind, share, target), back_share, way, line, envelope, p, v)
+        took, is_unsaid = followed_step(i, phase, back_share, way, line, envelope, p, v)
         if took < 0.0:
             return -1.0, 0.0, 0.0
         total += took

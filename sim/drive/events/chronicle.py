@@ -11,7 +11,9 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.advice import Cause, Source
+from das.advice.reason import Reason
 from das.advice.regimes import Regime, mode_name
+from das.advice.wording import words
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, kmh
@@ -146,7 +148,8 @@ def _display(recording: Recording) -> Presenter:
 
 def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str) -> DriveEvent:
     held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Regime.CRUISE else ""
-    why = f"{told.reason} ({cause})" if told.reason else cause
+    reason = words(told.reason)
+    why = f"{reason} ({cause})" if reason else cause
     return DriveEvent(
         time_ns=int(advice.time_ns),
         kind=EventKind.ADVICE,
@@ -156,7 +159,7 @@ def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str) -> Driv
             "mode": mode_name(told.mode),
             "mode_before": mode_name(before),
             "cause": cause,
-            "reason": told.reason or str(advice.reason),
+            "reason": reason or words(Reason.read(advice.reason)),
             "advised_speed_mps": told.speed_mps,
             "predicted_deviation_s": float(advice.predicted_deviation_s),
         },

@@ -160,7 +160,7 @@ LAST_NS: Final = 2**62
 
 DROPPED_TABLES: Final = ("location",)
 """Tables that an anonymous export leaves out: they say where the train was on the map."""
-POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m")
+POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m", "reason_at_m", "coach_reason_at_m")
 """Columns that are positions on the route; in an anonymous export they count from the first stop."""
 TIMES_END: Final = "_ns"
 """Columns with this ending are moments; in an anonymous export they count from the departure, which hides the date."""

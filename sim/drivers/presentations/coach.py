@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from das.advice.advice import Instruction
 from das.advice.goal import nearest_step
+from das.advice.reason import Reason
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio
@@ -47,14 +48,14 @@ class CoachPresenter(Presenter):
             next_effort_ratio=following.effort_ratio if following is not None else math.nan,
             due_s=coach.now.in_s,
             target_way_m=coach.target_m,
-            reason=coach.reason,
+            reason=Reason.read(coach.reason),
         )
 
     def shown_mode(self, advice: Any) -> ShownRegime:
         if not advice.HasField("coach"):
             return super().shown_mode(advice)
         now = advice.coach.now
-        return ShownRegime(known_mode(now.mode), float(now.speed_mps), str(advice.coach.reason))
+        return ShownRegime(known_mode(now.mode), float(now.speed_mps), Reason.read(advice.coach.reason))
 
     def speed_is(self, mode: int) -> SpeedIs:
         return SpeedIs.TO_HAVE if mode == Regime.CRUISE else SpeedIs.TO_REACH

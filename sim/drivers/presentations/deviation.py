@@ -6,6 +6,8 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
+from das.advice import wording
+from das.advice.wording import Language
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, whole
 from sim.plant.kernels import TrainNumbers
@@ -32,9 +34,8 @@ class DeviationPresenter(Presenter):
     def item(self, view: AdviceView) -> tuple[int, ...]:
         return (round(view.deviation_s / DEVIATION_STEP_S),)
 
-    def headline(self, view: AdviceView) -> str:
-        late_s = whole(view.deviation_s) or 0
-        return f"{abs(late_s)} s {'late' if late_s > 0 else 'early'}" if late_s else "on time"
+    def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
+        return wording.deviation(view.deviation_s, language)
 
 
 PRESENTER: Final = DeviationPresenter()

@@ -13,7 +13,10 @@ from functools import cache
 from importlib import import_module
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
-from das.advice.regimes import Regime, mode_name
+from das.advice import wording
+from das.advice.reason import NO_REASON, Reason
+from das.advice.regimes import Regime
+from das.advice.wording import Language
 from das.domain.units import KMH, NS, kmh
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.handling import Handling
@@ -23,8 +26,6 @@ from sim.plant.kernels import Command, TrainNumbers
 
 EFFORT_STEP_RATIO: Final = 0.2
 """A driver reads effort in steps of this share of the controller's scale: nobody reads or sets it more closely."""
-DEPART: Final = "depart when cleared"
-"""What a display shows to a standing train that may depart when it is cleared."""
 
 
 class SpeedIs(Enum):
@@ -52,7 +53,7 @@ class ShownRegime(NamedTuple):
 
     mode: Regime
     speed_mps: float
-    reason: str = ""
+    reason: Reason = NO_REASON
 
 
 class Shown(NamedTuple):
@@ -147,12 +148,10 @@ class Presenter(ABC):
         """The driver who does exactly what the display says; None for most displays, which say too little."""
         return None
 
-    def headline(self, view: AdviceView) -> str:
+    def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
         """The largest words of the display: mode and speed, or what it shows instead."""
-        if view.mode == Regime.DEPART:
-            return DEPART
-        speed = "" if view.mode == Regime.STOP else speed_words(view.shown_speed_mps)
-        return ", ".join(filter(None, (mode_words(view.mode), speed)))
+        speed = "" if view.mode in (Regime.STOP, Regime.DEPART) else speed_words(view.shown_speed_mps)
+        return ", ".join(filter(None, (mode_words(view.mode, language), speed)))
 
 
 @cache
@@ -198,9 +197,9 @@ def known_mode(number: int) -> Regime:
     return Regime(number) if number in set(Regime) else Regime.NONE
 
 
-def mode_words(number: int) -> str:
+def mode_words(number: int, language: Language = Language.EN) -> str:
     """The words for the mode with a number of the bus; empty for an unknown number."""
-    return mode_name(Regime(number)) if number in set(Regime) else ""
+    return wording.mode_words(Regime(number), language) if number in set(Regime) else ""
 
 
 def speed_words(speed_mps: float) -> str:

@@ -6,10 +6,12 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
+from das.advice import wording
 from das.advice.regimes import Regime
+from das.advice.wording import Language
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView
-from sim.drivers.presentations.presenter import DEPART, LaneState, Presenter, Shown, SpeedIs, speed_words, whole
+from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, SpeedIs, mode_words, speed_words, whole
 from sim.plant.kernels import TrainNumbers
 
 
@@ -36,11 +38,11 @@ class RmsPresenter(Presenter):
     def item(self, view: AdviceView) -> tuple[int, ...]:
         return (round(view.speed_mps),)
 
-    def headline(self, view: AdviceView) -> str:
+    def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
         if view.mode == Regime.STOP:
-            return super().headline(view)
-        departs = f"{DEPART}, " if view.mode == Regime.DEPART else ""
-        return f"{departs}top speed {speed_words(view.shown_speed_mps)}"
+            return super().headline(view, language)
+        departs = f"{mode_words(view.mode, language)}, " if view.mode == Regime.DEPART else ""
+        return departs + wording.top_speed(speed_words(view.shown_speed_mps), language)
 
 
 PRESENTER: Final = RmsPresenter()

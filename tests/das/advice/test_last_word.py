@@ -18,7 +18,9 @@ import pytest
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Source
 from das.advice.braking_model import FULL_RATIO, LIMIT_TOLERANCE_MPS, STOP_TOLERANCE_M, BrakingBasis, BrakingModel
 from das.advice.last_word import Act, LastWord, Part
+from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import Regime
+from das.advice.wording import words
 from das.cab.leg import Leg
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
@@ -125,7 +127,7 @@ def test_a_sound_advice_passes_as_it_is(advice: Advice) -> None:
 
 
 def test_no_advice_is_not_judged() -> None:
-    none = Advice(time_ns=S, cause=Cause.POSITION_STALE, reason="old")
+    none = Advice(time_ns=S, cause=Cause.POSITION_STALE, reason=Reason.of_text("old"))
     assert judged(none, Estimate(time_ns=S)) == (none, ())
 
 
@@ -222,11 +224,19 @@ def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
     needed_n = 1e5 * (BRAKE_MPS**2 - LOW**2) / (2 * (200.0 - 2 * SD_M))
     assert said.advised_force_n == act.instead_n == pytest.approx(-needed_n)
     assert (said.mode, said.four_mode, said.source) == (Regime.FULL_BRAKE, Regime.FULL_BRAKE, Source.FALLBACK)
-    assert said.reason == "brake to 72 km/h by km 6.00"
+    assert words(said.reason) == "72 km/h from km 6.0"
     assert said.advised_force_ratio == pytest.approx(-needed_n / (2 * FULL_N))
     assert list(said.horizon_speed_mps) == sorted(said.horizon_speed_mps, reverse=True)
     assert said.horizon_speed_mps[-1] == pytest.approx(LOW)
     assert said.horizon_speed_mps[2] == pytest.approx(BRAKE_MPS - 3 * needed_n / 1e5, abs=0.05)
+
+
+def test_the_words_of_a_brake_name_the_stop_or_say_by_how_much_the_train_is_too_fast() -> None:
+    stops, (act, *_) = judged(advice_of(END_M - 300.0, curve_mps(300.0), Regime.COAST, 0.0))
+    assert act.part is Part.EFFORT
+    assert stops.reason == Reason(code=ReasonCode.STOP, stop=LINE.stop_name_at(END_M))
+    fast, _ = judged(advice_of(FAST_M, HIGH + 5.0, Regime.COAST, 0.0))
+    assert fast.reason == Reason(code=ReasonCode.TOO_FAST, speed_mps=5.0)
 
 
 def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:
@@ -426,7 +436,7 @@ def test_a_failing_last_word_withdraws_the_advice(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(LastWord, "judge", fails)
     withdrawn = driven.tick(51)
     assert (withdrawn.mode, withdrawn.cause) == (Regime.NONE, Cause.INTERNAL_ERROR)
-    assert "no word" in withdrawn.reason
+    assert "no word" in withdrawn.reason.text
     monkeypatch.undo()
     assert driven.tick(52).cause == Cause.NONE
 

@@ -151,7 +151,7 @@ def tried(config: zenoh.Config, puts: dict[str, bytes], seconds: float = 1.0) ->
 
 
 FALSE_POSITION = das_pb2.Position(time_ns=2**62, s_m=5_999.0, speed_mps=1.0).SerializeToString()
-FALSE_ADVICE = das_pb2.Advice(mode=das_pb2.MODE_FULL_TRACTION, reason="false").SerializeToString()
+FALSE_ADVICE = das_pb2.Advice(mode=das_pb2.MODE_FULL_TRACTION, reason=das_pb2.Reason(text="false")).SerializeToString()
 
 
 def advised(site: Site) -> Any:
@@ -217,7 +217,7 @@ def test_a_simulator_that_advises_is_not_heard_and_is_logged(site: Site) -> None
     while (received := site.cab.receive(0)) is not None:
         heard.append(received)
     assert any(r.topic is ADVICE for r in heard)
-    assert all(r.message.reason != "false" for r in heard if r.topic is ADVICE)
+    assert all(r.message.reason.text != "false" for r in heard if r.topic is ADVICE)
 
 
 @pytest.mark.parametrize(("role", "others"), [("sensors", (RESTRICTION, JOURNEY)), ("operator", (POSITION, EFFORT))])
@@ -262,7 +262,7 @@ def test_two_who_may_say_where_the_train_is_withdraw_the_advice(site: Site) -> N
 
         def both(received: Received) -> bool:
             session.put(POSITION.key(TRAIN), FALSE_POSITION)
-            return received.topic is ADVICE and "two publishers of the position" in received.message.reason
+            return received.topic is ADVICE and "two publishers of the position" in received.message.reason.text
 
         assert site.until(site.simulator, both).mode == das_pb2.MODE_NONE
     assert advised(site).s_m < 1_500.0
@@ -322,4 +322,4 @@ def test_what_was_recorded_is_what_the_right_ones_said(site: Site) -> None:
     assert recording.complete
     advice = [m.message for m in recording.of(ADVICE)]
     assert len(advice) > 3
-    assert all(message.reason != "false" for message in advice)
+    assert all(message.reason.text != "false" for message in advice)

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Replan, ReplanCause, Source
+from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.bus import codec, das_pb2
 from das.bus.topics import CONTROL, POSITION, TRUTH, decoded
@@ -112,12 +113,12 @@ def same(message: Any, value: Any) -> None:
 def test_an_advice_becomes_a_message_field_by_field() -> None:
     advice = Advice(
         time_ns=NOW_NS, s_m=1.0, speed_mps=2.0, mode=Regime.COAST, horizon_speed_mps=(1.0, 2.0), source=Source.TABLE,
-        reason="least energy on time",
+        reason=Reason(code=ReasonCode.LEAST_ENERGY, late_s=12.5),
     )  # fmt: skip
     topic, message = codec.encode_output(advice, tick=3)
     assert (topic.name, message.tick) == ("advice", 3)  # type: ignore[attr-defined]
     same(message, advice)
-    silent = codec.encode_output(Advice(time_ns=1, cause=Cause.POSITION_STALE, reason="old")).message
+    silent = codec.encode_output(Advice(time_ns=1, cause=Cause.POSITION_STALE, reason=Reason.of_text("old"))).message
     assert silent.cause == das_pb2.CAUSE_POSITION_STALE  # type: ignore[attr-defined]
 
 
@@ -133,14 +134,32 @@ def test_the_instructions_of_the_coach_survive_the_message_field_by_field(
 ) -> None:
     replan = Replan(cause=ReplanCause.ENERGY, time_ns=NOW_NS, gain_j=1.5e6, gain_s=-0.25)
     coaching = Coaching(
-        now=now, following=following, target_m=1200.0, target_s=44.0, force_n=-1.25e5, reason="coast for the 100",
-        reference_force_n=-8e4, worth_j=3.5e6, replan=replan,
+        now=now, following=following, target_m=1200.0, target_s=44.0, force_n=-1.25e5,
+        reason=Reason(code=ReasonCode.LIMIT, speed_mps=25.0, at_m=4000.0),
+        reference_force_n=-8e4, replan=replan,
     )  # fmt: skip
     sent = codec.encode_output(Advice(time_ns=NOW_NS, coach=coaching)).message.SerializeToString()
     message = das_pb2.Advice.FromString(sent)
     same(message.coach, coaching)
     for kind, fields in ((Coaching, message.coach), (Instruction, message.coach.now), (Replan, message.coach.replan)):
         assert {one.name for one in dataclasses.fields(kind)} == {one.name for one in fields.DESCRIPTOR.fields}
+
+
+def test_reasons_have_the_codes_of_the_bus_and_come_back_as_they_were() -> None:
+    assert {f"REASON_{code.name}": int(code) for code in ReasonCode} == dict(das_pb2.ReasonCode.items())
+    sent = Reason(code=ReasonCode.POINT_MISSED, at_m=44_800.0, time_ns=NOW_NS, late_s=-2.5, text="crossing")
+    message: Any = codec.encode_output(Advice(time_ns=NOW_NS, reason=sent)).message
+    again = Reason.read(das_pb2.Advice.FromString(message.SerializeToString()).reason)
+    assert again == sent
+    assert not Reason.read(das_pb2.Advice().reason)
+
+
+def test_the_reason_of_a_recording_made_before_its_codes_is_unknown() -> None:
+    """Its fields 20 and 6 hold texts, which are not read any more."""
+    old = b"\xa2\x01\x03old" + b"\xf2\x01\x05\x32\x03old"  # reason = 20, and coach = 30 with reason = 6
+    message = das_pb2.Advice.FromString(old)
+    assert message.HasField("coach")
+    assert (Reason.read(message.reason), Reason.read(message.coach.reason)) == (NO_REASON, NO_REASON)
 
 
 def test_status_estimate_and_event_become_messages() -> None:

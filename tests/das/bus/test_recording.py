@@ -44,7 +44,7 @@ def test_columns(whole: Path) -> None:
     assert position["time_ns"].dtype == np.int64
     assert position["time_ns"][1] == at_ns(1)
     assert position["log_time_ns"][1] == at_ns(1) + 1_000_000
-    assert recording.columns(topics.ADVICE, "reason")["reason"][200] == "position invalid"
+    assert recording.columns(topics.ADVICE, "reason")["reason"][200]["text"] == "position invalid"
     empty = columns((), das_pb2.Truth, ("s_m", "time_ns"))
     assert (empty["s_m"].dtype, empty["time_ns"].dtype, len(empty["s_m"])) == (np.float64, np.int64, 0)
     with pytest.raises(KeyError):

@@ -39,7 +39,7 @@ def test_a_journey_of_another_day_is_refused(hours: float) -> None:
     driven = received_at(hours)
     advice = advice_at(driven, hours)
     assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.JOURNEY_REFUSED)
-    assert "it departs on 2027-01-15 08:00 UTC, more than a day from the node's clock (" in advice.reason
+    assert "it departs on 2027-01-15 08:00 UTC, more than a day from the node's clock (" in advice.reason.text
 
 
 @pytest.mark.parametrize("hours", [-23.0, 23.0])

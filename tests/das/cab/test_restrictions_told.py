@@ -25,12 +25,12 @@ def test_a_node_that_was_told_nothing_of_restrictions_does_not_advise_until_it_i
     cab.tell(JOURNEY, journey())
     silent = cab.tick(50)
     assert (silent.mode, silent.cause) == (das_pb2.MODE_NONE, Cause.RESTRICTIONS_UNTOLD)
-    assert silent.reason.startswith("no list of restrictions received yet")
+    assert silent.reason.text.startswith("no list of restrictions received yet")
     sent = cab.sink.of(STATUS)[-1]
     assert (sent.state, sent.cause, sent.reason) == (
-        *(das_pb2.Status.STATE_WITHDRAWN, Cause.RESTRICTIONS_UNTOLD, silent.reason),
+        *(das_pb2.Status.STATE_WITHDRAWN, Cause.RESTRICTIONS_UNTOLD, silent.reason.text),
     )
-    assert silent.reason in cab.sink.events()
+    assert silent.reason.text in cab.sink.events()
     cab.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
     assert cab.tick(51).mode != das_pb2.MODE_NONE
 
@@ -39,7 +39,7 @@ def test_a_list_that_cannot_be_heeded_is_no_list() -> None:
     cab = DrivenNode(told=False)
     cab.tell(JOURNEY, journey())
     cab.tell(RESTRICTION, restrictions(49, -1.0))
-    assert "restrictions cannot be applied" in cab.tick(50).reason
+    assert "restrictions cannot be applied" in cab.tick(50).reason.text
     cab.tell(RESTRICTION, restrictions(51, 10.0))
     assert cab.tick(52).limit_mps == 10.0
 
@@ -144,7 +144,7 @@ def test_a_journey_without_its_times_is_refused_in_words_and_the_train_stays_whe
     for second in (51, 52):
         advice = cab.tick(second, s_m=0.0)
         assert advice.mode == das_pb2.MODE_NONE
-        assert advice.reason.startswith("journey refused: ")
-        assert why in advice.reason
+        assert advice.reason.text.startswith("journey refused: ")
+        assert why in advice.reason.text
     cab.tell(JOURNEY, journey())
     assert cab.tick(53).mode != das_pb2.MODE_NONE

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from das.advice.advice import Timetable
+from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
 from das.cab.situation import Situation
 from das.domain.errors import DasError
@@ -52,7 +53,7 @@ def test_a_follower_is_led_from_stop_to_stop_on_time_and_never_departs_early() -
     assert departures == [a for a, _ in DUE_S]
     assert arrivals == pytest.approx([b for _, b in DUE_S], abs=6)
     assert advice.mode is Regime.STOP
-    assert advice.reason.startswith("arrived")
+    assert advice.reason.code is ReasonCode.ARRIVED
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_a_stop_run_through_withdraws_the_advice() -> None:
         made.set_position(PositionFix(time_ns=ns(190 + second), s_m=s, speed_mps=25.0))
         advice = made.update(ns(190 + second))
     assert advice.mode is Regime.NONE
-    assert advice.reason == "ran 60 m past the stop"
+    assert advice.reason.text == "ran 60 m past the stop"
 
 
 def test_a_timetable_that_departs_before_it_arrives_is_refused() -> None:

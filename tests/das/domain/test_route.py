@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_route
+from das.domain.restriction import Restriction
 from das.domain.route import Route, Stop, Stretches, Tunnel, section_stops
 
 LENGTH_M = 60
@@ -97,6 +98,19 @@ def test_a_route_reversed() -> None:
     assert back.altitude_at_start_m == pytest.approx(404.0)
     assert back.altitude_m([0.0, 500.0, 1000.0]) == pytest.approx([404.0, 405.0, 400.0])
     assert back.location_deg(250.0) == pytest.approx((47.075, 8.225))
+
+
+def test_a_route_keeps_its_temporary_restrictions_in_either_direction() -> None:
+    one, other = (Restriction(start_m=a, end_m=a + 100.0, limit_mps=v) for a, v in ((100.0, 10.0), (500.0, 15.0)))
+    restricted = line().with_restrictions([one]).with_restrictions([other])
+    assert restricted.restrictions == (one, other)
+    back = restricted.reversed()
+    assert [(x.start_m, x.end_m) for x in back.restrictions] == [(800.0, 900.0), (400.0, 500.0)]
+    assert [float(back.limits_mps.at(x.start_m + 50.0)) for x in back.restrictions] == [10.0, 15.0]
+
+
+def test_the_name_of_a_stop_at_a_position() -> None:
+    assert [line().stop_name_at(s_m) for s_m in (0.5, 399.5, 402.0)] == ["Aarau", "Brugg", ""]
 
 
 def test_a_route_reversed_twice_is_itself() -> None:

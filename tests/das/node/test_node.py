@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 
 from das.advice.goal import UNHURRIED_S
+from das.advice.reason import Reason
+from das.advice.wording import words
 from das.bus import das_pb2
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import (
@@ -58,7 +60,7 @@ def test_node_takes_a_journey_advises_at_ticks_and_finishes_when_told() -> None:
             assert advice.advised_speed_mps <= advice.limit_mps + 1e-9
             assert advice.valid_until_ns > now
             if tick == 1:
-                assert advice.reason == "depart when cleared: least energy on time, operator says 5 s late"
+                assert words(Reason.read(advice.reason)) == "least energy on time, operator says 5 s late"
         bus.publish(CONTROL, das_pb2.Control(time_ns=now, tick=9, command=das_pb2.Control.COMMAND_FINISH))
         assert child.wait(20) == 0
 
@@ -71,7 +73,7 @@ def test_node_advises_once_a_second_by_the_wall_clock_and_does_not_obey_control(
         first = until(bus, lambda r: r.topic is ADVICE, child)
         second = until(bus, lambda r: r.topic is ADVICE, child)
         assert first.mode == das_pb2.MODE_NONE
-        assert first.reason == "no journey yet"
+        assert first.reason.text == "no journey yet"
         said = until(bus, lambda r: r.topic is STATUS and r.message.advices > 0, child)
         assert 0 < said.solve_s < 60
         assert 0 < said.last_advice_s < 10
@@ -109,7 +111,7 @@ def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
         one.limit_mps = -1.0
         bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=7, restrictions=[one]))
         until(bus, lambda r: r.topic is EVENT and "restriction" in r.message.message, child)
-        assert "restrictions cannot be applied" in ask(2).reason
+        assert "restrictions cannot be applied" in ask(2).reason.text
 
 
 @pytest.mark.processes
@@ -245,9 +247,9 @@ def test_a_journey_that_cannot_be_driven_is_refused_with_the_reason(reason: str)
     driven = DrivenNode()
     driven.tell(JOURNEY, driven_node.journey(**REFUSED[reason]))
     said, silent = driven.sink.of(STATUS)[-1], driven.tick(51)
-    for one in (said, silent):
-        assert one.reason.startswith("journey refused: ")
-        assert reason in one.reason
+    for text in (said.reason, silent.reason.text):
+        assert text.startswith("journey refused: ")
+        assert reason in text
     assert (said.state, silent.mode) == (das_pb2.Status.STATE_WITHDRAWN, das_pb2.MODE_NONE)
     driven.tell(JOURNEY, driven_node.journey())
     assert driven.tick(52).mode != das_pb2.MODE_NONE

@@ -50,10 +50,10 @@ def test_a_tick_that_fails_is_answered_without_advice_and_the_next_one_tries_aga
     for second in (51, 52):
         silent = cab.tick(second)
         assert silent.mode == das_pb2.MODE_NONE
-        assert silent.reason.startswith("internal error: KeyError: 'nobody foresaw\\nthis' (test_node_faults.py:")
+        assert silent.reason.text.startswith("internal error: KeyError: 'nobody foresaw\\nthis' (test_node_faults.py:")
         status = cab.sink.of(STATUS)[-1]
-        assert (status.state, status.reason) == (das_pb2.Status.STATE_WITHDRAWN, silent.reason)
-        assert silent.reason in cab.sink.events()
+        assert (status.state, status.reason) == (das_pb2.Status.STATE_WITHDRAWN, silent.reason.text)
+        assert silent.reason.text in cab.sink.events()
         assert not cab.node.cab.urgent
     breaking.undo()
     assert cab.tick(53).mode != das_pb2.MODE_NONE
@@ -74,8 +74,8 @@ def test_a_position_that_fails_withdraws_one_advice(breaking: pytest.MonkeyPatch
     cab = DrivenNode()
     assert cab.tick(50).mode != das_pb2.MODE_NONE
     breaking.setattr(Localisation, "take", broken)
-    assert cab.tick(51).reason.startswith("internal error: KeyError")
-    assert cab.tick(52).reason.startswith("internal error: KeyError")
+    assert cab.tick(51).reason.text.startswith("internal error: KeyError")
+    assert cab.tick(52).reason.text.startswith("internal error: KeyError")
     breaking.undo()
     assert cab.tick(53).mode != das_pb2.MODE_NONE
 
@@ -90,7 +90,7 @@ def test_restrictions_that_fail_withdraw_the_advice_until_there_are_others(
     breaking.undo()
     assert cab.node.cab.urgent
     for second in (51, 52):
-        assert "restrictions cannot be applied" in cab.tick(second).reason
+        assert "restrictions cannot be applied" in cab.tick(second).reason.text
     cab.tell(RESTRICTION, restrictions(53, 10.0))
     assert cab.tick(54).limit_mps == 10.0
 
@@ -101,7 +101,7 @@ def test_a_journey_that_fails_is_refused(breaking: pytest.MonkeyPatch) -> None:
     cab.tell(JOURNEY, journey())
     breaking.undo()
     for second in (51, 52):
-        assert cab.tick(second).reason.startswith("journey refused: internal error: KeyError")
+        assert cab.tick(second).reason.text.startswith("journey refused: internal error: KeyError")
     cab.tell(JOURNEY, journey())
     assert cab.tick(53).mode != das_pb2.MODE_NONE
 
@@ -154,7 +154,7 @@ def test_what_was_ahead_of_the_clock_is_heard_when_the_clock_is_there() -> None:
     cab.tell(RESTRICTION, restrictions(100, 12.0))
     cab.tell(TARGET, das_pb2.Targets(time_ns=START_NS + 100 * S))
     assert "100 s ahead of the clock" in cab.sink.events()
-    assert "ahead of the clock" in cab.tick(20).reason
+    assert "ahead of the clock" in cab.tick(20).reason.text
     assert cab.tick(101).limit_mps == 12.0
     # What is told meanwhile is newer, whatever its time; what cannot be read may be.
     cab.tell(RESTRICTION, restrictions(201, 14.0))
@@ -163,7 +163,7 @@ def test_what_was_ahead_of_the_clock_is_heard_when_the_clock_is_there() -> None:
     assert cab.tick(202, 2_100.0).limit_mps == 15.0
     cab.tell(RESTRICTION, restrictions(300, 14.0))
     cab.node.take(decoded(RESTRICTION, RESTRICTION.key(TRAIN), b"\xff"))
-    assert "cannot be read" in cab.tick(301, 4_100.0).reason
+    assert "cannot be read" in cab.tick(301, 4_100.0).reason.text
 
 
 def test_after_the_clock_was_set_back_plans_are_sent_again() -> None:

@@ -95,11 +95,11 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
         until(bus, lambda r: given(r) and r.message.time_ns > later_ns)
 
         simulator.send_signal(signal.SIGSTOP)
-        assert "s old" in until(bus, withdrawn).reason
+        assert "s old" in until(bus, withdrawn).reason.text
         simulator.send_signal(signal.SIGCONT)
         until(bus, given)
         simulator.kill()
-        assert "s old" in until(bus, withdrawn).reason
+        assert "s old" in until(bus, withdrawn).reason.text
         with python(*of_simulator):
             until(bus, given)
             node.send_signal(signal.SIGSTOP)
@@ -187,7 +187,7 @@ def test_a_node_whose_clock_was_wrong_when_it_was_told_knows_it_when_the_clock_i
     driven.clock.time_ns = START_NS - 3600 * S
     driven.tell(JOURNEY, journey())
     driven.tell(RESTRICTION, das_pb2.Restrictions(time_ns=START_NS, restrictions=[one]))
-    assert "3600 s ahead of the clock" in driven.tick().reason
+    assert "3600 s ahead of the clock" in driven.tick().reason.text
     advice = driven.run_at(START_NS + S, 1_000.0)
     assert advice.mode != das_pb2.MODE_NONE
     assert advice.limit_mps == 15.0

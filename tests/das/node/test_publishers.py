@@ -70,7 +70,7 @@ def test_a_node_says_nothing_while_another_one_advises_its_train() -> None:
     driven.sink.seen.append(Presence(STATUS, "other", there=True))
     silent = driven.tick(2)
     assert (silent.mode, silent.cause) == (das_pb2.MODE_NONE, Cause.TWO_NODES)
-    assert silent.reason == "another node advises this train as well: other"
+    assert silent.reason.text == "another node advises this train as well: other"
     assert "another node" in driven.sink.events()
     driven.sink.seen.append(Presence(STATUS, "other", there=False))
     assert driven.tick(3).mode != das_pb2.MODE_NONE
@@ -178,7 +178,7 @@ def test_two_localisations_without_stamps_withdraw_the_advice() -> None:
         driven.tell_time(second)
         advice = driven.last_advice()
         assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.TWO_PUBLISHERS)
-        assert "time stamp" in advice.reason
+        assert "time stamp" in advice.reason.text
     assert "without its sender's time stamp" in driven.sink.events()
 
 
@@ -211,7 +211,7 @@ def test_restrictions_without_stamps_end_the_advice_until_others_are_heard() -> 
     driven.tell(RESTRICTION, restrictions(1, 10.0), UNSTAMPED)
     advice = driven.tick(2)
     assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.RESTRICTIONS_UNHEEDED)
-    assert "without its sender's time stamp" in advice.reason
+    assert "without its sender's time stamp" in advice.reason.text
     driven.tell(RESTRICTION, restrictions(3, 15.0))
     advice = driven.tick(4)
     assert advice.mode != das_pb2.MODE_NONE

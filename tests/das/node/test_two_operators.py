@@ -70,7 +70,7 @@ def test_a_second_operators_list_is_not_heeded_and_advice_waits_while_they_diffe
         cab.say(*named_list("b", second, None))
     silent = cab.tick(15)
     assert (silent.mode, silent.cause) == (das_pb2.MODE_NONE, Cause.TWO_OPERATORS)
-    assert silent.reason == "two publishers send different restrictions: a and b"
+    assert silent.reason.text == "two publishers send different restrictions: a and b"
     assert cab.sink.events().count("restriction: two publishers: what b says is not heeded while a is there") == 1
     cab.say(*named_list("b", 16, 10.0))
     assert cab.tick(17).limit_mps == 10.0
@@ -136,7 +136,7 @@ def test_an_operator_that_is_gone_and_back_is_the_same_one(cab: Told) -> None:
     cab.see("a", there=True)
     cab.say(*named_list("a", 10, 10.0))
     cab.say(*named_list("b", 13, None))
-    assert "send different restrictions" in cab.tick(14).reason
+    assert "send different restrictions" in cab.tick(14).reason.text
 
 
 def test_one_that_was_taken_over_from_and_is_back_is_the_second(cab: Told) -> None:
@@ -144,7 +144,7 @@ def test_one_that_was_taken_over_from_and_is_back_is_the_second(cab: Told) -> No
     cab.say(*named_list("b", 12, 15.0))
     assert cab.tick(13).limit_mps == 15.0
     cab.see("a", there=True)
-    assert "send different restrictions: b and a" in cab.tick(14).reason
+    assert "send different restrictions: b and a" in cab.tick(14).reason.text
     cab.say(*named_list("a", 11, 15.0))
     assert cab.tick(15).limit_mps == 15.0
 
@@ -155,7 +155,7 @@ def test_a_second_one_that_was_away_still_says_what_it_said_last(cab: Told) -> N
     assert cab.tick(13).limit_mps == 10.0
     cab.say(*named_list("b", 12, 20.0))  # on the way before it was known that it is back
     cab.see("b", there=True)
-    assert "send different restrictions: a and b" in cab.tick(14).reason
+    assert "send different restrictions: a and b" in cab.tick(14).reason.text
     cab.see("b", there=False)
     assert cab.tick(15).limit_mps == 10.0
     cab.see("a", there=False)
@@ -166,12 +166,12 @@ def test_a_second_one_that_was_away_still_says_what_it_said_last(cab: Told) -> N
 
 def test_what_a_second_session_says_that_cannot_be_read_makes_nobody_the_publisher(cab: Told) -> None:
     cab.node.take(decoded(RESTRICTION, RESTRICTION.key(TRAIN), b"\xff", "b"))
-    assert "send different restrictions: a and b" in cab.tick(12).reason
+    assert "send different restrictions: a and b" in cab.tick(12).reason.text
     cab.see("b", there=False)
     assert cab.tick(13).limit_mps == 10.0
     cab.see("a", there=False)
     cab.node.take(decoded(RESTRICTION, RESTRICTION.key(TRAIN), b"\xff", "c"))
-    assert "cannot be read" in cab.tick(14).reason
+    assert "cannot be read" in cab.tick(14).reason.text
     cab.say(*named_list("d", 1, 12.0))
     assert cab.tick(15).limit_mps == 12.0
 
@@ -196,7 +196,7 @@ def test_a_second_operators_journey_and_targets_are_not_heeded_until_the_first_i
 def test_without_word_of_who_is_there_the_first_publisher_counts(cab: Told) -> None:
     for second in range(12, 40):
         cab.say(*named_list("b", second, None))
-        assert "send different restrictions" in cab.tick(second).reason
+        assert "send different restrictions" in cab.tick(second).reason.text
 
 
 def test_sessions_without_end_are_not_kept_without_end() -> None:

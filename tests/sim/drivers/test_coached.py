@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from das.advice.advice import Advice, Coaching, Instruction
+from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
@@ -51,16 +52,17 @@ TRACTION = Instruction(mode=Regime.REDUCED_TRACTION, speed_mps=100.4 * KMH, effo
 DEPART = Instruction(mode=Regime.DEPART, speed_mps=100.4 * KMH, effort_ratio=0.8)
 HOLD = Instruction(mode=Regime.CRUISE, speed_mps=20.0)
 ROLL = Instruction(mode=Regime.COAST, speed_mps=10.0, effort_ratio=0.0)
+LATE = Reason(code=ReasonCode.ARRIVAL, late_s=40.0)
 BRAKE = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=10.0, effort_ratio=-0.4)
 
 
 def test_a_display_of_the_coach_shows_mode_speed_effort_and_what_comes_next() -> None:
     following = (replace(ROLL, in_s=42.0, way_m=900.0),)
-    seen = view(TRACTION, force_n=1e5, following=following, target_m=800.0, reason="accelerate to 100")
+    seen = view(TRACTION, force_n=1e5, following=following, target_m=800.0, reason=LATE)
     assert (seen.mode, seen.next_mode, seen.next_change_s) == (Regime.REDUCED_TRACTION, Regime.COAST, 42.0)
     assert (seen.speed_mps, seen.display_speed_mps) == pytest.approx((100.4 * KMH, 100 * KMH))
     assert (seen.next_speed_mps, seen.next_effort_ratio) == (10.0, 0.0)
-    assert (seen.target_way_m, seen.reason, seen.due_s) == (800.0, "accelerate to 100", 0.0)
+    assert (seen.target_way_m, seen.reason, seen.due_s) == (800.0, LATE, 0.0)
     assert seen.lever_ratio == TRACTION.effort_ratio, "an acceleration keeps its effort while its force eases off"
     braked = view(BRAKE, force_n=-1e5)
     assert braked.lever_ratio == pytest.approx(-1e5 / Efforts.at(20.0, LINE.train).brakes_n)
@@ -74,7 +76,7 @@ def test_nobody_is_told_with_what_effort_to_hold_a_speed() -> None:
 
 
 def test_a_display_says_to_depart_with_no_effort_yet_and_how_to_depart_when_cleared() -> None:
-    seen = view(DEPART, reason="depart when cleared")
+    seen = view(DEPART)
     assert (seen.mode, seen.lever_ratio, seen.force_n) == (Regime.DEPART, 0.0, 0.0)
     assert seen.display_speed_mps == pytest.approx(100 * KMH)
     assert (seen.next_mode, seen.next_speed_mps, seen.next_effort_ratio) == (Regime.REDUCED_TRACTION, 100.4 * KMH, 0.8)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Timetable
+from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.bus import das_pb2
 from das.domain.errors import InputError
@@ -379,7 +380,12 @@ def test_advice_helps_a_human_to_save_energy_and_be_on_time(zug_luzern: Case) ->
 
 
 def drive_past(
-    human: HumanDriver, modes: list[int], each_s: float, look_s: float = 0.2, last_mps: float = 20.0, reason: str = ""
+    human: HumanDriver,
+    modes: list[int],
+    each_s: float,
+    look_s: float = 0.2,
+    last_mps: float = 20.0,
+    reason: Reason = NO_REASON,
 ) -> list[tuple[float, Command]]:
     """Show one mode after another to a driver on an endless level line whose train stays at 20 m/s.
 
@@ -425,8 +431,10 @@ def test_reactions_are_lognormal_as_set_and_the_hand_moves_after_them() -> None:
         assert 0.0 <= moved_s - (event.time_s + reactions[event.time_s]) < 0.2 + 1e-9
 
 
-@pytest.mark.parametrize(("reason", "refused_ratio"), [("", 1.0), ("coast for the 100", 0.5)])
-def test_advice_is_followed_with_the_probability_of_its_kind(reason: str, refused_ratio: float) -> None:
+@pytest.mark.parametrize(
+    ("reason", "refused_ratio"), [(NO_REASON, 1.0), (Reason(code=ReasonCode.ARRIVAL, late_s=20.0), 0.5)]
+)
+def test_advice_is_followed_with_the_probability_of_its_kind(reason: Reason, refused_ratio: float) -> None:
     """Half of what is refused without a reason is refused with one: only where a reason is shown."""
     wanted = {"traction": 0.9, "hold": 0.7, "coast": 0.5, "brake": 0.3}
     ratios = {f"comply_{kind}_ratio": p for kind, p in wanted.items()}

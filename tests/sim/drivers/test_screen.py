@@ -7,18 +7,21 @@ from dataclasses import replace
 
 import pytest
 
+from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import Regime
 from das.domain.errors import DasError, InputError
 from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import Presentation
 from sim.drivers.screen import Screen, ScreenSettings, recorded_screen, screen_metadata
 
+LATE = Reason(code=ReasonCode.ARRIVAL, late_s=40.0)
+
 
 def advice(time_s: float, mode: Regime = Regime.CRUISE, speed_mps: float = 20.0) -> AdviceView:
     return AdviceView(
         time_s=time_s, valid_until_s=time_s + 3.0, presentation=Presentation.VECTOR, mode=int(mode),
         speed_mps=speed_mps, lever_ratio=0.2, horizon_speed_mps=(20.0, 21.0, 22.0), horizon_force_n=(1.0, 2.0, 3.0),
-        next_mode=int(Regime.COAST), next_change_s=2.5, reason="late",
+        next_mode=int(Regime.COAST), next_change_s=2.5, reason=LATE,
     )  # fmt: skip
 
 
@@ -78,10 +81,10 @@ def test_what_is_shown_at_a_stand_is_not_held(before: Regime, stands: bool) -> N
 
 def test_preview_and_reason_are_cut() -> None:
     cut = shown(Screen(ScreenSettings(preview_s=2.0, reason=False)), advice(0))
-    assert (cut.horizon_speed_mps, cut.next_mode, cut.reason) == ((20.0, 21.0), Regime.NONE, "")
+    assert (cut.horizon_speed_mps, cut.next_mode, cut.reason) == ((20.0, 21.0), Regime.NONE, NO_REASON)
     assert math.isnan(cut.next_change_s)
     near = shown(Screen(ScreenSettings(preview_s=3.0)), advice(0))
-    assert (near.next_change_s, near.reason) == (2.5, "late")
+    assert (near.next_change_s, near.reason) == (2.5, LATE)
 
 
 @pytest.mark.parametrize(("name", "value"), [("update_interval_s", -1.0), ("hold_s", 1e4), ("preview_s", math.nan)])

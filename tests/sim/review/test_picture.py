@@ -86,6 +86,7 @@ def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.M
         (["--save", str(recording)], "is also an input"),
         (["--png", str(tmp_path / "nowhere" / "x.png")], "no such folder"),
         (["--plot", str(tmp_path / "x.svg"), "--save", str(tmp_path / "x.svg")], "name the same file"),
+        (["--language", "it"], "'it' is not one of 'en', 'de', 'fr'"),
         (["--plot", str(tmp_path / "x.jpg")], "expected a file name that ends in .png, .pdf or .svg"),
     ):
         answer = das_sim("view", str(recording), *arguments, cwd=tmp_path)

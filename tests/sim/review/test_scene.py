@@ -77,8 +77,8 @@ def test_a_restriction_that_is_none_is_left_out() -> None:
 
 def test_silences_have_their_reasons() -> None:
     said = [advice(t) for t in range(5, 20)] + [advice(t) for t in range(30, 50)] + [advice(t) for t in range(60, 91)]
-    reasons = [withdrawn(t, f"the position is {t - 46}.0 s old") for t in range(50, 55)]
-    reasons += [withdrawn(t, "outside the section") for t in range(55, 60)]
+    reasons = [withdrawn(t, f"the position is {t - 46}.0 s old", 11) for t in range(50, 55)]
+    reasons += [withdrawn(t, "outside the section", 14) for t in range(55, 60)]
     recording = recorded(*said, *reasons)
     found = [
         (round((x.start_ns - START_NS) / 1e9), round((x.end_ns - START_NS) / 1e9), x.text)

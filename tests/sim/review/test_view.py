@@ -19,7 +19,7 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
     rrd = tmp_path / "view.rrd"
     rrd.write_bytes(b"before")
 
-    def fail(recording: Recording, path: Path, *, with_map: bool) -> None:
+    def fail(recording: Recording, path: Path, **how: object) -> None:
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from datetime import datetime
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from das.advice.wording import Language
+from das.bus import das_pb2, topics
 from das.bus.recording import read_recording
-from das.domain.units import KM
+from das.domain.units import KM, NS
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse
 from sim.review.scene import ReviewScene
-from sim.review.words import LETTERS, NODE_ALONE, cards, headline, on_this_day, summary
+from sim.review.words import LETTERS, NODE_ALONE, DisplayWords, cards, headline, on_this_day, summary
 from tests.support.hand_recorded import SECONDS, SPEED_MPS, cab, day, recorded
 from tests.support.recordings import at_ns, write_recording
 
@@ -70,6 +75,23 @@ def test_what_the_driver_saw() -> None:
     alone = day()
     alone.messages.pop("cab")
     assert all(NODE_ALONE in card.text for card in cards(alone, DrivenCourse.of(alone)))
+
+
+def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
+    held: dict[str, Any] = {"presentation": 4, "mode": 4, "display_speed_mps": 20.0, "next_mode": 6, "next_change_s": 8}
+    reason = das_pb2.Reason(code=das_pb2.REASON_POINT_EARLIEST, at_m=1500.0, time_ns=at_ns(0), late_s=math.nan)
+    recording = recorded(cab(0, reason=reason, **held), cab(1, presentation=1, mode=3, display_speed_mps=20.0))
+    said = DisplayWords(Language.DE, ZoneInfo("Europe/Zurich"))
+    coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
+    assert coach.startswith("## ausrollen, 72 km/h")
+    assert "| next | elektrisch voll bremsen in 8 s |" in coach
+    assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in coach
+    assert top.startswith("## Höchstgeschwindigkeit 72 km/h")
+
+
+def test_a_recording_made_before_the_codes_of_reasons_names_the_cause() -> None:
+    recording = recorded((topics.ADVICE, das_pb2.Advice(time_ns=at_ns(0), cause=11)))
+    assert cards(recording, DrivenCourse.of(recording))[0].text.startswith("## No advice: position stale")
 
 
 def test_what_the_driver_saw_of_how_to_depart() -> None:

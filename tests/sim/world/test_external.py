@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from das.advice.reason import Reason, ReasonCode
 from das.bus import das_pb2
 from das.bus.recording import read_recording
 from das.bus.session import endpoint, free_ports
@@ -273,7 +274,8 @@ ADVICE = AdviceView(
     time_s=0.1 + 0.2, valid_until_s=3.3, presentation=Presentation.VECTOR, mode=2, speed_mps=1 / 3,
     display_speed_mps=0.3, lever_ratio=-0.123, force_n=-1e4 / 7, horizon_speed_mps=(0.1, 0.2),
     horizon_force_n=(1.0, 2.0), next_mode=4, next_change_s=7.7, next_speed_mps=9.1,
-    next_effort_ratio=0.6, due_s=0.3, target_way_m=12.1, reason="why",
+    next_effort_ratio=0.6, due_s=0.3, target_way_m=12.1,
+    reason=Reason(code=ReasonCode.STOP, stop="B"),
     deviation_s=-4.4,
 )  # fmt: skip
 

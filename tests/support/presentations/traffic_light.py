@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from das.advice.regimes import Regime
+from das.advice.wording import Language
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, LaneState, Presenter, Shown
@@ -36,7 +37,7 @@ class TrafficLightPresenter(Presenter):
             return hands.set_effort(-0.5)
         return hands.handling.held(cab, outlook, allowed_mps)
 
-    def headline(self, view: AdviceView) -> str:
+    def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
         return LIGHTS.get(Regime(view.mode), "green")
 
 

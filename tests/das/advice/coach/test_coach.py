@@ -1,26 +1,25 @@
-"""The coach in a cab: its reasons in words, what following it saves, restrictions and targets, and standing trains."""
+"""The coach in a cab: its reasons, restrictions and targets, and standing trains."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from das.advice import wording
 from das.advice.advice import Advice, Coaching, ReplanCause, Timetable
-from das.advice.coach.coach import Coach
+from das.advice.coach.coach import Coach, falling_limits
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
 from das.advice.settings import AdviceSettings
+from das.advice.wording import words
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.preparation import Preparation
 from das.cab.situation import Situation
 from das.domain.restriction import Restriction
-from das.domain.units import KMH
 from das.estimate.estimate import Estimate
 from tests.support.coach import Keeping, coach_front, goal_of, ns, started
 from tests.support.coach import keeper_of as keeper_of_section
@@ -44,7 +43,7 @@ def train_of() -> Keeping:
 
 def shown(coach: Coach, state: TrainState, goal: Goal, place: SpeedsAllowed = FREE) -> Coaching | None:
     """What a coach shows to the driver of a train that is on time."""
-    return coach.show(coach.plan(state, goal), state, goal, place, 0.0)
+    return coach.show(coach.plan(state, goal), state, goal, place)
 
 
 def said(coach: Coach, state: TrainState, place: SpeedsAllowed = FREE) -> Coaching:
@@ -53,36 +52,39 @@ def said(coach: Coach, state: TrainState, place: SpeedsAllowed = FREE) -> Coachi
     return coaching
 
 
-def test_a_run_with_the_coach_has_a_reason_at_every_moment() -> None:
+def test_a_reason_never_repeats_the_instruction_and_names_limits_and_stops_of_the_line() -> None:
     coach, train = coach_of(), train_of()
-    words = {said(coach, train.at(second)).reason.split(",")[0].split()[0] for second in range(6, int(train.end_s) - 3)}
-    assert words <= {"accelerate", "hold", "coast", "brake"}
-    assert len(words) == 4
+    section = section_of(LINE)
+    falls_m, falls_to = falling_limits(section.route)
+    limits = {*zip(falls_m.tolist(), falls_to.tolist(), strict=True)}
+    codes = set()
+    for second in range(6, int(train.end_s) - 3):
+        coaching = said(coach, train.at(second))
+        reason, mode = coaching.reason, coaching.now.mode
+        codes.add(reason.code)
+        assert not reason.text, "a text would have a language"
+        if reason.code is ReasonCode.LIMIT:
+            assert (reason.at_m, reason.speed_mps) in limits
+            assert reason.at_m > train.at(second).s_m
+        if mode not in BRAKES and mode is not Regime.COAST:
+            assert reason.code in (ReasonCode.NONE, ReasonCode.ARRIVAL)
+    assert codes <= {ReasonCode.NONE, ReasonCode.ARRIVAL, ReasonCode.LIMIT, ReasonCode.STOP}
+    assert {ReasonCode.NONE, ReasonCode.LIMIT, ReasonCode.STOP} <= codes
 
 
 def test_the_last_brake_names_the_stop() -> None:
     coach, train = coach_of(), train_of()
     reasons = [said(coach, train.at(second)).reason for second in range(6, int(train.end_s) - 6)]
-    assert reasons[-1].startswith("brake for Zug")
+    assert (reasons[-1].code, reasons[-1].stop) == (ReasonCode.STOP, "Zug")
 
 
 def test_a_train_that_is_too_fast_is_told_by_how_much() -> None:
     """The train is 5 m/s above the allowed speed."""
     coach, state = coach_of(), train_of().at(200)
     coaching = said(coach, state, SpeedsAllowed(state.v_mps - 5.0, 60.0))
-    assert coaching.reason == "18 km/h too fast"
+    assert words(coaching.reason) == "18 km/h too fast"
     assert coaching.now.mode in BRAKES
     assert coaching.now.effort_ratio <= -1.0
-
-
-def test_coasting_in_time_is_worth_more_than_going_on() -> None:
-    """If the reference coasts or brakes, going on at the present speed costs more energy."""
-    coach, train, worth = coach_of(), train_of(), {}
-    for second in range(6, int(train.end_s) - 40):
-        coaching = said(coach, train.at(second))
-        worth.setdefault(coaching.now.mode, []).append(coaching.worth_j)
-    assert np.mean(worth[Regime.COAST]) > 0.0
-    assert max(max(values) for values in worth.values()) > 1e6
 
 
 def test_a_standing_train_is_told_to_stand_and_for_how_long() -> None:
@@ -95,13 +97,13 @@ def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cle
     section = section_of(LINE)
     coach, state = coach_of(), TrainState(ns(0), section.start_m, 0.0)
     goal = goal_of(LINE, 0.15)
-    told = coach.departs(coach.plan(state, goal), state, goal, FREE, 0.0)
+    told = coach.departs(coach.plan(state, goal), state, goal, FREE)
     assert told is not None
     gone = said(coach_of(), state)
     assert gone.now.mode is Regime.FULL_TRACTION
     assert told.now == replace(gone.now, mode=Regime.DEPART)
-    assert (told.force_n, told.reference_force_n, told.worth_j) == (0.0, 0.0, 0.0)
-    assert told.reason == f"depart when cleared: {gone.reason}"
+    assert (told.force_n, told.reference_force_n) == (0.0, 0.0)
+    assert told.reason == gone.reason
     assert told.following == gone.following
 
 
@@ -117,23 +119,33 @@ def test_a_train_that_must_not_pass_yet_is_told_when_it_may() -> None:
     point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(420.0), reason="train ahead")
     coaching = shown(coach, state, replace(goal_of(LINE, 0.15), passing=point))
     assert coaching is not None
-    assert coaching.reason.startswith("slow: train ahead: km 21.0 not before ")
-    assert coaching.reason.endswith(", in 360 s")
-    assert coaching.worth_j == 0.0
+    assert coaching.reason == Reason(
+        code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=ns(420.0), text="train ahead"
+    )
 
 
-@pytest.mark.parametrize(
-    ("mode", "late_s", "expected"),
-    [
-        (Regime.COAST, -40.0, "coast for the 100 at km 12.3, 40 s spare"),
-        (Regime.COAST, -4.0, "coast for the 100 at km 12.3"),
-        (Regime.REDUCED_BRAKE, 30.0, "brake for the 100 at km 12.3"),
-        (Regime.CRUISE, 0.0, "hold 90"),
-        (Regime.FULL_TRACTION, 0.0, "accelerate to 90"),
-    ],
-)
-def test_reasons_are_what_a_driver_would_say(mode: Regime, late_s: float, expected: str) -> None:
-    assert wording.instructed(mode, 90 * KMH, wording.Aim(100 * KMH, 12_300.0), late_s) == expected
+def test_a_point_that_a_train_passes_late_enough_anyway_is_not_named() -> None:
+    coach, state = coach_of(), train_of().at(60)
+    point = PassingTarget(s_m=section_of(LINE).start_m + 9000.0, earliest_ns=ns(65.0))
+    coaching = shown(coach, state, replace(goal_of(LINE, 0.15), passing=point))
+    assert coaching is not None
+    assert coaching.reason.code is not ReasonCode.POINT_EARLIEST
+
+
+@pytest.mark.parametrize(("later_s", "expected_s"), [(0.0, None), (-40.0, 40.0), (40.0, -40.0)])
+def test_a_reason_says_how_late_or_early_the_train_arrives(later_s: float, expected_s: float | None) -> None:
+    """The timetable is moved after the coach has made its reference; the arrival is the forecast of that reference."""
+    coach, state = coach_of(), train_of().at(100)
+    kept = coach.plan(state, goal_of(LINE, 0.15))
+    goal = goal_of(LINE, 0.15)
+    moved = replace(goal, due_ns=goal.due_ns + round(later_s * 1e9))
+    coaching = coach.show(kept, state, moved, FREE)
+    assert coaching is not None
+    if expected_s is None:
+        assert coaching.reason.code is ReasonCode.NONE
+    else:
+        assert coaching.reason.code is ReasonCode.ARRIVAL
+        assert coaching.reason.late_s == pytest.approx(expected_s, abs=3.0)
 
 
 class Cab:
@@ -201,6 +213,20 @@ def test_a_train_at_a_restriction_is_shown_no_more_than_it_allows() -> None:
     assert coaching.now.speed_mps <= cab.leg.planner.allowed_mps(state.s_m) < state.v_mps
     inside = cab.coaching(TrainState(ns(160), state.s_m + 200.0, 16.0))
     assert inside.now.speed_mps <= 15.0 + 0.3
+
+
+def test_a_brake_for_a_restriction_names_the_restriction_and_not_another_limit() -> None:
+    cab, state = Cab(), train_of().at(150)
+    one = Restriction(start_m=state.s_m + 1500.0, end_m=state.s_m + 2300.0, limit_mps=15.0)
+    cab.coaching(state)
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    for second in range(1, 90):
+        here = TrainState(ns(150.0 + second), state.s_m + state.v_mps * second, state.v_mps)
+        coaching = cab.coaching(here)
+        if coaching.now.mode in BRAKES:
+            break
+    assert here.s_m < one.start_m
+    assert coaching.reason == Reason(code=ReasonCode.RESTRICTION, speed_mps=15.0, at_m=one.start_m)
 
 
 def test_without_a_coach_there_is_none() -> None:

@@ -62,6 +62,14 @@ def test_a_good_route(tmp_path: Path) -> None:
     assert route.curvature_per_m.at([0, 300, 400, 2999]) == pytest.approx([0, 1 / 800, 1 / 400, 1 / 400])
     assert [(t.start_m, t.length_m, t.area_m2) for t in route.tunnels] == [(1000, 500, 42), (2000, 500, 42)]
     assert route.location_deg(0) is None
+    assert route.zone.key == "UTC"
+
+
+def test_a_route_names_its_time_zone(tmp_path: Path) -> None:
+    path = tmp_path / "r.toml"
+    path.write_text(ROUTE.replace('name = "R"', 'name = "R"\ntime_zone = "Europe/Zurich"'))
+    assert load_route(str(path)).reversed().zone.key == "Europe/Zurich"
+    assert load_route("zurich-luzern").time_zone == "Europe/Zurich"
 
 
 BAD_ROUTES = [
@@ -73,6 +81,13 @@ BAD_ROUTES = [
     ('name = "A"', f'name = "{"A" * 300}"', r"stops\[0\]\.name = 'AAAA"),
     ('name = "R"', 'name = "R"\n"\\u001b[2J" = 1', r"route\.\\x1b\[2J = 1: expected one of the keys"),
     ("length_km = 3.0", 'length_km = 3.0\nillustrative = "yes"', r"route\.illustrative = 'yes': expected true or fals"),
+    *(
+        ('name = "R"', f'name = "R"\ntime_zone = {zone}', rf"route\.time_zone = .*: expected {expected}")
+        for zone, expected in (
+            *(('"Europe/Zuerich"', "a time zone like"), ('"Europe"', "a time zone like")),
+            *(('"../etc/passwd"', "a time zone like"), ('""', "a time zone like"), ("1", "a string")),
+        )
+    ),
     ('name = "B"', 'nom = "B"', r"stops\[1\]\.nom = 'B': expected one of the keys"),
     ("position_m = 3000.0", "", r"stops\[1\]\.position is missing: expected position_m or position_km"),
     ("altitude_m = 400.0", 'altitude_m = "high"', r"stops\[0\]\.altitude_m = 'high': expected a number"),

@@ -125,22 +125,6 @@ def test_a_train_off_the_run_comes_back_to_it(which: Which) -> None:
     assert slower.speeds_mps[-20:] == pytest.approx(kept.speeds_mps[-20:], abs=0.05)
 
 
-def test_a_train_may_hold_its_speed_for_a_while_first() -> None:
-    """Up to the place the speed stays, and from there on it is the forecast from there."""
-    schedule, section = schedules(BUNDLED[2], 0.15).polished.schedule, section_of(BUNDLED[2])
-    i = len(section.step_m) // 3
-    s_m, v_mps = float(section.node_m[i]), float(schedule.known.speed_mps[i]) - 2.0
-    until = i + 20
-    found = schedule.forecast(s_m, v_mps, held_until_m=float(section.node_m[until]))
-    rest = schedule.forecast(float(section.node_m[until]), v_mps)
-    assert found.speeds_mps[i : until + 1] == pytest.approx(v_mps)
-    assert found.speeds_mps[until:] == pytest.approx(rest.speeds_mps[until:], abs=2e-3)
-    held_s = (section.node_m[until] - s_m) / v_mps
-    assert found.time_s == pytest.approx(rest.time_s + held_s, abs=0.02)
-    behind = schedule.forecast(s_m, v_mps, held_until_m=s_m - 500.0)
-    assert behind.time_s == schedule.forecast(s_m, v_mps).time_s
-
-
 def test_following_without_merging_is_the_same_as_with_it() -> None:
     """`met_mps` is a short cut: a train that never meets the known run arrives when one does that merges."""
     schedule, section = schedules(BUNDLED[2], 0.15).polished.schedule, section_of(BUNDLED[2])

@@ -153,7 +153,10 @@ def test_the_window_of_a_restriction_is_told_with_its_begin_and_end() -> None:
 
 def test_withdrawn_advice_has_its_cause_and_its_length() -> None:
     entries = [advice(t, mode=3) for t in (1, 40)] + [
-        (topics.ADVICE, das_pb2.Advice(time_ns=at_ns(t), cause=11, reason="position 4 s old"))
+        (
+            topics.ADVICE,
+            das_pb2.Advice(time_ns=at_ns(t), cause=11, reason=das_pb2.Reason(code=1, text="position 4 s old")),
+        )
         for t in (30, 32, 34, 36, 38)
     ]
     (found,) = [

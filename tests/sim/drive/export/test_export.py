@@ -12,14 +12,14 @@ import pandas as pd
 import pytest
 from pyarrow import parquet
 
-from das.bus import topics
-from das.bus.recording import read_recording
+from das.bus import das_pb2, topics
+from das.bus.recording import Stamped, read_recording
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.cli.trips import bundled_recording
 from sim.drive.export import tables as writing
-from sim.drive.export.export import STEP_M, ExportSettings, FileFormat, export
-from sim.drive.export.tables import UNITS
+from sim.drive.export.export import POSITIONS, STEP_M, ExportSettings, FileFormat, export
+from sim.drive.export.tables import UNITS, tables_of
 from tests.support.recordings import SECONDS, START_NS, at_ns, position_m, speed_mps, write_recording
 from tests.support.reference_recordings import FOLDER
 
@@ -147,6 +147,15 @@ def test_an_anonymous_export_says_neither_who_nor_where(tmp_path: Path) -> None:
     assert abs(truth["s_m"].iloc[0]) < 10.0
     assert truth["time_ns"].iloc[0] == -10 * 10**9
     np.testing.assert_allclose(truth["speed_mps"], pd.read_csv(tmp_path / "open" / "position.csv")["speed_mps"])
+
+
+def test_the_places_in_reasons_count_from_the_first_stop_as_well() -> None:
+    reason = das_pb2.Reason(code=das_pb2.REASON_LIMIT, at_m=20_100.0)
+    advice = das_pb2.Advice(reason=reason, coach=das_pb2.Coaching(reason=reason))
+    (table, *_) = tables_of("advice", [Stamped(0, advice)], 0)
+    places = {one.name for one in table.columns if one.name.endswith("at_m")}
+    assert places == {"reason_at_m", "coach_reason_at_m"}
+    assert places <= set(POSITIONS)
 
 
 def test_places_on_the_map_are_left_out(recorded: Path, tmp_path: Path) -> None:

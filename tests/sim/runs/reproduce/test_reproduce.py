@@ -96,7 +96,7 @@ def test_a_changed_value_is_found_with_what_was_heard_before(tmp_path: Path) -> 
     def faster(messages: list[RecordedMessage]) -> list[RecordedMessage]:
         advices = [one.message for one in messages if one.topic is ADVICE]
         advices[40].advised_speed_mps += 0.01
-        advices[45].reason = "because"
+        advices[45].reason.text = "because"
         return messages
 
     found = heard_again(rewritten(tmp_path / "run.mcap", faster))
@@ -106,7 +106,7 @@ def test_a_changed_value_is_found_with_what_was_heard_before(tmp_path: Path) -> 
     assert field.path == "advised_speed_mps"
     assert field.by == pytest.approx(0.01, abs=1e-3)
     assert second.tick == 46
-    assert found.comparison.by_field["advice.reason"][0] == 1
+    assert found.comparison.by_field["advice.reason.text"][0] == 1
     assert {topic for _, topic, _ in found.context} == {"position"}
     assert all(0 <= before_s <= 5 for before_s, _, _ in found.context)
 
