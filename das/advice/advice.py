@@ -52,6 +52,10 @@ class Cause(IntEnum):
     """From the train's state the end of the section cannot be reached."""
     TWO_NODES = 18
     """Another node advises this train as well."""
+    STANDS_ON_LINE = 19
+    """The train stands where it has no stop, and only the driver knows why."""
+    DRIVER_BRAKES = 20
+    """The driver brakes although the advice is to accelerate or to hold a speed."""
 
     @property
     def label(self) -> str:

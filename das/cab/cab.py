@@ -266,7 +266,7 @@ class Cab:
         conditions = self.learning.due(now_ns)
         if conditions is not None:
             self.legs.set_conditions(conditions)
-        advice = self.legs.judged(self._lasting(self._advise(now_ns)), self.here)
+        advice = self._advise(now_ns)
         took_s = self._settings.stopwatch() - began
         self._trust = dataclasses.replace(self._trust, internal_error="")
         reporting = self._reporting
@@ -292,7 +292,7 @@ class Cab:
         reporting.add(advice)
 
     def _advise(self, now_ns: int) -> Advice:
-        """The advice for a moment (ns since 1970); without advice, one that states the cause."""
+        """The advice for a moment (ns since 1970), after the last word; without advice, one that states the cause."""
         self.here = self._localisation.at(now_ns)
         leg, facts = self.legs.current, None
         if leg is not None:
@@ -313,9 +313,12 @@ class Cab:
             return Advice(time_ns=now_ns, cause=why.cause, reason=wording.withdrawal(why))
         if why is None:
             try:
-                return leg.advise(self.here)
+                advice = self.legs.judged(self._lasting(leg.advise(self.here)), self.here)
             except NoPlanError as error:
                 why = decide(self.here, trust, facts, no_plan=str(error))
+            else:
+                why = decide(self.here, trust, facts, quiet=leg.quiet(advice, self.here))
+                return advice if why is None else leg.hush(self.here, why)
         assert why is not None
         return leg.withdraw(self.here, why)
 
