@@ -58,6 +58,11 @@ class Cause(IntEnum):
     """The driver brakes although the advice is to accelerate or to hold a speed."""
 
     @property
+    def is_quiet(self) -> bool:
+        """Whether advice goes on unseen: nothing is wrong, but the driver acts on what the advice cannot know."""
+        return self in (Cause.STANDS_ON_LINE, Cause.DRIVER_BRAKES)
+
+    @property
     def label(self) -> str:
         """The name of the cause in events, tests and tables, e.g. `position-stale`."""
         return self.name.lower().replace("_", "-")

@@ -55,6 +55,9 @@ class Quiet:
 
     def cause(self, advice: Advice, here: Estimate, section: Section) -> Cause:
         """Why the driver is not to be shown this advice; NONE if it is to be shown. Call it for every advice."""
+        if advice.mode is Regime.NONE:
+            self.forget()
+            return Cause.NONE
         if here.speed_mps < STANDSTILL_MPS:
             self.forget()
             near_m = self._stop.at_stop_m

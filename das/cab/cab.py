@@ -10,6 +10,7 @@ from pathlib import Path
 
 from das.advice import wording
 from das.advice.advice import Advice, Cause
+from das.advice.quiet import Quiet
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
 from das.cab import event_wording
@@ -102,6 +103,7 @@ class Cab:
         self._post, self._settings = post, settings
         self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
+        self._quiet = Quiet(settings.advice.quiet, settings.advice.stop)
         self._trust = Trust(restrictions_received=settings.no_restrictions)
         self._now = _Now()
 
@@ -317,9 +319,11 @@ class Cab:
             except NoPlanError as error:
                 why = decide(self.here, trust, facts, no_plan=str(error))
             else:
-                why = decide(self.here, trust, facts, quiet=leg.quiet(advice, self.here))
-                return advice if why is None else leg.hush(self.here, why)
+                quiet = self._quiet.cause(advice, self.here, leg.section)
+                why = decide(self.here, trust, facts, quiet=quiet)
+                return advice if why is None else leg.withdraw(self.here, why)
         assert why is not None
+        self._quiet.forget()
         return leg.withdraw(self.here, why)
 
     def _lasting(self, advice: Advice) -> Advice:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from das.advice import wording
-from das.advice.advice import Advice, Cause, Coaching, Timetable, Withdrawal
+from das.advice.advice import Advice, Coaching, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
 from das.advice.coach.coach import Coach
 from das.advice.coach.keeping import Kept
@@ -16,7 +16,6 @@ from das.advice.display import Display, Scene
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.plan import Plan
 from das.advice.planner import PlanBasis, Planner
-from das.advice.quiet import Quiet
 from das.advice.settings import DEFAULT, AdviceSettings
 from das.advice.worker import AT_ONCE, Worker
 from das.cab import event_wording
@@ -64,7 +63,6 @@ class Leg:
         self.here: Estimate | None = None
         """The last state of the train on this leg; None if that one cannot be used."""
         self._settings = settings
-        self._quiet = Quiet(settings.quiet, settings.stop)
         self._arrived_ns: int | None = None
         self._reached_m = -math.inf
 
@@ -171,18 +169,10 @@ class Leg:
         return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
-        """Withdraw the advice: the plan is forgotten, and the answer states the cause."""
-        self._forget()
-        self._quiet.forget()
-        return self.display.withdrawn(here, why)
-
-    def quiet(self, advice: Advice, here: Estimate) -> Cause:
-        """Why the driver is not to be shown an advice of this leg, by what he does; NONE if it is to be shown."""
-        return self._quiet.cause(advice, here, self.section)
-
-    def hush(self, here: Estimate, why: Withdrawal) -> Advice:
-        """Show nothing for now: the answer states the cause, and the plan and the coach's reference go on."""
-        if self._coach is not None:
+        """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
+        if not why.cause.is_quiet:
+            self._forget()
+        elif self._coach is not None:
             self._coach.hush()
         return self.display.withdrawn(here, why)
 
