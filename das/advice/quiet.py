@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import pairwise
 from typing import Final, NamedTuple
 
 from das.advice.advice import Advice, Cause
@@ -24,14 +23,19 @@ SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
 
 
 class _Sample(NamedTuple):
-    """A time (s), and the speed (m/s) that the train would have then without resistance since the first sample.
+    """A time (s), the speed (m/s), and the speed that the train would have without resistance since the first sample.
 
-    Where a gradient accelerates the train, it is not corrected: a driver who brakes there to hold his speed does not
+    Where a gradient accelerates the train, that is not corrected: a driver who brakes there to hold his speed does not
     slow down.
     """
 
     time_s: float
+    v_mps: float
     driven_mps: float
+
+    def braked_mps2(self, after: _Sample) -> float:
+        """The mean deceleration (m/s²) from this sample to a later one, beyond what resistance explains."""
+        return (self.driven_mps - after.driven_mps) / (after.time_s - self.time_s)
 
 
 class Quiet:
@@ -43,7 +47,8 @@ class Quiet:
     def __init__(self, settings: QuietSettings, stop: StopSettings) -> None:
         self._settings, self._stop = settings, stop
         self._samples: deque[_Sample] = deque()
-        self._before_mps = 0.0
+        self._began: _Sample | None = None
+        """The last sample before the train began to slow down steadily."""
         self._against = False
         self._advised_s = -math.inf
         """When the advice last said to brake (s)."""
@@ -51,10 +56,10 @@ class Quiet:
     def forget(self) -> None:
         """Forget what the driver has done so far."""
         self._samples.clear()
-        self._against, self._advised_s = False, -math.inf
+        self._began, self._against, self._advised_s = None, False, -math.inf
 
     def cause(self, advice: Advice, here: Estimate, section: Section) -> Cause:
-        """Why the driver is not to be shown this advice; NONE if it is to be shown. Call it for every advice."""
+        """Why the driver is not to be shown this advice; NONE if he is. Call it for every advice."""
         if advice.mode is Regime.NONE:
             self.forget()
             return Cause.NONE
@@ -68,50 +73,48 @@ class Quiet:
         if shown & BRAKES:
             self._advised_s = here.time_ns * NS
         if self._against:
-            self._against = self._braked_mps2(self._settings.released_s) > self._settings.released_mps2
+            self._against = not self._released()
         elif not shown & SLOWING and not self._brakes_soon(advice):
-            self._against = self._brakes()
+            self._against = self._brakes(holds=advice.mode is Regime.CRUISE)
         return Cause.DRIVER_BRAKES if self._against and not shown & SLOWING else Cause.NONE
 
     def _sample(self, here: Estimate, section: Section) -> None:
         """Take a sample, unless the one before is too recent; drop samples that are no longer needed."""
-        now_s, samples = here.time_ns * NS, self._samples
+        now_s, v_mps, samples, settings = here.time_ns * NS, here.speed_mps, self._samples, self._settings
         if samples and now_s < samples[-1].time_s:  # The clock was set back.
             self.forget()
-        driven_mps = 0.0
-        if samples:
-            span_s = now_s - samples[-1].time_s
-            if span_s < SAMPLED_S:
-                return
-            resistance_n = section.resistance_n(here.s_m, here.speed_mps)
-            lost_mps = max(resistance_n, 0.0) / section.train.inertial_mass_kg * span_s
-            driven_mps = samples[-1].driven_mps + here.speed_mps - self._before_mps + lost_mps
-        samples.append(_Sample(now_s, driven_mps))
-        self._before_mps = here.speed_mps
-        while len(samples) > 2 and samples[1].time_s <= now_s - self._settings.brakes_s + ROUNDING_S:
+        if not samples:
+            samples.append(_Sample(now_s, v_mps, v_mps))
+            return
+        before = samples[-1]
+        span_s = now_s - before.time_s
+        if span_s < SAMPLED_S:
+            return
+        lost_mps2 = max(section.resistance_n(here.s_m, v_mps), 0.0) / section.train.inertial_mass_kg
+        samples.append(_Sample(now_s, v_mps, before.driven_mps + v_mps - before.v_mps + lost_mps2 * span_s))
+        if before.braked_mps2(samples[-1]) <= settings.steady_ratio * settings.brakes_mps2:
+            self._began = None
+        elif self._began is None:
+            self._began = before
+        while samples[1].time_s <= now_s - settings.released_s + ROUNDING_S:
             samples.popleft()
 
-    def _braked_mps2(self, over_s: float) -> float:
-        """The mean deceleration (m/s²) that resistance does not explain, over the last `over_s` or a little more.
+    def _brakes(self, *, holds: bool) -> bool:
+        """Whether the driver brakes, and began no sooner than he releases an advised brake.
 
-        Minus infinity if the train has not been seen for so long.
+        A driver who is told to hold a speed, and `holds` it, brakes a little now and then.
         """
-        last = self._samples[-1]
-        since_s = last.time_s - over_s + ROUNDING_S
-        first = next((one for one in reversed(self._samples) if one.time_s <= since_s), None)
-        return -math.inf if first is None else _fall_mps2(first, last)
-
-    def _brakes(self) -> bool:
-        """Whether the driver has braked for long enough, and began no sooner than an advised brake is released.
-
-        A measured speed may jump once, but a brake slows the train at every moment.
-        """
-        settings = self._settings
-        if len(self._samples) < 2 or self._samples[0].time_s < self._advised_s + settings.settled_s:
+        settings, began, now = self._settings, self._began, self._samples[-1]
+        if began is None or began.time_s < self._advised_s + settings.settled_s:
             return False
-        least_mps2 = min(_fall_mps2(before, after) for before, after in pairwise(self._samples))
-        steady = least_mps2 > settings.steady_ratio * settings.brakes_mps2
-        return steady and self._braked_mps2(settings.brakes_s) > settings.brakes_mps2
+        slowed = not holds or began.v_mps - now.v_mps > settings.holds_mps
+        lasts = now.time_s - began.time_s >= settings.brakes_s - ROUNDING_S
+        return slowed and lasts and began.braked_mps2(now) > settings.brakes_mps2
+
+    def _released(self) -> bool:
+        """Whether the driver has released the brake: the train slows down no more than resistance explains."""
+        first, last = self._samples[0], self._samples[-1]
+        return first is not last and first.braked_mps2(last) <= self._settings.released_mps2
 
     def _brakes_soon(self, advice: Advice) -> bool:
         """Whether the advice itself announces a brake for soon, which the driver may begin early."""
@@ -119,11 +122,6 @@ class Quiet:
         if advice.coach is not None:
             announced += [(one.mode, one.in_s) for one in advice.coach.following]
         return any(mode in BRAKES and in_s <= self._settings.brakes_ahead_s for mode, in_s in announced)
-
-
-def _fall_mps2(before: _Sample, after: _Sample) -> float:
-    """The mean deceleration (m/s²) between two samples."""
-    return (before.driven_mps - after.driven_mps) / (after.time_s - before.time_s)
 
 
 def _modes(advice: Advice) -> set[Regime]:

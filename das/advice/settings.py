@@ -147,13 +147,17 @@ class QuietSettings:
     brakes_mps2: float = 0.2
     """A driver brakes if the train slows down by more than this beyond what gradient and resistance explain."""
     brakes_s: float = 3.0
-    """The deceleration is the mean of this time, so that the noise of the position does not count."""
+    """That deceleration is the mean since the brake began, and it must last for this time."""
     steady_ratio: float = 0.5
-    """In every second of that time the train slows down by at least this share of `brakes_mps2`."""
+    """A brake slows the train by more than this share of `brakes_mps2` in every second, but a measured speed that jumps
+    does so only once."""
+    holds_mps: float = 5.0 * KMH
+    """A driver who is told to hold a speed brakes against the advice only if he slows down by more than this: who holds
+    a speed wanders by a little less, and corrects that with the brake."""
     released_mps2: float = 0.1
     """A driver has released the brake if the deceleration that is not explained is no more than this."""
     released_s: float = 2.0
-    """That deceleration is the mean of this time."""
+    """That deceleration is the mean of this time, so that the noise of the speed does not count."""
     settled_s: float = 5.0
     """After an advised brake, only braking that begins later than this counts: a driver reacts late, and the brakes
     need time to release."""

@@ -36,6 +36,8 @@ FACTS: dict[Cause, dict[str, Any]] = {
     Cause.PAST_STOP: {"here": {"s_m": 1060.0}},
     Cause.NO_PLAN: {"no_plan": "the train stalls"},
     Cause.TWO_NODES: {"trust": {"two_nodes": "b"}},
+    Cause.STANDS_ON_LINE: {"quiet": Cause.STANDS_ON_LINE},
+    Cause.DRIVER_BRAKES: {"quiet": Cause.DRIVER_BRAKES},
 }
 """The facts that lead to each cause when nothing else is wrong."""
 
@@ -45,15 +47,16 @@ def decided(*causes: Cause) -> Any:
     here: dict[str, Any] = {}
     leg: dict[str, Any] | None = {}
     trust: dict[str, Any] = {}
-    no_plan = ""
+    no_plan, quiet = "", Cause.NONE
     for cause in causes:
         facts = FACTS[cause]
         here = {**facts.get("here", {}), **here}
         trust = {**facts.get("trust", {}), **trust}
         leg = None if facts.get("leg", {}) is None or leg is None else {**facts.get("leg", {}), **leg}
         no_plan = facts.get("no_plan", no_plan)
+        quiet = quiet or facts.get("quiet", Cause.NONE)
     legs = None if leg is None else replace(LEG, **leg)
-    return decide(replace(HERE, **here), replace(Trust(), **trust), legs, no_plan=no_plan)
+    return decide(replace(HERE, **here), replace(Trust(), **trust), legs, no_plan=no_plan, quiet=quiet)
 
 
 def test_with_nothing_wrong_there_is_advice() -> None:
