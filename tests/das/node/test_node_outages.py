@@ -45,7 +45,7 @@ with Bus("T1", listen=sys.argv[1], connect=sys.argv[2:]) as bus:
     train = dict(route_id="flat-6km", vehicle_id="re460-ic")
     bus.publish(JOURNEY, das_pb2.Journey(time_ns=time.time_ns(), stops=stops, **train))
     while True:
-        bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=2_600.0, speed_mps=0.0))
+        bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=0.0, speed_mps=0.0))
         time.sleep(0.2)
 """
 
