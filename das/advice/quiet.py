@@ -74,7 +74,7 @@ class Quiet:
             self._advised_s = here.time_ns * NS
         if self._against:
             self._against = not self._released()
-        elif not shown & SLOWING and not self._brakes_soon(advice):
+        elif not self._brakes_soon(advice):
             self._against = self._brakes(holds=advice.mode is Regime.CRUISE)
         return Cause.DRIVER_BRAKES if self._against and not shown & SLOWING else Cause.NONE
 

@@ -173,8 +173,8 @@ def test_neither_the_noise_nor_a_jump_of_the_measured_speed_is_a_brake() -> None
 
 def test_advices_in_quick_succession_and_a_clock_that_is_set_back_change_nothing() -> None:
     drive = Drive()
-    for tenth in range(100):
-        drive.told(ACCELERATE, FROM_MPS - 0.05 * tenth, 0.1)
+    for tenth in range(100):  # The speed flickers by 0.06 m/s, which is 0.6 m/s² from one advice to the next.
+        drive.told(ACCELERATE, FROM_MPS - 0.05 * tenth + 0.06 * (tenth % 2), 0.1)
     assert first(drive.causes, BRAKES_AGAINST) in range(28, 35)
     assert drive.causes[-1] is BRAKES_AGAINST
     drive.now_s -= 60.0
@@ -190,6 +190,13 @@ def test_a_train_that_stands_elsewhere_than_at_a_stop_is_told_nothing(s_m: float
     drive = Drive(s_m)
     assert drive.told(Advice(time_ns=0, mode=Regime.DEPART), 0.0) is cause
     assert drive.told(ACCELERATE, 0.5) is SHOWN
+
+
+def test_when_a_train_moves_that_was_braked_to_a_stand_the_advice_is_there_at_once() -> None:
+    drive = Drive(v_mps=5.0)
+    assert drive.slows(ACCELERATE, 0.5, 6)[-1] is BRAKES_AGAINST
+    assert drive.told(Advice(time_ns=0, mode=Regime.DEPART), 0.0) is Cause.STANDS_ON_LINE
+    assert drive.told(ACCELERATE, 0.4) is SHOWN
 
 
 def test_after_a_pause_of_the_advice_the_brake_is_judged_anew() -> None:
