@@ -53,6 +53,15 @@ class Cause(IntEnum):
     """From the train's state the end of the section cannot be reached."""
     TWO_NODES = 18
     """Another node advises this train as well."""
+    STANDS_ON_LINE = 19
+    """The train stands where it has no stop, and only the driver knows why."""
+    DRIVER_BRAKES = 20
+    """The driver brakes although the advice is to accelerate or to hold a speed."""
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether advice goes on unseen: nothing is wrong, but the driver acts on what the advice cannot know."""
+        return self in (Cause.STANDS_ON_LINE, Cause.DRIVER_BRAKES)
 
     @property
     def label(self) -> str:

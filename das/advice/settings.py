@@ -141,6 +141,31 @@ class StopSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class QuietSettings:
+    """When a driver counts as braking against the advice, and is shown no instruction until he releases the brake."""
+
+    brakes_mps2: float = 0.2
+    """A driver brakes if the train slows down by more than this beyond what gradient and resistance explain."""
+    brakes_s: float = 3.0
+    """That deceleration is the mean since the brake began, and it must last for this time."""
+    steady_ratio: float = 0.5
+    """A brake slows the train by more than this share of `brakes_mps2` in every second, but a measured speed that jumps
+    does so only once."""
+    holds_mps: float = 5.0 * KMH
+    """A driver who is told to hold a speed brakes against the advice only if he slows down by more than this: who holds
+    a speed wanders by a little less, and corrects that with the brake."""
+    released_mps2: float = 0.1
+    """A driver has released the brake if the deceleration that is not explained is no more than this."""
+    released_s: float = 2.0
+    """That deceleration is the mean of this time, so that the noise of the speed does not count."""
+    settled_s: float = 5.0
+    """After an advised brake, only braking that begins later than this counts: a driver reacts late, and the brakes
+    need time to release."""
+    brakes_ahead_s: float = 20.0
+    """Where the advice announces a brake within this time, a driver who brakes earlier does not act against it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class AdviceSettings:
     """All settings of the advice on a section."""
 
@@ -150,6 +175,7 @@ class AdviceSettings:
     passing: PassingSettings = field(default_factory=PassingSettings)
     reduced: ReducedSpeedSettings = field(default_factory=ReducedSpeedSettings)
     stop: StopSettings = field(default_factory=StopSettings)
+    quiet: QuietSettings = field(default_factory=QuietSettings)
     coach: CoachSettings = field(default_factory=CoachSettings)
 
 

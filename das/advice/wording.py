@@ -43,6 +43,8 @@ def withdrawal(why: Withdrawal) -> str:
         Cause.MOVING_UP: "moving up to the stop",
         Cause.TWO_NODES: f"another node advises this train as well: {why.text}",
         Cause.PAST_STOP: f"ran {why.position_m:.0f} m past the stop",
+        Cause.STANDS_ON_LINE: "the train stands on the line",
+        Cause.DRIVER_BRAKES: "the driver brakes against the advice",
     }
     return texts.get(why.cause, why.text)
 

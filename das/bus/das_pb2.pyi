@@ -42,7 +42,7 @@ class _ModeEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Mode.ValueType],
     MODE_STOP: _Mode.ValueType  # 8
     """standing at a stop"""
     MODE_DEPART: _Mode.ValueType  # 9
-    """standing elsewhere, or at a stop after its departure time: depart when cleared, not before"""
+    """standing at a stop after its departure time: depart when cleared, not before"""
 
 class Mode(_Mode, metaclass=_ModeEnumTypeWrapper): ...
 
@@ -60,7 +60,7 @@ MODE_FRICTION_BRAKE: Mode.ValueType  # 7
 MODE_STOP: Mode.ValueType  # 8
 """standing at a stop"""
 MODE_DEPART: Mode.ValueType  # 9
-"""standing elsewhere, or at a stop after its departure time: depart when cleared, not before"""
+"""standing at a stop after its departure time: depart when cleared, not before"""
 Global___Mode: _TypeAlias = Mode  # noqa: Y015
 
 class _WithdrawalCause:
@@ -107,6 +107,10 @@ class _WithdrawalCauseEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Withd
     """from this state the section cannot be finished"""
     CAUSE_TWO_NODES: _WithdrawalCause.ValueType  # 18
     """another node advises this train as well"""
+    CAUSE_STANDS_ON_LINE: _WithdrawalCause.ValueType  # 19
+    """the train stands where it has no stop"""
+    CAUSE_DRIVER_BRAKES: _WithdrawalCause.ValueType  # 20
+    """the driver brakes although the advice is to accelerate or to hold"""
 
 class WithdrawalCause(_WithdrawalCause, metaclass=_WithdrawalCauseEnumTypeWrapper):
     """Why there is no advice; in the order in which it is decided (das/cab/withdrawal.py)."""
@@ -149,6 +153,10 @@ CAUSE_NO_PLAN: WithdrawalCause.ValueType  # 17
 """from this state the section cannot be finished"""
 CAUSE_TWO_NODES: WithdrawalCause.ValueType  # 18
 """another node advises this train as well"""
+CAUSE_STANDS_ON_LINE: WithdrawalCause.ValueType  # 19
+"""the train stands where it has no stop"""
+CAUSE_DRIVER_BRAKES: WithdrawalCause.ValueType  # 20
+"""the driver brakes although the advice is to accelerate or to hold"""
 Global___WithdrawalCause: _TypeAlias = WithdrawalCause  # noqa: Y015
 
 class _ReplanCause:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from das.advice import wording
 from das.advice.advice import Advice, Cause
+from das.advice.quiet import Quiet
 from das.advice.reason import Reason
 from das.advice.regimes import Regime
 from das.advice.settings import AdviceSettings
@@ -103,6 +104,7 @@ class Cab:
         self._post, self._settings = post, settings
         self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
+        self._quiet = Quiet(settings.advice.quiet, settings.advice.stop)
         self._trust = Trust(restrictions_received=settings.no_restrictions)
         self._now = _Now()
 
@@ -267,7 +269,7 @@ class Cab:
         conditions = self.learning.due(now_ns)
         if conditions is not None:
             self.legs.set_conditions(conditions)
-        advice = self.legs.judged(self._lasting(self._advise(now_ns)), self.here)
+        advice = self._advise(now_ns)
         took_s = self._settings.stopwatch() - began
         self._trust = dataclasses.replace(self._trust, internal_error="")
         reporting = self._reporting
@@ -294,7 +296,7 @@ class Cab:
         reporting.add(advice)
 
     def _advise(self, now_ns: int) -> Advice:
-        """The advice for a moment (ns since 1970); without advice, one that states the cause."""
+        """The advice for a moment (ns since 1970), after the last word; without advice, one that states the cause."""
         self.here = self._localisation.at(now_ns)
         leg, facts = self.legs.current, None
         if leg is not None:
@@ -315,10 +317,15 @@ class Cab:
             return Advice(time_ns=now_ns, cause=why.cause, reason=Reason.of_text(wording.withdrawal(why)))
         if why is None:
             try:
-                return leg.advise(self.here)
+                advice = self.legs.judged(self._lasting(leg.advise(self.here)), self.here)
             except NoPlanError as error:
                 why = decide(self.here, trust, facts, no_plan=str(error))
+            else:
+                quiet = self._quiet.cause(advice, self.here, leg.section)
+                why = decide(self.here, trust, facts, quiet=quiet)
+                return advice if why is None else leg.withdraw(self.here, why)
         assert why is not None
+        self._quiet.forget()
         return leg.withdraw(self.here, why)
 
     def _lasting(self, advice: Advice) -> Advice:

@@ -170,8 +170,11 @@ class Leg:
         return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
-        """Withdraw the advice: the plan is forgotten, and the answer states the cause."""
-        self._forget()
+        """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
+        if not why.cause.is_quiet:
+            self._forget()
+        elif self._coach is not None:
+            self._coach.hush()
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: Reason, needed: float = math.inf) -> Advice:

@@ -181,7 +181,8 @@ class Reporting:
     def changes(self, advice: Advice, reason: str) -> None:
         """Report a change of the driving regime, or of the cause of a withdrawal, with the reason in words."""
         if (advice.mode, advice.cause) != self._shown:
-            severity = Severity.WARNING if advice.mode is Regime.NONE else Severity.INFO
+            wrong = advice.mode is Regime.NONE and not advice.cause.is_quiet
+            severity = Severity.WARNING if wrong else Severity.INFO
             self.event(advice.time_ns, severity, event_wording.shown(advice.mode, reason))
             self._shown = advice.mode, advice.cause
 

@@ -60,16 +60,23 @@ class LegFacts:
 
 
 def decide(
-    here: Estimate, trust: Trust, leg: LegFacts | None, *, no_plan: str = "", stop: StopSettings = DEFAULT.stop
+    here: Estimate,
+    trust: Trust,
+    leg: LegFacts | None,
+    *,
+    no_plan: str = "",
+    quiet: Cause = Cause.NONE,
+    stop: StopSettings = DEFAULT.stop,
 ) -> Withdrawal | None:
     """Why there is no advice; None if there is. The first of these that holds decides:
 
     1. two publishers of the position, or one that might be two; 2. two operators that state different restrictions;
     3. restrictions that cannot be used; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list
     of restrictions received; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the
-    clock or uncertain; 10. the train is outside the section; 11. it moves up to its starting stop before departure; 12.
-    it has run past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words); 14.
-    another node advises the train as well. The numbers of `Cause` rise in this order.
+    clock or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it
+    has run past its stop; 13. no plan finishes the section from its state (`no_plan`: the planner's words); 14. another
+    node advises the train as well; 15. the train stands where it has no stop, or the driver brakes against the advice
+    (`quiet`: which of the two). The numbers of `Cause` rise in this order.
     """
     distrust = _distrust(trust)
     if distrust is not None:
@@ -83,7 +90,9 @@ def decide(
         return found
     if no_plan:
         return Withdrawal(Cause.NO_PLAN, no_plan)
-    return Withdrawal(Cause.TWO_NODES, trust.two_nodes) if trust.two_nodes else None
+    if trust.two_nodes:
+        return Withdrawal(Cause.TWO_NODES, trust.two_nodes)
+    return Withdrawal(quiet) if quiet else None
 
 
 def _distrust(trust: Trust) -> Withdrawal | None:

@@ -90,14 +90,18 @@ class PerfectDriver:
     def __init__(self, line: LineKnowledge) -> None:
         self._alone, self._minding = TimetableDriver(line), FastDriver(line)
         self._followers: dict[Presentation, Follower | None] = {}
+        self._minds = False
+        """Whether he brakes for what the advice may not know; he goes on with that when the display becomes quiet."""
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
         follower = None if view is None else self._follower(view.presentation)
+        may_mind = (self._minds or follower is not None) and (cab.restrictions or cab.signal_m < cab.stop_m)
+        self._minds = bool(may_mind) and self._must_mind(cab)
+        if self._minds:
+            return self._minding.command(cab)
         if view is None or follower is None:
             return self._alone.command(cab)
-        if (cab.restrictions or cab.signal_m < cab.stop_m) and self._must_mind(cab):
-            return self._minding.command(cab)
         outlook = self._alone.foresight.outlook(cab)
         if view.mode == Regime.DEPART:
             self._followers.clear()

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.advice.advice import Advice
-from das.advice.regimes import Regime
+from das.advice.advice import Advice, Cause
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.settings import DEFAULT
 from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
@@ -51,8 +51,8 @@ FASTEST_S = 6.0
 class Witness(InProcess):
     """The advisor in this process, and everything that goes to and fro."""
 
-    def __init__(self, service: Service) -> None:
-        super().__init__(service)
+    def __init__(self, service: Service, *, coach: bool = False) -> None:
+        super().__init__(service, coach=coach)
         self.ticks: list[Tick] = []
         self.advices: list[Advice] = []
         self.told: list[Told] = []
@@ -103,7 +103,7 @@ def planned() -> Service:
 def drive(name: str, driver: str = "perfect", advice: str = "vector", seed: int = SEED) -> Driven:
     service = planned().on(load_scenario(name))
     day = make_day(service, seed)
-    said = Witness(service)
+    said = Witness(service, coach=advice == Presentation.COACH)
     run = World(day, make_driver(DriverKind(driver), service.line, seed=seed), Presentation(advice), said).run()
     return Driven(day, run, said, outcome(day, run).as_dict())
 
@@ -267,6 +267,29 @@ def test_signal_stop_stops_the_train_until_it_clears(driver: str) -> None:
     ]
     late_s = driven.late_s()[-1]
     assert max(fastest_late_s(driven, 2), 0.0) < late_s < signal.clears_after_s + 60
+
+
+BRAKES_MPS2 = 0.2
+"""A train that slows down by more than this brakes."""
+
+
+@pytest.mark.parametrize("advice", ["coach", pytest.param("vector", marks=pytest.mark.more)])
+def test_nobody_who_brakes_for_a_signal_or_stands_at_it_is_told_to_go_on(advice: str) -> None:
+    """From 3 s after the driver begins to brake until the train moves; then the advice is there at once."""
+    driven = drive("signal-stop", "human", advice)
+    signal, told, said = driven.one(SignalStop), driven.said.told, driven.said.advices
+    speed_mps, slows_mps2 = driven.array("speed_mps")[:-1], -driven.array("acceleration_mps2")[:-1]
+    stands = np.flatnonzero((speed_mps <= 0) & (np.abs(driven.array("s_m")[:-1] - signal.at_m) < 20))
+    in_sight = next(k for k, one in enumerate(told) if one.cab.signal_m == signal.at_m)
+    begins = in_sight + int(np.argmax(slows_mps2[in_sight:] > BRAKES_MPS2))
+    moves = int(stands[-1]) + 1
+    quiet = (Cause.DRIVER_BRAKES, Cause.STANDS_ON_LINE)
+    for one in said[begins + 3 : moves]:
+        shown = {one.mode} | ({one.coach.now.mode} if one.coach else set())
+        assert shown <= {Regime.NONE, Regime.COAST, *BRAKES}
+        assert one.mode is not Regime.NONE or one.cause in quiet
+    assert {said[k].cause for k in stands[1:]} == {Cause.STANDS_ON_LINE}
+    assert said[moves + 2].mode in TRACTION
 
 
 @pytest.mark.more

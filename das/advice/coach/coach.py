@@ -115,6 +115,10 @@ class Coach:
         now = Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Coaching(now=now, target_s=departs_in_s)
 
+    def hush(self) -> None:
+        """Take note that the instruction of this moment is not shown; the reference goes on."""
+        self._showing.forget()
+
     @property
     def shown_effort(self) -> float:
         """The braking effort shown (> 0); 0 if no brake is shown."""

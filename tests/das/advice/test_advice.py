@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from das.advice.advice import Advice, Source, Timetable
+from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
 from das.advice.display import Display
 from das.advice.goal import UNHURRIED_S
 from das.advice.kernels import interval, without_ripples
@@ -209,6 +209,17 @@ def test_a_train_that_comes_to_stand_where_the_plan_brakes_is_told_how_to_depart
         if advice.mode is Regime.DEPART:
             assert advice.departure_force_ratio >= 0.0
             assert advice.next_mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION, Regime.COAST)
+
+
+@pytest.mark.parametrize(("cause", "kept"), [(Cause.DRIVER_BRAKES, True), (Cause.NO_PLAN, False)])
+def test_a_quiet_display_keeps_the_plan_and_other_withdrawals_forget_it(front: Front, cause: Cause, kept: bool) -> None:
+    advisor, advice = advisor_at(front, 10_000.0, 30.0, now_s=400.0, arrival_s=1_250.0)
+    plan = advisor.plan
+    assert plan is not None
+    told = advisor.leg.withdraw(advisor.localisation.at(ns(400.0)), Withdrawal(cause))
+    assert (told.mode, told.cause) == (Regime.NONE, cause)
+    assert (advisor.plan is plan) is kept
+    assert advisor.update(ns(400.0)).mode is advice.mode
 
 
 def test_standing_at_the_end_is_arrived(front: Front) -> None:

@@ -66,7 +66,7 @@ class Site:
             self.drive()
             time.sleep(0.1)
 
-    def drive(self, s_m: float = 1_000.0) -> None:
+    def drive(self, s_m: float = 0.0) -> None:
         """Say where the train stands, as the simulator may."""
         now_ns = time.time_ns()
         self.simulator.publish(POSITION, das_pb2.Position(time_ns=now_ns, s_m=s_m, speed_mps=0.0))
@@ -163,7 +163,7 @@ def advised(site: Site) -> Any:
 def test_who_may_is_heard_and_the_node_that_comes_late_gets_the_journey(site: Site) -> None:
     site.until(site.simulator, lambda r: r.topic is STATUS and r.message.state == das_pb2.Status.STATE_ADVISING)
     site.until(site.simulator, lambda r: r.topic is RECORDER and r.message.messages > 0)
-    assert advised(site).s_m == pytest.approx(1_000.0, abs=100.0)
+    assert advised(site).s_m == pytest.approx(0.0, abs=100.0)
     site.until(site.cab, lambda r: r.topic is ADVICE and r.message.mode != das_pb2.MODE_NONE)
     assert "refused" not in site.log("node") + site.log("recorder")
 
@@ -247,7 +247,7 @@ def test_sensors_and_an_operator_with_certificates_of_their_own_get_advice(tmp_p
             deadline, mode = time.monotonic() + TIMEOUT_S, das_pb2.MODE_NONE
             while mode == das_pb2.MODE_NONE:
                 assert time.monotonic() < deadline, log.read_text()
-                sensors.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=1_000.0, speed_mps=0.0))
+                sensors.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=0.0, speed_mps=0.0))
                 received = sensors.receive(0.2)
                 mode = received.message.mode if received is not None else mode
         finally:

@@ -27,9 +27,9 @@ def received_at(hours: float) -> DrivenNode:
 
 
 def advice_at(driven: DrivenNode, hours: float) -> Any:
-    """The advice for a train that stands at 1 km."""
+    """The advice for a train that stands at its departure stop."""
     now_ns = START_NS + round(hours * HOUR * S)
-    driven.tell(POSITION, das_pb2.Position(time_ns=now_ns, s_m=1_000.0, speed_mps=0.0))
+    driven.tell(POSITION, das_pb2.Position(time_ns=now_ns, s_m=0.0, speed_mps=0.0))
     driven.tell(CONTROL, das_pb2.Control(time_ns=now_ns, tick=1))
     return driven.last_advice()
 

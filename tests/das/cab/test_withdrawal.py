@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from das.advice import wording
-from das.advice.advice import OF_PROBLEM, Cause, Withdrawal
+from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
+from das.cab.outputs import Event, Reporting, Severity
 from das.cab.withdrawal import LegFacts, Trust, decide
 from das.estimate.estimate import Estimate, Problem, ProblemKind
 from tests.support.making import REPOSITORY
@@ -36,6 +37,8 @@ FACTS: dict[Cause, dict[str, Any]] = {
     Cause.PAST_STOP: {"here": {"s_m": 1060.0}},
     Cause.NO_PLAN: {"no_plan": "the train stalls"},
     Cause.TWO_NODES: {"trust": {"two_nodes": "b"}},
+    Cause.STANDS_ON_LINE: {"quiet": Cause.STANDS_ON_LINE},
+    Cause.DRIVER_BRAKES: {"quiet": Cause.DRIVER_BRAKES},
 }
 """The facts that lead to each cause when nothing else is wrong."""
 
@@ -45,15 +48,16 @@ def decided(*causes: Cause) -> Any:
     here: dict[str, Any] = {}
     leg: dict[str, Any] | None = {}
     trust: dict[str, Any] = {}
-    no_plan = ""
+    no_plan, quiet = "", Cause.NONE
     for cause in causes:
         facts = FACTS[cause]
         here = {**facts.get("here", {}), **here}
         trust = {**facts.get("trust", {}), **trust}
         leg = None if facts.get("leg", {}) is None or leg is None else {**facts.get("leg", {}), **leg}
         no_plan = facts.get("no_plan", no_plan)
+        quiet = quiet or facts.get("quiet", Cause.NONE)
     legs = None if leg is None else replace(LEG, **leg)
-    return decide(replace(HERE, **here), replace(Trust(), **trust), legs, no_plan=no_plan)
+    return decide(replace(HERE, **here), replace(Trust(), **trust), legs, no_plan=no_plan, quiet=quiet)
 
 
 def test_with_nothing_wrong_there_is_advice() -> None:
@@ -79,6 +83,15 @@ def test_a_leg_without_a_timetable_is_no_journey() -> None:
     found = decide(HERE, Trust(), replace(LEG, is_timed=False))
     assert found is not None
     assert found.cause is Cause.NO_JOURNEY
+
+
+@pytest.mark.parametrize("cause", [cause for cause in Cause if cause is not Cause.NONE])
+def test_every_withdrawal_but_a_quiet_display_is_a_warning(cause: Cause) -> None:
+    reporting = Reporting()
+    reporting.changes(Advice(time_ns=1, cause=cause, reason="why"))
+    quiet = cause in (Cause.STANDS_ON_LINE, Cause.DRIVER_BRAKES)
+    severity = Severity.INFO if quiet else Severity.WARNING
+    assert reporting.take() == [Event(time_ns=1, severity=severity, text="no advice: why")]
 
 
 WITHOUT_A_FIGURE = {ProblemKind.NO_POSITION, ProblemKind.MARKED_UNUSABLE, ProblemKind.NOT_A_NUMBER}

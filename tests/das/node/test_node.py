@@ -117,13 +117,13 @@ def test_node_heeds_restrictions_targets_train_and_level_over_the_bus() -> None:
 @pytest.mark.processes
 @pytest.mark.slow
 def test_a_node_that_is_restarted_takes_up_what_is_in_force() -> None:
-    one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
+    one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=3_500.0, limit_mps=15.0)
     ours, theirs = (endpoint(port) for port in free_ports(2))
     arguments = [*FLAT, "--train", TRAIN, "--listen", theirs, "--connect", ours, "--rate", "5"]
     with Bus(TRAIN, listen=ours, connect=[theirs], hear=(ADVICE, STATUS)) as bus:
 
         def stand() -> None:
-            bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=2_600.0, speed_mps=0.0))
+            bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=0.0, speed_mps=0.0))
 
         start_ns = time.time_ns()
         bus.publish(JOURNEY, a_journey(start_ns - 60 * S, 260.0))

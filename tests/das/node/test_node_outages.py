@@ -45,7 +45,7 @@ with Bus("T1", listen=sys.argv[1], connect=sys.argv[2:]) as bus:
     train = dict(route_id="flat-6km", vehicle_id="re460-ic")
     bus.publish(JOURNEY, das_pb2.Journey(time_ns=time.time_ns(), stops=stops, **train))
     while True:
-        bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=2_600.0, speed_mps=0.0))
+        bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=0.0, speed_mps=0.0))
         time.sleep(0.2)
 """
 
@@ -104,7 +104,7 @@ def test_simulator_recorder_and_node_killed_or_frozen_and_back(tmp_path: Path) -
             until(bus, given)
             node.send_signal(signal.SIGSTOP)
             time.sleep(LONGER_THAN_THE_LEASE_S)
-            one = das_pb2.Restrictions.Restriction(start_m=2_500.0, end_m=3_500.0, limit_mps=15.0)
+            one = das_pb2.Restrictions.Restriction(start_m=0.0, end_m=3_500.0, limit_mps=15.0)
             bus.publish(RESTRICTION, das_pb2.Restrictions(time_ns=time.time_ns(), restrictions=[one]))
             node.send_signal(signal.SIGCONT)
             assert until(bus, lambda r: given(r) and r.message.limit_mps == 15.0).advised_speed_mps <= 15.0

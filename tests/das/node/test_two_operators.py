@@ -239,10 +239,10 @@ def a_list(limit_mps: float | None, behind_s: float = 0.0) -> das_pb2.Restrictio
 
 
 def until(bus: Bus, wanted: Callable[[Received], bool], child: subprocess.Popen[str]) -> Any:
-    """The first message that is wanted, while the train stands at 1 km."""
+    """The first message that is wanted, while the train stands at its departure stop."""
 
     def stand() -> None:
-        bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=1_000.0, speed_mps=0.0))
+        bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=0.0, speed_mps=0.0))
 
     return node_process.until(bus, wanted, child, stand)
 

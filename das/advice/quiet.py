@@ -1,0 +1,130 @@
+"""The quiet display: when the driver is shown no instruction, because he acts on what the advice cannot know."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+from das.advice.advice import Advice, Cause
+from das.advice.regimes import BRAKES, Regime
+from das.advice.settings import QuietSettings, StopSettings
+from das.domain.units import NS
+from das.estimate.estimate import Estimate
+from das.estimate.plausibility import STANDSTILL_MPS
+from das.solver.section import Section
+
+SAMPLED_S: Final = 0.75
+"""Speeds less than this time (s) apart are not compared, because their difference would be mostly noise."""
+ROUNDING_S: Final = 0.25
+"""Advice that comes once a second may come earlier by this (s)."""
+SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
+"""Instructions with these modes are always shown: a driver who brakes does not act against them."""
+
+
+class _Sample(NamedTuple):
+    """A time (s), the speed (m/s), and the speed that the train would have without resistance since the first sample.
+
+    Where a gradient accelerates the train, that is not corrected: a driver who brakes there to hold his speed does not
+    slow down.
+    """
+
+    time_s: float
+    v_mps: float
+    driven_mps: float
+
+    def braked_mps2(self, after: _Sample) -> float:
+        """The mean deceleration (m/s²) from this sample to a later one, beyond what resistance explains."""
+        return (self.driven_mps - after.driven_mps) / (after.time_s - self.time_s)
+
+
+class Quiet:
+    """Sees at each advice whether the driver brakes against it, or the train stands where it has no stop.
+
+    A driver brakes against the advice if he brakes while it tells him to accelerate or to hold a speed.
+    """
+
+    def __init__(self, settings: QuietSettings, stop: StopSettings) -> None:
+        self._settings, self._stop = settings, stop
+        self._samples: deque[_Sample] = deque()
+        self._began: _Sample | None = None
+        """The last sample before the train began to slow down steadily."""
+        self._against = False
+        self._advised_s = -math.inf
+        """When the advice last said to brake (s)."""
+
+    def forget(self) -> None:
+        """Forget what the driver has done so far."""
+        self._samples.clear()
+        self._began, self._against, self._advised_s = None, False, -math.inf
+
+    def cause(self, advice: Advice, here: Estimate, section: Section) -> Cause:
+        """Why the driver is not to be shown this advice; NONE if he is. Call it for every advice."""
+        if advice.mode is Regime.NONE:
+            self.forget()
+            return Cause.NONE
+        if here.speed_mps < STANDSTILL_MPS:
+            self.forget()
+            near_m = self._stop.at_stop_m
+            on_line = section.start_m + near_m < here.s_m < section.end_m - near_m
+            return Cause.STANDS_ON_LINE if on_line else Cause.NONE
+        self._sample(here, section)
+        shown = _modes(advice)
+        if shown & BRAKES:
+            self._advised_s = here.time_ns * NS
+        if self._against:
+            self._against = not self._released()
+        elif not self._brakes_soon(advice):
+            self._against = self._brakes(holds=advice.mode is Regime.CRUISE)
+        return Cause.DRIVER_BRAKES if self._against and not shown & SLOWING else Cause.NONE
+
+    def _sample(self, here: Estimate, section: Section) -> None:
+        """Take a sample, unless the one before is too recent; drop samples that are no longer needed."""
+        now_s, v_mps, samples, settings = here.time_ns * NS, here.speed_mps, self._samples, self._settings
+        if samples and now_s < samples[-1].time_s:  # The clock was set back.
+            self.forget()
+        if not samples:
+            samples.append(_Sample(now_s, v_mps, v_mps))
+            return
+        before = samples[-1]
+        span_s = now_s - before.time_s
+        if span_s < SAMPLED_S:
+            return
+        lost_mps2 = max(section.resistance_n(here.s_m, v_mps), 0.0) / section.train.inertial_mass_kg
+        samples.append(_Sample(now_s, v_mps, before.driven_mps + v_mps - before.v_mps + lost_mps2 * span_s))
+        if before.braked_mps2(samples[-1]) <= settings.steady_ratio * settings.brakes_mps2:
+            self._began = None
+        elif self._began is None:
+            self._began = before
+        while samples[1].time_s <= now_s - settings.released_s + ROUNDING_S:
+            samples.popleft()
+
+    def _brakes(self, *, holds: bool) -> bool:
+        """Whether the driver brakes, and began no sooner than he releases an advised brake.
+
+        A driver who is told to hold a speed, and `holds` it, brakes a little now and then.
+        """
+        settings, began, now = self._settings, self._began, self._samples[-1]
+        if began is None or began.time_s < self._advised_s + settings.settled_s:
+            return False
+        slowed = not holds or began.v_mps - now.v_mps > settings.holds_mps
+        lasts = now.time_s - began.time_s >= settings.brakes_s - ROUNDING_S
+        return slowed and lasts and began.braked_mps2(now) > settings.brakes_mps2
+
+    def _released(self) -> bool:
+        """Whether the driver has released the brake: the train slows down no more than resistance explains."""
+        first, last = self._samples[0], self._samples[-1]
+        return first is not last and first.braked_mps2(last) <= self._settings.released_mps2
+
+    def _brakes_soon(self, advice: Advice) -> bool:
+        """Whether the advice itself announces a brake for soon, which the driver may begin early."""
+        announced = [(advice.next_mode, advice.next_change_s)]
+        if advice.coach is not None:
+            announced += [(one.mode, one.in_s) for one in advice.coach.following]
+        return any(mode in BRAKES and in_s <= self._settings.brakes_ahead_s for mode, in_s in announced)
+
+
+def _modes(advice: Advice) -> set[Regime]:
+    """The modes that the displays show: of the full advice, of the four modes, and of the coach."""
+    shown = {advice.mode, advice.four_mode}
+    return shown if advice.coach is None else shown | {advice.coach.now.mode}
