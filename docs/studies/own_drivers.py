@@ -81,7 +81,7 @@ def _line(names: tuple[str, str, str], runs: Mapping[int, Row], alone: Mapping[i
         parts = (less("hindsight_").mean(), less("blending_").mean())
         saved = [paired(less("")), *(f"{value:+.1f}" for value in (percent, *parts))]
         changes = f"{_mean(runs, 'advice_changes_per_min'):.1f}"
-    late, over = f"{_mean(runs, 'late_s'):+.0f}", f"{_mean(runs, 'over_limit_s'):.1f}"
+    late, over = f"{round(_mean(runs, 'late_s')):+d}", f"{_mean(runs, 'over_limit_s'):.1f}"
     cells = [names[0].partition(":")[2], *names[1:], f"{_mean(runs, 'energy_kwh'):.1f}", *saved, late, changes, over]
     return f"| {' | '.join(cells)} |"
 
