@@ -1,8 +1,8 @@
 """What advice is worth to the example drivers of `sim/drivers/examples.py`, on the same days with and without it.
 
-`python -m docs.studies.own_drivers` writes the table into docs/explanation/coach.md again (180 runs, half an hour on two
-busy cores). Finished runs are kept in build/own-drivers: the command goes on where it was stopped, and makes runs again
-only where the program has changed.
+`python -m docs.studies.own_drivers` writes the table into docs/explanation/coach.md again (180 runs, half an hour on
+two busy cores). Finished runs are kept in build/own-drivers: the command goes on where it was stopped, and makes runs
+again only where the program has changed.
 """
 
 from __future__ import annotations
