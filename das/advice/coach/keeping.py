@@ -138,10 +138,11 @@ class Keeper:
         self.reference = None
         self._give_up()
 
-    def keep(self, state: TrainState, goal: Goal) -> Kept | None:
+    def keep(self, state: TrainState, goal: Goal, *, doubts: bool = True) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet).
 
-        While a new one is being made, the present one is kept if it can be. Raises DasError for a state outside the
+        A new one that is not necessary is made only if it may be doubted (`doubts`). While a new one is being made, the
+        present one is kept if it can be. Raises DasError for a state outside the
         section, or from which the train cannot reach the section's end.
         """
         must, forecast = self._why_at_once(state, goal)
@@ -154,7 +155,7 @@ class Keeper:
             self._give_up()
         if self._asked is None:
             doubted = must is ReplanCause.NONE
-            cause = self._doubt(kept, state, goal) if doubted and kept else must
+            cause = self._doubt(kept, state, goal) if doubted and kept and doubts else must
             if cause is ReplanCause.NONE:
                 return kept
             if doubted and cause is ReplanCause.LATE and kept and not self._can_be_earlier(kept, state):

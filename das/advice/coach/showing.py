@@ -82,6 +82,10 @@ class Showing:
         """Forget what was shown: from now on nothing is shown."""
         self._schedule, self._shown = None, Instruction()
 
+    def is_settled(self, now_ns: int) -> bool:
+        """Whether the instruction shown has stood long enough for a new reference that is not necessary."""
+        return not 0 <= (now_ns - self._since_ns) * NS < self._settings.replanned_after_s
+
     @property
     def shown_effort(self) -> float:
         """The braking effort shown (> 0); 0 if no brake is shown."""
