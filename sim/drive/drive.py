@@ -25,6 +25,7 @@ from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_w
 from sim.drive.events.chronicle import events_of
 from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
+from sim.drive.instructions import InstructionFigures, recorded_instructions
 from sim.drive.limits import TemporaryLimit, Violations, limit_in_force, temporary_limits, violations_of
 from sim.drive.stability import AdviceStability, recorded_stability
 from sim.recording.course import DriveClock, DrivenCourse, Floats
@@ -46,6 +47,7 @@ class RunFigures:
     above: AboveOptimum
     violations: Violations
     stability: AdviceStability
+    instructions: InstructionFigures
 
 
 class Travelled(NamedTuple):
@@ -205,6 +207,11 @@ class Drive(DrivenWay):
     def stability(self) -> AdviceStability:
         """How stable the displayed advice was."""
         return recorded_stability(self.recording) if self.run is None else self.run.stability
+
+    @cached_property
+    def instructions(self) -> InstructionFigures:
+        """How well the coach's instructions kept to their grammar."""
+        return recorded_instructions(self.recording) if self.run is None else self.run.instructions
 
     @cached_property
     def events(self) -> tuple[DriveEvent, ...]:

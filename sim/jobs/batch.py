@@ -202,6 +202,7 @@ COUNTS = (
     "advices_unheard",
     "advices_above_limit",
     "reversals",
+    *("instructions", "missed_coasts", "vain_accelerations", "odd_speeds", "standing_acceleration_s"),
     "signals_passed",
     "simulated_s",
 )
@@ -213,7 +214,8 @@ FIGURES = (
     *(f"{name}_kwh" for name in SHARES),
     *(f"{name}_ratio" for name in SHARES),
     *("potential_kwh", "ledger_residual_ratio", "beyond_signal_m", "over_limit_s", "over_limit_kmh"),
-    *("advice_changes_per_min", "shortest_mode_s"),
+    *("advice_changes_per_min", "shortest_mode_s", "shortest_instruction_s"),
+    *("announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
 )
 
 

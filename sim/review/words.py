@@ -85,7 +85,7 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
         estimated = "" if drive.measured else " (estimated)"
         rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
     rows += [] if drive.said is None else drive.said.rows()
-    rows += [(name.strip(), value) for name, value in drive.stability.rows()]
+    rows += [(name.strip(), value) for name, value in drive.stability.rows() + drive.instructions.rows()]
     rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []
     for status in recording.of(topics.STATUS)[-1:]:
         rows += [("node", f"version {status.message.version}, {status.message.advices} advices")]

@@ -18,6 +18,7 @@ from das.cab.situation import Situation
 from das.cab.trains import Trains
 from das.domain.errors import DasError
 from sim.drive.calls import KeptCall
+from sim.drive.instructions import InstructionFigures, InstructionWatch
 from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability, ShownWatch
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
@@ -102,7 +103,8 @@ class Counts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A finished run: the state at each tick, the calls at stops, counts and stability of the advice, violations.
+    """A finished run: the state at each tick, the calls at stops, counts, stability and instructions of the advice, and
+    violations.
 
     `legs`: the states at departure and arrival of every section.
     """
@@ -113,6 +115,7 @@ class Run:
     counts: Counts
     violations: Violations
     stability: AdviceStability
+    instructions: InstructionFigures
     decisions: tuple[DriverEvent, ...] = ()
 
 
@@ -132,7 +135,7 @@ class World:
         self._events: list[str] = []
         self._view: AdviceView | None = None
         self._command: Command = COAST
-        self._counts, self._watch = Counts(), ShownWatch()
+        self._counts, self._watch, self._instructions = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
         self._screen = Screen(screen)
 
@@ -161,6 +164,7 @@ class World:
             counts=self._counts,
             violations=self._around.violations,
             stability=self._watch.found,
+            instructions=self._instructions.found,
             decisions=tuple(kept_by(self.driver)),
         )
 
@@ -200,6 +204,7 @@ class World:
         told = [*measured, *around.operators(tick, now_ns, state)]
         advice = self.link.exchange(Tick(tick, now_ns, tuple(told)))
         self._counts = self._counts.plus(advice)
+        self._instructions.look(advice)
         view = present(
             advice,
             self.presentation,

@@ -185,6 +185,7 @@ class DayOutcome:
             "advices_unheard": self.counts.unheard,
             "advices_above_limit": self.counts.above_limit,
             **self.drive.stability.as_dict(),
+            **self.drive.instructions.as_dict(),
             "signals_passed": violations.signals_passed,
             "beyond_signal_m": violations.beyond_signal_m,
             "over_limit_s": violations.over_limit_s,
@@ -199,11 +200,14 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
     braking = optimum_as_driven(fronts_of_braking(day, driver), run)
+    figures = RunFigures(
+        calls=run.calls, above=above, violations=run.violations, stability=run.stability, instructions=run.instructions
+    )
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
         level=str(service.level),
-        drive=Drive(run=RunFigures(calls=run.calls, above=above, violations=run.violations, stability=run.stability)),
+        drive=Drive(run=figures),
         running_time_s=sum(arrived.time_s - departed.time_s for departed, arrived in run.legs),
         energies=RunEnergies(
             above=above,
@@ -370,7 +374,7 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
     counts, recorded = found.counts, result.recorded
     rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
-    rows += found.drive.stability.rows()
+    rows += found.drive.stability.rows() + found.drive.instructions.rows()
     if recorded is not None:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))

@@ -77,7 +77,7 @@ class Coach:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
         self._lost = False
         try:
-            return self._keeper.keep(state, goal, doubts=self._showing.is_settled(state.now_ns))
+            return self._keeper.keep(state, goal)
         except DasError:
             self._lost = True
             return None

@@ -138,11 +138,10 @@ class Keeper:
         self.reference = None
         self._give_up()
 
-    def keep(self, state: TrainState, goal: Goal, *, doubts: bool = True) -> Kept | None:
+    def keep(self, state: TrainState, goal: Goal) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet).
 
-        A new one that is not necessary is made only if it may be doubted (`doubts`). While a new one is being made, the
-        present one is kept if it can be. Raises DasError for a state outside the
+        While a new one is being made, the present one is kept if it can be. Raises DasError for a state outside the
         section, or from which the train cannot reach the section's end.
         """
         must, forecast = self._why_at_once(state, goal)
@@ -155,7 +154,7 @@ class Keeper:
             self._give_up()
         if self._asked is None:
             doubted = must is ReplanCause.NONE
-            cause = self._doubt(kept, state, goal) if doubted and kept and doubts else must
+            cause = self._doubt(kept, state, goal) if doubted and kept else must
             if cause is ReplanCause.NONE:
                 return kept
             if doubted and cause is ReplanCause.LATE and kept and not self._can_be_earlier(kept, state):

@@ -148,8 +148,6 @@ class ShowingSettings:
     """A driver faster than the speed to hold by more than this is told to coast back to it."""
     least_shown_s: float = 8.0
     """An instruction is shown for at least this long, unless a brake, its release or a lower limit replaces it."""
-    replanned_after_s: float = 10.0
-    """No new reference is made within this time of a change of the instruction, unless it is necessary."""
     announced_s: float = 8.0
     """An instruction of another kind is announced this long before it is due. If it could not be foreseen, it is put
     off until then, unless it brakes or a limit needs it."""

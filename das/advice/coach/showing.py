@@ -26,6 +26,8 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 ROUNDED_MPS = 0.5 * SPEED_STEP_MPS
 """A speed above the allowed one by less than this looks the same on a display in whole km/h."""
+CREEPS_FOR_S = 6.0
+"""A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
 LONG_S = 3600.0
 """A creeping train has no forecast: this long time (s) is used instead."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
@@ -81,10 +83,6 @@ class Showing:
     def forget(self) -> None:
         """Forget what was shown: from now on nothing is shown."""
         self._schedule, self._shown = None, Instruction()
-
-    def is_settled(self, now_ns: int) -> bool:
-        """Whether the instruction shown has stood long enough for a new reference that is not necessary."""
-        return not 0 <= (now_ns - self._since_ns) * NS < self._settings.replanned_after_s
 
     @property
     def shown_effort(self) -> float:
@@ -191,6 +189,8 @@ class Showing:
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
         put_off = self._unannounced or (self._creeping_soon if now.mode in BRAKES else None)
+        if put_off is not None and put_off.speed_mps > self._brakes.ahead.allowed_mps(state.braked_m + put_off.way_m):
+            put_off = None  # There the train must be slower.
         if put_off is not None and not (following and following[0].in_s <= put_off.in_s):
             following = (put_off, *following[: self._settings.ahead - 1])
         return allowed(following, state.s_m, schedule.section)
@@ -232,6 +232,9 @@ class Showing:
         """The instruction of a phase of the schedule, for the train in its present state."""
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number), place.limit_mps)
+        highest = _highest_mps(schedule, number, state.s_m)
+        if target > highest + ROUNDED_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+            target = math.floor(highest / TARGET_STEP_MPS) * TARGET_STEP_MPS
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
@@ -301,6 +304,8 @@ class Showing:
         has_begun = state.s_m >= schedule.begin_m(number)
         if not slows and self._back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
             may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
+        if not slows and self._back == 0 and self._brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
+            may_roll = False
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
             self._back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, v_mps)
         elif self._back < 0 and eased > settings.brake.again_ratio:

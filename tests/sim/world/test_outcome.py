@@ -33,6 +33,8 @@ KEYS = [
     *("potential_kwh", "ledger_residual_ratio"),
     *("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit"),
     *("advice_changes_per_min", "reversals", "shortest_mode_s", "advice_restless"),
+    *("instructions", "shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
+    *("missed_coasts", "vain_accelerations", "odd_speeds", "standing_acceleration_s"),
     *("signals_passed", "beyond_signal_m", "over_limit_s", "over_limit_kmh", "simulated_s"),
 ]
 """The names that docs/reference/batch-table.md and `das-sim run --json` promise, in their order."""

@@ -1,0 +1,226 @@
+"""How well the coach's instructions keep to their grammar, second by second, in a run or in a recording.
+
+`docs/explanation/coach.md` states the grammar.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from das.advice.goal import TARGET_STEP_MPS
+from das.advice.regimes import KIND_OF, Kind
+from das.bus import topics
+from das.bus.recording import Recording
+from das.domain.units import KMH, NS
+from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
+
+ANNOUNCED_S: Final = 8.0
+"""A change of kind is announced in time at least this long (s) before it is due."""
+MOVED_S, MOVED_RATIO = 10.0, 0.35
+"""The time announced for a change may differ from the time at which it is due by this much (s), or by this share."""
+LEAD_S: Final = 1.9
+"""A brake has a lead if it is shown this long (s) before it is due: 2 s, less what one advice a second rounds away."""
+COAST_MISSES_MPS: Final = 5.5 * KMH
+"""Coasting that ends further than this from its speed has missed it."""
+LEAST_COAST_S: Final = 5.0
+"""Coasting shown for less than this (s) is not judged."""
+BRIEF_S, GAINS_S = 30.0, 1.0
+"""An acceleration that a brake follows within `BRIEF_S` is in vain if it gains less than `GAINS_S` over holding."""
+MOVING_MPS: Final = 0.3
+"""A train slower than this stands."""
+REMEMBERED: Final = 60
+"""The announcements of this many seconds are remembered."""
+GAP_S: Final = 3.0
+
+
+class _Told(NamedTuple):
+    """An instruction as shown from a moment on: when (s), where (m), at which speed, and when it was due (s)."""
+
+    kind: Kind
+    to_mps: float
+    effort: int
+    time_s: float
+    s_m: float
+    speed_mps: float
+    due_s: float
+    reference_ns: int
+
+    @property
+    def seen(self) -> tuple[Kind, int, int]:
+        """What the driver reads: kind, speed in whole km/h, and effort in steps."""
+        return self.kind, round(self.to_mps / KMH), self.effort
+
+
+@dataclass(frozen=True, kw_only=True)
+class InstructionFigures:
+    """Counts of the coach's instructions for a moving train.
+
+    `changes` is the number of changes of kind, `announced` those of them that were announced in time, or that the
+    instruction before states itself: holding the speed to which it accelerates or brakes. `brakes` begin after another
+    kind; `led` of them were shown at least 2 s before they were due. `missed_coasts` end far from their speed,
+    `vain_accelerations` soon end in a brake, `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the
+    shortest time for which an instruction other than a brake stood before another than a brake replaced it.
+    `standing_s` are the seconds in which a train that stands is told to accelerate.
+    """
+
+    instructions: int = 0
+    changes: int = 0
+    announced: int = 0
+    brakes: int = 0
+    led: int = 0
+    efforts_in_brakes: int = 0
+    missed_coasts: int = 0
+    vain_accelerations: int = 0
+    odd_speeds: int = 0
+    shortest_s: float = math.inf
+    standing_s: int = 0
+
+    @property
+    def against_grammar(self) -> int:
+        """Instructions that the grammar of the coach excludes."""
+        return self.missed_coasts + self.vain_accelerations + self.odd_speeds + self.standing_s
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The measures for tables; nothing if the coach gave no instructions."""
+        if not self.changes:
+            return []
+        return [
+            ("coach's changes announced in time", f"{self.announced} of {self.changes}"),
+            ("  brakes shown 2 s before they were due", f"{self.led} of {self.brakes}"),
+            ("  instructions against the grammar", f"{self.against_grammar} of {self.instructions}"),
+        ]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The measures for JSON and tables; None for a measure without a value."""
+        return {
+            "instructions": self.instructions,
+            "shortest_instruction_s": self.shortest_s if math.isfinite(self.shortest_s) else None,
+            "announced_ratio": _ratio(self.announced, self.changes),
+            "brakes_led_ratio": _ratio(self.led, self.brakes),
+            "effort_changes_per_brake": _ratio(self.efforts_in_brakes, self.brakes),
+            "missed_coasts": self.missed_coasts,
+            "vain_accelerations": self.vain_accelerations,
+            "odd_speeds": self.odd_speeds,
+            "standing_acceleration_s": self.standing_s,
+        }
+
+
+class InstructionWatch:
+    """Looks at every advice of a run, once a second; call `look` in the order of time."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._shortest_s = math.inf
+        self._now: _Told | None = None
+        self._at_s = -math.inf
+        self._announced: deque[tuple[float, Kind, float]] = deque(maxlen=2 * REMEMBERED)
+
+    @property
+    def found(self) -> InstructionFigures:
+        """The figures so far."""
+        return InstructionFigures(**self._counts, shortest_s=self._shortest_s)
+
+    def look(self, advice: Any) -> None:
+        """Take in an advice (`Advice`, or its message)."""
+        told, time_s = _told(advice), advice.time_ns * NS
+        if told is not None and advice.speed_mps < MOVING_MPS:
+            self._counts["standing_s"] += told.kind is Kind.TRACTION
+            told = None
+        before = self._now if time_s - self._at_s <= GAP_S else None
+        self._at_s = time_s
+        if told is None:
+            self._now = None
+            return
+        if before is None or told.seen != before.seen:
+            self._changed(before, told, advice)
+        for one in advice.coach.following:
+            kind = KIND_OF.get(int(one.mode))
+            if kind is not None:
+                self._announced.append((time_s, kind, time_s + one.in_s))
+
+    def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
+        """Count a new instruction, and judge the one that it replaces."""
+        counts, self._now = self._counts, told
+        counts["instructions"] += 1
+        counts["odd_speeds"] += _is_odd(told, advice)
+        if before is None:
+            return
+        if Kind.BRAKE not in (told.kind, before.kind):
+            self._shortest_s = min(self._shortest_s, told.time_s - before.time_s)
+        if told.kind is before.kind:
+            counts["efforts_in_brakes"] += told.kind is Kind.BRAKE and told.effort != before.effort
+            return
+        counts["changes"] += 1
+        counts["announced"] += _is_own_end(before, told) or self._was_announced(told)
+        counts["brakes"] += told.kind is Kind.BRAKE
+        counts["led"] += told.kind is Kind.BRAKE and told.due_s - told.time_s >= LEAD_S
+        counts["missed_coasts"] += _misses(before, told)
+        counts["vain_accelerations"] += _is_vain(before, told)
+
+    def _was_announced(self, told: _Told) -> bool:
+        """Whether a change was announced in time, for about the time at which it is due."""
+        return any(
+            kind is told.kind
+            and time_s <= told.due_s - ANNOUNCED_S
+            and abs(due_s - told.due_s) <= max(MOVED_S, MOVED_RATIO * (told.due_s - time_s))
+            for time_s, kind, due_s in self._announced
+        )
+
+
+def recorded_instructions(recording: Recording) -> InstructionFigures:
+    """The figures of a recorded drive, from its messages `advice`."""
+    watch = InstructionWatch()
+    for entry in recording.of(topics.ADVICE):
+        watch.look(entry.message)
+    return watch.found
+
+
+def _told(advice: Any) -> _Told | None:
+    """The coach's instruction in an advice; None if there is none for a moving train."""
+    coach = advice.coach
+    kind = None if coach is None else KIND_OF.get(int(coach.now.mode))
+    if kind is None or math.isnan(advice.speed_mps):
+        return None
+    now, time_s = coach.now, advice.time_ns * NS
+    effort = 0 if math.isnan(now.effort_ratio) else round(now.effort_ratio / EFFORT_STEP_RATIO)
+    due_s = time_s + now.in_s
+    return _Told(kind, now.speed_mps, effort, time_s, advice.s_m, advice.speed_mps, due_s, int(coach.replan.time_ns))
+
+
+def _is_odd(told: _Told, advice: Any) -> bool:
+    """Whether the speed of an instruction is neither a whole step nor the limit here or at the next change."""
+    steps = told.to_mps / TARGET_STEP_MPS
+    limits = advice.limit_mps, *(one.speed_mps for one in advice.coach.following)
+    near = abs(steps - round(steps)) * TARGET_STEP_MPS < 0.5 * KMH
+    return not near and all(abs(told.to_mps - one) > 0.5 * KMH for one in limits)
+
+
+def _is_own_end(before: _Told, told: _Told) -> bool:
+    """Whether an instruction holds the speed to which the one before accelerated or braked."""
+    reached = before.kind in (Kind.TRACTION, Kind.BRAKE) and told.kind is Kind.HOLD
+    return reached and abs(told.to_mps - before.to_mps) < KMH
+
+
+def _misses(coast: _Told, told: _Told) -> bool:
+    """Whether coasting ended far from its speed, though the same reference went on."""
+    if coast.kind is not Kind.COAST or told.time_s - coast.time_s < LEAST_COAST_S:
+        return False
+    passed = coast.speed_mps < coast.to_mps < told.speed_mps  # It rolled down a hill.
+    replaced = told.reference_ns * NS > coast.time_s
+    return not (passed or replaced) and abs(told.speed_mps - coast.to_mps) > COAST_MISSES_MPS
+
+
+def _is_vain(accelerated: _Told, told: _Told) -> bool:
+    """Whether an acceleration soon ended in a brake and gained hardly any time over holding its first speed."""
+    if accelerated.kind is not Kind.TRACTION or told.kind is not Kind.BRAKE:
+        return False
+    lasted_s = told.time_s - accelerated.time_s
+    gained_s = (told.s_m - accelerated.s_m) / max(accelerated.speed_mps, MOVING_MPS) - lasted_s
+    return lasted_s < BRIEF_S and gained_s < GAINS_S
+
+
+def _ratio(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
