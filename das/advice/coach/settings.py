@@ -108,7 +108,7 @@ class EffortShowingSettings:
     beyond_mark_m: float = 3.0
     """In the last metres before a stop the effort shown stays the same if with it the train stops no further beyond the
     mark than this."""
-    before_mark_m: float = 5.0
+    before_mark_m: float = 2.0
     """In the last metres before a stop the effort shown stays the same if with it the train stops no further short of
     the mark than this."""
     at_mark_more_ratio: float = 0.2

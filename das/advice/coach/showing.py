@@ -14,7 +14,7 @@ from das.advice.coach.announcing import Announcing, Foreseen, Notices, aim_mps, 
 from das.advice.coach.keeping import Kept
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
-from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed, brake_of
+from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, SOONER_S, ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, TARGET_STEP_MPS, TrainState
 from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, Kind, Regime
 from das.domain.units import NS
@@ -114,7 +114,8 @@ class Showing:
         if now.mode in BRAKES and self._back == BRAKES_BACK and not chosen.urgent:
             begins_s, at_once = (self._brakes_back_ns - state.now_ns) * NS, False
         elif now.mode in BRAKES and not self._brake_begun:
-            begins_s = begins_s if begins_s > 0.0 and not chosen.urgent else brakes.begins_s(state)
+            scheduled_s = begins_s if begins_s > 0.0 and not chosen.urgent else math.inf
+            begins_s = min(scheduled_s, brakes.begins_s(state))
             at_once = state.v_mps > place.allowed_mps + OVERSPEED_MPS or not (chosen.for_limits or begins_m > state.s_m)
             self._brake_begun = at_once or begins_s <= 0.0
         elif now.mode in BRAKES:
@@ -152,10 +153,10 @@ class Showing:
         """
         assert self._brakes is not None
         brakes, number, known_mps = self._brakes, self._number, schedule.speed_at(state.s_m)
-        under = brakes.under_limit(planned, state, place)
-        wanted = brakes.safe(under, state, known_mps)
         if self._shown.mode not in BRAKES:
             self._brake_begun = False
+        under = brakes.under_limit(planned, state, place)
+        wanted = brakes.safe(under, state, known_mps, begun=self._brake_begun)
         if brakes.stands_at_mark(self._shown, state):
             return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
         brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchRegime.BRAKE
@@ -167,7 +168,7 @@ class Showing:
         urgent = wanted is not planned
         between = brakes_again and self._left_s < self._settings.least_shown_s
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent, begins_s=begins_s)
-        safe = now if now is wanted else brakes.safe(now, state, known_mps)
+        safe = now if now is wanted else brakes.safe(now, state, known_mps, begun=self._brake_begun)
         if safe is not now:  # An instruction that is still shown must be as safe as a new one.
             self._shown, self._since_ns = safe, state.now_ns
             return _Chosen(safe, wanted, urgent=True, for_limits=True)
@@ -189,6 +190,8 @@ class Showing:
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
         put_off = self._unannounced or (self._creeping_soon if now.mode in BRAKES else None)
+        if put_off is not None and put_off.in_s < 1.0:
+            put_off = None
         if put_off is not None and put_off.speed_mps > self._brakes.ahead.allowed_mps(state.braked_m + put_off.way_m):
             put_off = None  # There the train must be slower.
         if put_off is not None and not (following and following[0].in_s <= put_off.in_s):
@@ -226,6 +229,8 @@ class Showing:
         if schedule.phases[here].kind is NotchRegime.BRAKE and after.kind is not NotchRegime.BRAKE:
             return here
         soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)
+        if after.kind is NotchRegime.BRAKE:
+            soon_m += state.ahead_m + SOONER_S * state.v_mps
         return here + 1 if schedule.number_at(soon_m) > here else here
 
     def _planned(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
@@ -302,13 +307,16 @@ class Showing:
             stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
             may_roll = v_mps >= settings.brake.last_mps or stands_short
         has_begun = state.s_m >= schedule.begin_m(number)
-        if not slows and self._back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
-            may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
         if not slows and self._back == 0 and self._brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
             may_roll = False
+        elif not slows and self._back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
+            may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
         if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
             self._back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, v_mps)
-        elif self._back < 0 and eased > settings.brake.again_ratio:
+        elif self._back < 0 and (
+            eased > settings.brake.again_ratio
+            or (self._back == CREEPS and self._brakes.ahead.is_due(state.braked_m, v_mps, settings.lead.astray_s))
+        ):
             self._back = 0
         if self._back == CREEPS:
             self._creeps_mps = max(

@@ -29,6 +29,9 @@ SAME_MPS = 0.3
 """Speeds that differ by less than this look the same on a display, and count as equal."""
 HELD_MPS2 = 0.5
 """A driver below the speed to hold is assumed to accelerate to it at no more than this."""
+SOONER_S = 0.7
+"""A brake for a limit or the stop begins this long (s) before the train is on the planned curve: the brakes build up,
+and the position is uncertain."""
 CREEPS_M = 9.0
 """The driver of a creeping train is shown the brake for the stop once it is due within this distance."""
 
@@ -118,7 +121,8 @@ class ShownBrakes:
         """In what time (s) a train that keeps its speed must begin to brake for limits and the stop ahead."""
         nodes, from_m, v_mps = self.ahead.section.node_m, state.braked_m, max(state.v_mps, 1.0)
         speeds_mps = np.full(len(nodes) - int(np.searchsorted(nodes, from_m, side="right")), v_mps)
-        return (self.ahead.curve_begins_m(from_m, speeds_mps) - from_m) / v_mps if speeds_mps.size else 0.0
+        begins_m = self.ahead.curve_begins_m(from_m, speeds_mps) if speeds_mps.size else from_m
+        return max((begins_m - from_m) / v_mps - SOONER_S, 0.0)
 
     def under_limit(self, wanted: Instruction, state: TrainState, place: SpeedsAllowed) -> Instruction:
         """The instruction that brings a train back under the limit, or keeps it from coasting above it.
@@ -147,10 +151,11 @@ class ShownBrakes:
             return Instruction(mode=Regime.CRUISE, speed_mps=limit_mps)
         return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
 
-    def safe(self, wanted: Instruction, state: TrainState, known_mps: float) -> Instruction:
+    def safe(self, wanted: Instruction, state: TrainState, known_mps: float, *, begun: bool = True) -> Instruction:
         """The wanted instruction, or the brake that limits and the stop ahead need if the wanted one brakes less.
 
-        The brake is shown earlier to a train that accelerates, or that is faster than the reference (`known_mps`).
+        The brake is shown earlier to a train that accelerates, or that is faster than the reference (`known_mps`). Its
+        effort is enough from where it must begin; if the brake has begun (`begun`), from here.
         """
         ahead, lead, v_mps = self.ahead, self._settings.lead, state.v_mps
         on_time = v_mps <= known_mps + SAME_MPS and wanted.mode not in TRACTION
@@ -160,10 +165,11 @@ class ShownBrakes:
             soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
         elif wanted.mode is Regime.CRUISE:
             soon_mps += min(max(wanted.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s)
-        lead_s = max(lead_s, CREEPS_M / max(soon_mps, 1.0))
+        lead_s = max(lead_s + SOONER_S, CREEPS_M / max(soon_mps, 1.0))
         if not ahead.is_due(state.braked_m, soon_mps, lead_s):
             return wanted
-        needed = ahead.needed(state.braked_m, v_mps)
+        waits_m = 0.0 if begun else v_mps * self.begins_s(state)
+        needed = ahead.needed(state.braked_m + waits_m, v_mps)
         above_mps = v_mps - ahead.allowed_mps(state.braked_m)
         if needed.effort > 0.0 and above_mps > SAME_MPS and not self._ends(needed, v_mps):
             # If the effort only grew with the need, it would always be too little.

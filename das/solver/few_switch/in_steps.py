@@ -17,6 +17,8 @@ from das.solver.few_switch.settings import PolishSettings
 
 SAME_MPS = 0.03
 """Speeds that differ by less than this (m/s) are the same."""
+NEAR_LIMIT_MPS = 0.2
+"""A speed this near (m/s) to a limit is that of the limit."""
 
 
 class Choice(Enum):
@@ -60,7 +62,7 @@ def _rounded(found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps
 
 def rounded_mps(speed_mps: float, step_mps: float, limit_mps: float) -> float:
     """The speed to tell a driver instead of one at which a phase ends: the limit, or the nearest step below it."""
-    if abs(speed_mps - limit_mps) < SAME_MPS:
+    if abs(speed_mps - limit_mps) < NEAR_LIMIT_MPS:
         return limit_mps
     nearest = round(speed_mps / step_mps) * step_mps
     return nearest if nearest <= limit_mps else math.floor(limit_mps / step_mps) * step_mps
@@ -88,8 +90,11 @@ def _around(found: Scheduled, first: int, last: int, step_mps: float) -> tuple[f
     schedule = found.schedule
     speed_mps = schedule.phases[first].target_mps
     begin, end = schedule.phases[first].begin, ends_of(schedule.phases, schedule.run)[last]
-    highest_mps = float(schedule.section.limit_mps[begin:end].max(initial=0.0))
-    if abs(speed_mps - highest_mps) < SAME_MPS or speed_mps < step_mps:
+    limits = schedule.section.limit_mps[begin:end]
+    highest_mps = float(limits[limits > speed_mps - NEAR_LIMIT_MPS].min(initial=math.inf))
+    if abs(speed_mps - highest_mps) < NEAR_LIMIT_MPS:
+        return (highest_mps,)
+    if speed_mps < step_mps:
         return ()
     lower_mps = math.floor(speed_mps / step_mps + SAME_MPS) * step_mps
     if abs(speed_mps - lower_mps) < SAME_MPS:
