@@ -51,7 +51,7 @@ def run_day(
     seed: int = 0,
     *,
     driver: DriverKind | str = DriverKind.HUMAN,
-    advice: Presentation | str = Presentation.VECTOR,
+    advice: Presentation | str = Presentation.COACH,
     level: Level | str | None = None,
     participant: int | None = None,
 ) -> SimulatedDay:

@@ -58,7 +58,7 @@ def batch(
     out: OutFolder,
     seeds: Annotated[str, typer.Option(metavar="LIST", help="Seeds, like 0-99 or 1,5,10-19.")] = "0-9",
     drivers: DriversOption = "human",
-    advice: AdviceListOption = "vector",
+    advice: AdviceListOption = "coach",
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
     participants: ParticipantsOption = None,
     population: PopulationOption = None,
@@ -162,7 +162,7 @@ def _participants(
 
 def sensitivity(
     scenario: ScenarioArgument,
-    advice: AdviceListOption = "vector",
+    advice: AdviceListOption = "coach",
     seeds: DaysOption = "0-3",
     parameters: ParametersOption = None,
     population: PopulationOption = None,

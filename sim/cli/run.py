@@ -97,7 +97,7 @@ def scenarios(as_json: JsonOption = False) -> None:
 def run(
     scenario: ScenarioArgument,
     driver: DriverOption = DriverKind.HUMAN,
-    advice: AdviceOption = Presentation.VECTOR,
+    advice: AdviceOption = Presentation.COACH,
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
     seed: SeedOption = 0,
     speed: SpeedOption = "max",

@@ -46,7 +46,7 @@ class Setting:
     scenario: str = "clear-day"
     train: str | None = None
     driver: DriverKind | OwnClass = DriverKind.HUMAN
-    presentation: Presentation = Presentation.VECTOR
+    presentation: Presentation = Presentation.COACH
     loss_level: Level | None = None
     friction: FrictionPolicy = FrictionPolicy.AS_MEASURED
     update_interval_s: float = 0.0
@@ -231,7 +231,7 @@ FACTORS: Final = {
 DEFAULTS: Final[dict[str, Any]] = {
     "scenario": "clear-day",
     "driver": "human",
-    "presentation": "vector",
+    "presentation": "coach",
     "friction": "as-measured",
     "update_interval_s": 0,
     "hold_s": 0,
