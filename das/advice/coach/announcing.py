@@ -24,6 +24,8 @@ BEGUN_M = 1.0
 """A limit that begins less than this (m) ahead of the place of an instruction already applies to it."""
 SAME_CHANGE_S = 10.0
 """Two announcements of one kind that are due within this time (s) of each other announce the same change."""
+LEAST_RISE_S = 8.0
+"""An acceleration behind a limit is announced unless its phase ends within this time (s) of it."""
 ROLLS_SOONER = 0.97
 """A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
 
@@ -69,9 +71,10 @@ class Announcing:
 
         An acceleration that a limit interrupts goes on where the limit rises; this is an instruction of its own.
         """
-        rise = _at_rise(schedule, number, s_m)
+        rise, phases = _at_rise(schedule, number, s_m), schedule.phases
         found = [] if rise is None else [replace(rise, in_s=foreseen.time_s(s_m + rise.way_m))]
-        phases = schedule.phases
+        if found and foreseen.time_s(schedule.begin_m(number + 1)) - found[0].in_s < LEAST_RISE_S:
+            found = []
         for k in range(number + 1, len(phases)):
             if len(found) == self._ahead:
                 break

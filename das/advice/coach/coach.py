@@ -15,9 +15,9 @@ from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, SPEED_STEP_MPS, Goal, TrainState
+from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, Goal, TrainState
 from das.advice.reason import NO_REASON, Reason, ReasonCode
-from das.advice.regimes import BRAKES, TRACTION, Regime
+from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.route import Route
@@ -36,6 +36,9 @@ BINDS_MPS = 10.0 * KMH
 """A limit that the train is forecast to pass slower than this below it is not what it slows down for."""
 SLOWED_S = 30.0
 """A train that passes a point more than this (s) after its earliest time is not slowed down for it."""
+SAID_LATE_S = 30.0
+"""A train's arrival is named if it is late or early by at least this (s), and said anew if it has changed by as much:
+a driver cannot do anything about less, and a figure that changes often is not read."""
 ARRIVING_M = 500.0
 """A train this near (m) to its stop is not told when it arrives."""
 SLOWING = (NotchRegime.COAST, NotchRegime.BRAKE)
@@ -59,6 +62,7 @@ class Coach:
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
         self._lost = False
         self._said_late_s = 0.0
+        self._reasoned: tuple[Instruction, Reason] = Instruction(), NO_REASON
 
     def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
         """The coach that takes over from this one, with another front or under other limits."""
@@ -153,16 +157,24 @@ class Coach:
         excess_mps = state.v_mps - place.allowed_mps
         if excess_mps > OVERSPEED_MPS:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
-        ahead = self._ahead(kept, shown, state)
+        ahead = self._standing_reason(shown.now, self._ahead(kept, shown, state), state)
         if not ahead and self._is_slowed_for_point(kept, state, goal):
             point = goal.passing
             assert point is not None
             time_ns = point.earliest_ns or 0
             return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
         late_s = self._arrival_late_s(kept, state, goal)
-        if shown.now.mode in BRAKES or abs(late_s) < DEVIATION_NAMED_S:
+        if shown.now.mode in BRAKES or abs(late_s) < SAID_LATE_S:
             return ahead
         return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
+
+    def _standing_reason(self, now: Instruction, ahead: Reason, state: TrainState) -> Reason:
+        """What the instruction is for; it stays while the same instruction is shown and its place is still ahead."""
+        shown, kept = self._reasoned
+        same = KIND_OF.get(now.mode) is KIND_OF.get(shown.mode) and now.speed_mps == shown.speed_mps
+        if not (same and kept and kept.at_m > state.s_m):
+            self._reasoned = now, ahead
+        return self._reasoned[1]
 
     def _arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
         """How late the train is said to arrive (s): the last value until it is off by as much as is named.
@@ -173,7 +185,7 @@ class Coach:
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0
         late_s = self._keeper.arrival_late_s(kept, state, goal)
-        if abs(late_s - self._said_late_s) >= DEVIATION_NAMED_S:
+        if abs(late_s - self._said_late_s) >= SAID_LATE_S:
             self._said_late_s = late_s
         return self._said_late_s
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from enum import Enum
 
 from das.domain.errors import InfeasibleError
+from das.domain.units import KMH
 from das.solver.few_switch.as_run import with_all_brakes
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import ends_of
@@ -17,6 +18,8 @@ from das.solver.few_switch.settings import PolishSettings
 
 SAME_MPS = 0.03
 """Speeds that differ by less than this (m/s) are the same."""
+LITTLE_MPS, LITTLE_CHANGE_S = 6.0 * KMH, 0.08
+"""A change of speed by less than `LITTLE_MPS` costs the energy of full power for `LITTLE_CHANGE_S`."""
 NEAR_LIMIT_MPS = 0.2
 """A speed this near (m/s) to a limit is that of the limit."""
 
@@ -56,8 +59,17 @@ def _rounded(found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps
         speeds = _around(best, first, last, step_mps)[choice.value]
         tried = [_with_speed(best, first, last, speed, s_m, v_mps) for speed in speeds]
         feasible = [one for one in tried if one is not None]
-        best = min(feasible, key=lambda one: one.cost_j(time_s), default=best)
+        best = min(feasible, key=lambda one: one.cost_j(time_s) + _change_j(one.schedule, first), default=best)
     return best
+
+
+def _change_j(schedule: Schedule, number: int) -> float:
+    """The price (J) of a speed that differs by little from that of the phase before: no driver sees the sense of it."""
+    if number == 0:
+        return 0.0
+    differs_mps = abs(schedule.phases[number].target_mps - schedule.phases[number - 1].target_mps)
+    little = SAME_MPS < differs_mps < LITTLE_MPS
+    return LITTLE_CHANGE_S * schedule.section.train.traction_power_w if little else 0.0
 
 
 def rounded_mps(speed_mps: float, step_mps: float, limit_mps: float) -> float:
