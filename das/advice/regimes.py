@@ -29,7 +29,7 @@ TRACTION: Final = frozenset({Regime.FULL_TRACTION, Regime.REDUCED_TRACTION})
 BRAKES: Final = frozenset({Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE})
 
 
-class Kind(StrEnum):
+class InstructionKind(StrEnum):
     """A kind of instruction, whatever its speed and effort."""
 
     TRACTION = "traction"
@@ -38,11 +38,11 @@ class Kind(StrEnum):
     BRAKE = "brake"
 
 
-KIND_OF: Final[dict[int, Kind]] = {
-    **dict.fromkeys(TRACTION, Kind.TRACTION),
-    Regime.CRUISE: Kind.HOLD,
-    Regime.COAST: Kind.COAST,
-    **dict.fromkeys(BRAKES, Kind.BRAKE),
+KIND_OF: Final[dict[int, InstructionKind]] = {
+    **dict.fromkeys(TRACTION, InstructionKind.TRACTION),
+    Regime.CRUISE: InstructionKind.HOLD,
+    Regime.COAST: InstructionKind.COAST,
+    **dict.fromkeys(BRAKES, InstructionKind.BRAKE),
 }
 """The kind of each mode that tells the driver of a moving train what to do."""
 FULL_RATIO: Final = 0.97

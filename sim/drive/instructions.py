@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from das.advice.goal import TARGET_STEP_MPS
-from das.advice.regimes import KIND_OF, Kind
+from das.advice.regimes import KIND_OF, InstructionKind
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KMH, NS
@@ -39,7 +39,7 @@ GAP_S: Final = 3.0
 class _Told(NamedTuple):
     """An instruction as shown from a moment on: when (s), where (m), at which speed, and when it was due (s)."""
 
-    kind: Kind
+    kind: InstructionKind
     to_mps: float
     effort: int
     time_s: float
@@ -49,7 +49,7 @@ class _Told(NamedTuple):
     reference_ns: int
 
     @property
-    def seen(self) -> tuple[Kind, int, int]:
+    def seen(self) -> tuple[InstructionKind, int, int]:
         """What the driver reads: kind, speed in whole km/h, and effort in steps."""
         return self.kind, round(self.to_mps / KMH), self.effort
 
@@ -116,7 +116,7 @@ class InstructionWatch:
         self._shortest_s = math.inf
         self._now: _Told | None = None
         self._at_s = -math.inf
-        self._announced: deque[tuple[float, Kind, float]] = deque(maxlen=2 * REMEMBERED)
+        self._announced: deque[tuple[float, InstructionKind, float]] = deque(maxlen=2 * REMEMBERED)
 
     @property
     def found(self) -> InstructionFigures:
@@ -127,7 +127,7 @@ class InstructionWatch:
         """Take in an advice (`Advice`, or its message)."""
         told, time_s = _told(advice), advice.time_ns * NS
         if told is not None and advice.speed_mps < MOVING_MPS:
-            self._counts["standing_s"] += told.kind is Kind.TRACTION
+            self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
             told = None
         before = self._now if time_s - self._at_s <= GAP_S else None
         self._at_s = time_s
@@ -148,15 +148,15 @@ class InstructionWatch:
         counts["odd_speeds"] += _is_odd(told, advice)
         if before is None:
             return
-        if Kind.BRAKE not in (told.kind, before.kind):
+        if InstructionKind.BRAKE not in (told.kind, before.kind):
             self._shortest_s = min(self._shortest_s, told.time_s - before.time_s)
         if told.kind is before.kind:
-            counts["efforts_in_brakes"] += told.kind is Kind.BRAKE and told.effort != before.effort
+            counts["efforts_in_brakes"] += told.kind is InstructionKind.BRAKE and told.effort != before.effort
             return
         counts["changes"] += 1
         counts["announced"] += _is_own_end(before, told) or self._was_announced(told)
-        counts["brakes"] += told.kind is Kind.BRAKE
-        counts["led"] += told.kind is Kind.BRAKE and told.due_s - told.time_s >= LEAD_S
+        counts["brakes"] += told.kind is InstructionKind.BRAKE
+        counts["led"] += told.kind is InstructionKind.BRAKE and told.due_s - told.time_s >= LEAD_S
         counts["missed_coasts"] += _misses(before, told)
         counts["vain_accelerations"] += _is_vain(before, told)
 
@@ -200,13 +200,13 @@ def _is_odd(told: _Told, advice: Any) -> bool:
 
 def _is_own_end(before: _Told, told: _Told) -> bool:
     """Whether an instruction holds the speed to which the one before accelerated or braked."""
-    reached = before.kind in (Kind.TRACTION, Kind.BRAKE) and told.kind is Kind.HOLD
+    reached = before.kind in (InstructionKind.TRACTION, InstructionKind.BRAKE) and told.kind is InstructionKind.HOLD
     return reached and abs(told.to_mps - before.to_mps) < KMH
 
 
 def _misses(coast: _Told, told: _Told) -> bool:
     """Whether coasting ended far from its speed, though the same reference went on."""
-    if coast.kind is not Kind.COAST or told.time_s - coast.time_s < LEAST_COAST_S:
+    if coast.kind is not InstructionKind.COAST or told.time_s - coast.time_s < LEAST_COAST_S:
         return False
     passed = coast.speed_mps < coast.to_mps < told.speed_mps  # It rolled down a hill.
     replaced = told.reference_ns * NS > coast.time_s
@@ -215,7 +215,7 @@ def _misses(coast: _Told, told: _Told) -> bool:
 
 def _is_vain(accelerated: _Told, told: _Told) -> bool:
     """Whether an acceleration soon ended in a brake and gained hardly any time over holding its first speed."""
-    if accelerated.kind is not Kind.TRACTION or told.kind is not Kind.BRAKE:
+    if accelerated.kind is not InstructionKind.TRACTION or told.kind is not InstructionKind.BRAKE:
         return False
     lasted_s = told.time_s - accelerated.time_s
     gained_s = (told.s_m - accelerated.s_m) / max(accelerated.speed_mps, MOVING_MPS) - lasted_s

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.advice.regimes import KIND_OF, Kind, Regime
+from das.advice.regimes import KIND_OF, InstructionKind, Regime
 from sim.drivers.cab import AdviceView, CabView, Diary, DriverEvent, Efforts
 from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, HumanSettings, StopMark
 from sim.drivers.kinds import FrictionPolicy
@@ -51,7 +51,7 @@ def says_mode(view: AdviceView) -> bool:
     return presenter_of(view.presentation).says_mode
 
 
-def advice_kind(view: AdviceView) -> Kind | None:
+def advice_kind(view: AdviceView) -> InstructionKind | None:
     """The kind of advice; None for no advice. Every kind has a compliance parameter of its own."""
     return KIND_OF.get(_shown_mode(view))
 
@@ -196,7 +196,7 @@ class DisplayReading:
         self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
         self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
 
-    def _followed_ratio(self, view: AdviceView, kind: Kind) -> float:
+    def _followed_ratio(self, view: AdviceView, kind: InstructionKind) -> float:
         """The probability that he follows advice of a kind; a reason shown beside it may reduce the refusals."""
         human = self._human
         followed = float(getattr(human, f"comply_{kind}_ratio"))
@@ -343,7 +343,7 @@ class HumanDriver:
         """
         target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
         if math.isnan(effort):
-            brakes = advice_kind(view) is Kind.BRAKE
+            brakes = advice_kind(view) is InstructionKind.BRAKE
             effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
         if view.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s

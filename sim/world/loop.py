@@ -119,6 +119,13 @@ class Run:
     decisions: tuple[DriverEvent, ...] = ()
 
 
+class _Watches(NamedTuple):
+    """What looks at the advice of a run: at what the driver is shown, and at the coach's instructions."""
+
+    shown: ShownWatch
+    instructions: InstructionWatch
+
+
 class World:
     """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
 
@@ -135,7 +142,7 @@ class World:
         self._events: list[str] = []
         self._view: AdviceView | None = None
         self._command: Command = COAST
-        self._counts, self._watch, self._instructions = Counts(), ShownWatch(), InstructionWatch()
+        self._counts, self._watches = Counts(), _Watches(ShownWatch(), InstructionWatch())
         self._told = 0
         self._screen = Screen(screen)
 
@@ -163,8 +170,8 @@ class World:
             legs=tuple(legs),
             counts=self._counts,
             violations=self._around.violations,
-            stability=self._watch.found,
-            instructions=self._instructions.found,
+            stability=self._watches.shown.found,
+            instructions=self._watches.instructions.found,
             decisions=tuple(kept_by(self.driver)),
         )
 
@@ -176,7 +183,7 @@ class World:
         events, self._events = tuple(self._events), []
         cab = around.cab(state, self._view)
         view = cab.shown
-        self._watch.look(state.time_s, state.speed_mps, None if view is None else Shown.of(view))
+        self._watches.shown.look(state.time_s, state.speed_mps, None if view is None else Shown.of(view))
         self.link.tell(now_ns, Told(state, cab, self._command, events, self._decided()))
         for _ in range(round(TICK_S / LOOK_S)):
             self._command = self.driver.command(around.cab(state, self._view))
@@ -204,7 +211,7 @@ class World:
         told = [*measured, *around.operators(tick, now_ns, state)]
         advice = self.link.exchange(Tick(tick, now_ns, tuple(told)))
         self._counts = self._counts.plus(advice)
-        self._instructions.look(advice)
+        self._watches.instructions.look(advice)
         view = present(
             advice,
             self.presentation,

@@ -170,7 +170,7 @@ def test_delay_on_the_way_is_known_to_the_driver_alone_and_made_up() -> None:
     assert speed_mps[within].mean() > 0.9 * slow.speed_mps
     assert all(not told.restrictions for _, told in driven.said.restrictions())
     advised = [a.advised_speed_mps for a in driven.said.advices if slow.from_m < a.s_m < slow.to_m]
-    assert max(advised) > slow.speed_mps
+    assert np.nanmax(advised) > slow.speed_mps
     late_s = driven.late_s()
     assert late_s[2] > 20
     assert abs(late_s[3]) <= 2.0

@@ -150,7 +150,7 @@ def test_the_recording_is_whole_and_says_how_it_was_made(recording: Recording, f
     run = recording.metadata["run"]
     assert (run["kind"], run["scenario"], run["seed"], run["driver"], run["advice"]) == (
         *("run", "eventful", "4"),
-        *("human", "vector"),
+        *("human", "coach"),
     )
     assert "signal at km 4.5 at danger, seen 900 m ahead" in run["happens"]
     assert all(len(run[f"{name}_sha256"]) == 64 for name in ("scenario", "route", "vehicle"))
@@ -269,8 +269,8 @@ def test_without_a_bus_the_train_runs_the_same(folder: Path, recording: Recordin
     service = prepare_service(read_scenario(folder / "eventful.toml"))
     states, links = {}, {}
     for seed in (4, 5):
-        driver, links[seed] = make_driver(DriverKind.HUMAN, service.line, seed=seed), InProcess(service)
-        states[seed] = World(make_day(service, seed), driver, Presentation.VECTOR, links[seed]).run().states
+        driver, links[seed] = make_driver(DriverKind.HUMAN, service.line, seed=seed), InProcess(service, coach=True)
+        states[seed] = World(make_day(service, seed), driver, Presentation.COACH, links[seed]).run().states
     truth = recording.columns(TRUTH, "time_ns", "s_m", "speed_mps", "energy_input_j")
     assert [state.s_m for state in states[4][:-1]] == truth["s_m"].tolist()
     assert [state.speed_mps for state in states[4][:-1]] == truth["speed_mps"].tolist()

@@ -81,7 +81,7 @@ MUTANTS = [
         "das/advice/coach/announcing.py",
         BRAKES,
         ("a brake that has begun is announced", "first.speed_mps > now.speed_mps - SAME_MPS:", "first.speed_mps > 9.0 * now.speed_mps:"),
-        ("named: aim without the cap of the curve", "return float(min(one.target_mps, highest))", "return float(one.target_mps)"),
+        ("named: an acceleration without the cap of the limit", "return float(min(one.target_mps, section.limit_mps[one.begin : end].max(initial=0.0)))", "return float(one.target_mps)"),
         ("a brake that follows is announced late", "begins_m, brake, after = min(begins_m, before_m), following[0]", "begins_m, brake, after = before_m, following[0]"),
     ),
     *_of(
@@ -90,6 +90,10 @@ MUTANTS = [
         ("coasting above its end stands", "ends_mps) if shown.mode is Regime.COAST else", "place.limit_mps) if shown.mode is Regime.COAST else"),
         ("harder brakes wait", "braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)", "braked = less and too_fast"),
         ("brakes are shown late", "soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)", "soon_m = state.s_m - state.v_mps * leads.get(after.kind, 0.0)"),
+    ),
+    *_of(
+        "das/advice/coach/phase_now.py",
+        BRAKES,
         ("rolls back where it never slows", "* limit.rolls_back_in_s >= away_mps:", "* limit.rolls_back_in_s >= -9.0:"),
         ("rolls on just above its speed", "target + settings.brake.rolls_above_mps", "target + 0.0 * settings.brake.rolls_above_mps"),
     ),
@@ -224,7 +228,7 @@ MUTANTS = [
         ("brakes by limits are not seen", "met = np.isfinite(speeds) & (speeds > envelope - NEAR_MPS)", "met = np.isfinite(speeds) & (speeds > envelope + 1.0)"),
         ("early brakes begin late", "later_m = (squares[met] - squares[end]) * m_per_square - (node_m[end] - node_m[met])", "later_m = 0.0 * m_per_square"),
         ("another effort does not wait", "run.lasts_s(begin, risen) < WAITS_S", "run.lasts_s(begin, risen) < 0.0"),
-        ("accelerates just before a brake", "if held_s - lasts_s < GAINS_S:", "if held_s - lasts_s < 0.0:"),
+        ("accelerates just before a brake", "held_mps - lasts_s < GAINS_S", "held_mps - lasts_s < 0.0"),
     ),
 ]  # fmt: skip
 

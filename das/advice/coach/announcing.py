@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from das.advice.advice import Instruction
 from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake
 from das.advice.goal import TARGET_STEP_MPS, TrainState
-from das.advice.regimes import BRAKES, FULL_RATIO, KIND_OF, TRACTION, Kind, Regime
+from das.advice.regimes import BRAKES, FULL_RATIO, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.in_steps import rounded_mps
@@ -35,7 +35,7 @@ class Notices:
 
     def __init__(self, least_s: float) -> None:
         self._least_s = least_s
-        self._said: dict[Kind, tuple[int, float]] = {}
+        self._said: dict[InstructionKind, tuple[int, float]] = {}
 
     def note(self, following: tuple[Instruction, ...], now_ns: int) -> None:
         """Take in what is announced at a moment; an announcement that moves by much counts as a new one."""
@@ -47,7 +47,7 @@ class Notices:
                 since_ns, said_s = before.get(kind, (now_ns, due_s))
                 self._said[kind] = (since_ns if abs(due_s - said_s) < SAME_CHANGE_S else now_ns, due_s)
 
-    def lacks_s(self, kind: Kind, now_ns: int, in_s: float) -> float:
+    def lacks_s(self, kind: InstructionKind, now_ns: int, in_s: float) -> float:
         """How much longer (s) a change to a kind must be announced before it may be due; it is due in `in_s` at best.
 
         0 if it has been announced early enough.

@@ -10,30 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.coach.announcing import Announcing, Foreseen, Notices, aim_mps, allowed, in_time, traction
+from das.advice.coach.announcing import Announcing, Foreseen, Notices, allowed, in_time
 from das.advice.coach.keeping import Kept
+from das.advice.coach.phase_now import BRAKES_BACK, CREEPS, ROLLS, ROUNDED_MPS, PhaseNow, PhaseScene, highest_mps
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, SOONER_S, ShownBrakes, SpeedsAllowed, brake_of
-from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, TARGET_STEP_MPS, TrainState
-from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, Kind, Regime
+from das.advice.goal import OVERSPEED_MPS, TrainState
+from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
-from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
-ROUNDED_MPS = 0.5 * SPEED_STEP_MPS
-"""A speed above the allowed one by less than this looks the same on a display in whole km/h."""
-CREEPS_FOR_S = 6.0
-"""A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
 LONG_S = 3600.0
 """A creeping train has no forecast: this long time (s) is used instead."""
-ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
-"""Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
-short of the mark (`CREEPS`). A driver above the speed to hold is told to coast back to it (`ROLLS`), or to brake if
-coasting takes too long (`BRAKES_BACK`)."""
 
 
 class ShownNow(NamedTuple):
@@ -71,12 +63,10 @@ class Showing:
     def __init__(self, settings: ShowingSettings) -> None:
         self._settings = settings
         self._schedule: Schedule | None = None
-        self._number, self._back, self._share, self._left_s = 0, 0, 1.0, math.inf
-        self._reached_mps = self._creeps_mps = 0.0
+        self._number, self._phase = 0, PhaseNow(settings)
         self._brakes: ShownBrakes | None = None
         self._announcing, self._notices = Announcing(settings.ahead), Notices(settings.announced_s)
         self._unannounced: Instruction | None = None
-        self._creeping_soon: Instruction | None = None
         self._brake_begun, self._brakes_back_ns = False, 0
         self._shown, self._since_ns = Instruction(), 0
 
@@ -102,16 +92,15 @@ class Showing:
         """What to show of the reference to a driver whose train is in this state."""
         schedule = kept.reference.schedule
         brakes, number = self._begin(schedule, state, place)
-        self._creeping_soon = None
         foreseen = Foreseen(*elapsed_s(schedule, kept.forecast, state.s_m), as_shown=True)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
-        self._left_s = foreseen.time_s(phase_ends_m)
-        planned = self._planned(schedule, number, state, place)
+        scene = PhaseScene(brakes, self._shown, foreseen.time_s(phase_ends_m), self._notices)
+        planned = self._phase.instruction(schedule, number, state, place, scene)
         begins_s = foreseen.time_s(begins_m) if begins_m > state.s_m else 0.0
-        chosen = self._chosen(planned, schedule, state, place, begins_s)
+        chosen = self._chosen(planned, schedule, state, place, (begins_s, scene.left_s))
         now, at_once = chosen.now, chosen.urgent or state.v_mps > place.allowed_mps + OVERSPEED_MPS
         kept_on = begins_s > 0.0 and not _alike(now, chosen.wanted)  # The previous instruction is still shown.
-        if now.mode in BRAKES and self._back == BRAKES_BACK and not chosen.urgent:
+        if now.mode in BRAKES and self._phase.back == BRAKES_BACK and not chosen.urgent:
             begins_s, at_once = (self._brakes_back_ns - state.now_ns) * NS, False
         elif now.mode in BRAKES and not self._brake_begun:
             scheduled_s = begins_s if begins_s > 0.0 and not chosen.urgent else math.inf
@@ -134,25 +123,27 @@ class Showing:
     def _begin(self, schedule: Schedule, state: TrainState, place: SpeedsAllowed) -> tuple[ShownBrakes, int]:
         """The brakes of the schedule's section, and the number of the phase to show."""
         if schedule is not self._schedule:
-            self._schedule, self._number, self._back = schedule, 0, 0
-            self._reached_mps = 0.0
+            self._schedule, self._number = schedule, 0
+            self._phase.begin()
         if self._brakes is None or self._brakes.ahead.section is not schedule.section:
             self._brakes = ShownBrakes(schedule.section, self._settings)
         number = self._number_for(schedule, state, place)
         if number != self._number:
-            self._back, self._reached_mps = 0, 0.0
+            self._phase.begin()
         self._number = number
         return self._brakes, number
 
     def _chosen(
-        self, planned: Instruction, schedule: Schedule, state: TrainState, place: SpeedsAllowed, begins_s: float
-    ) -> _Chosen:
+        self, planned: Instruction, schedule: Schedule, state: TrainState, place: SpeedsAllowed,
+        spans_s: tuple[float, float],
+    ) -> _Chosen:  # fmt: skip
         """The instruction to show now: the planned one, the last one for some time longer, or what limits need.
 
-        The phase of the planned instruction begins in `begins_s`.
+        `spans_s` are the times until the phase of the planned instruction begins and ends.
         """
         assert self._brakes is not None
         brakes, number, known_mps = self._brakes, self._number, schedule.speed_at(state.s_m)
+        begins_s, ends_s = spans_s
         if self._shown.mode not in BRAKES:
             self._brake_begun = False
         under = brakes.under_limit(planned, state, place)
@@ -164,9 +155,9 @@ class Showing:
             np.interp(schedule.begin_m(number + 1), schedule.section.node_m, schedule.section.envelope_mps)
         )
         # A shown speed that is allowed nowhere in the rest of the phase is replaced at once, as if above the limit.
-        reachable = place._replace(limit_mps=min(place.limit_mps, _highest_mps(schedule, number, state.s_m)))
+        reachable = place._replace(limit_mps=min(place.limit_mps, highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
-        between = brakes_again and self._left_s < self._settings.least_shown_s
+        between = brakes_again and ends_s < self._settings.least_shown_s
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent, begins_s=begins_s)
         safe = now if now is wanted else brakes.safe(now, state, known_mps, begun=self._brake_begun)
         if safe is not now:  # An instruction that is still shown must be as safe as a new one.
@@ -182,14 +173,14 @@ class Showing:
         assert self._brakes is not None
         schedule = self._schedule
         following = self._announcing.following(schedule, number, state.s_m, foreseen)
-        freely = foreseen.as_shown and (self._back == BRAKES_BACK or schedule.brakes_by_effort(number))
+        freely = foreseen.as_shown and (self._phase.back == BRAKES_BACK or schedule.brakes_by_effort(number))
         following = in_time(following, now, self._brakes, state, foreseen, freely=freely)
         brakes = now.mode in BRAKES and schedule.phases[number].kind is NotchRegime.BRAKE
         if brakes and end_m < schedule.begin_m(number + 1):
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
-        put_off = self._unannounced or (self._creeping_soon if now.mode in BRAKES else None)
+        put_off = self._unannounced or (self._phase.creeping_soon if now.mode in BRAKES else None)
         if put_off is not None and put_off.in_s < 1.0:
             put_off = None
         if put_off is not None and put_off.speed_mps > self._brakes.ahead.allowed_mps(state.braked_m + put_off.way_m):
@@ -233,118 +224,6 @@ class Showing:
             soon_m += state.ahead_m + SOONER_S * state.v_mps
         return here + 1 if schedule.number_at(soon_m) > here else here
 
-    def _planned(self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed) -> Instruction:
-        """The instruction of a phase of the schedule, for the train in its present state."""
-        one, v_mps = schedule.phases[number], state.v_mps
-        target = min(aim_mps(schedule, number), place.limit_mps)
-        highest = _highest_mps(schedule, number, state.s_m)
-        if target > highest + ROUNDED_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
-            target = math.floor(highest / TARGET_STEP_MPS) * TARGET_STEP_MPS
-        if one.kind is NotchRegime.BRAKE:
-            return self._braking(schedule, number, state, target)
-        if one.kind is NotchRegime.COAST:
-            return _coasting(target)
-        if self._accelerates(one, v_mps, target):
-            self._share = one.share
-            return traction(one.share, target)
-        return self._holding(schedule, state, target)
-
-    def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
-        """Whether the train still has to accelerate to the speed of a phase; once reached, the speed is held."""
-        if one.kind is not NotchRegime.TRACTION or target <= self._reached_mps + SAME_MPS:
-            return False
-        if v_mps < target - self._settings.reached_mps:
-            return True
-        self._reached_mps = target
-        return False
-
-    def _holding(self, schedule: Schedule, state: TrainState, target: float) -> Instruction:
-        """The instruction to hold a speed, or to return to it if the train is too far from it."""
-        settings, away = self._settings, state.v_mps - target
-        if self._back == 0 and away < -settings.reached_mps and self._shown.mode in TRACTION:
-            self._back = 1  # The train is still accelerating to this speed.
-        elif self._back == 0 and away < 0 and self._left_s < settings.worth_accelerating_s:
-            pass  # The next instruction is near: accelerating now would be wasted.
-        elif self._back == 0 and abs(away) > (settings.above_mps if away > 0 else settings.below_mps):
-            self._back, self._share = (1, schedule.back_share) if away < 0 else self._slows_back(state, away)
-        elif (self._back > 0 and away >= -settings.reached_mps) or (self._back < 0 and away <= SAME_MPS):
-            self._back = 0
-        if self._back > 0:
-            return traction(self._share, target)
-        if self._back == BRAKES_BACK:
-            assert self._brakes is not None
-            return self._brakes.back_to(target, self._share)
-        if self._back < 0:
-            return _coasting(target)
-        return Instruction(mode=Regime.CRUISE, speed_mps=target)
-
-    def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
-        """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
-        assert self._brakes is not None
-        ahead, limit = self._brakes.ahead, self._settings.limit
-        if -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
-            return ROLLS, 0.0
-        return BRAKES_BACK, min(ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps), 1.0)
-
-    def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
-        """The instruction to brake with one effort to a speed; a driver who has braked early is told to coast first."""
-        settings, v_mps = self._settings, state.v_mps
-        held = self._shown.mode is Regime.CRUISE and abs(self._shown.speed_mps - target) < SAME_MPS
-        if v_mps <= target + (settings.limit.braked_mps if held else SAME_MPS) and target > SAME_MPS:
-            return self._holding(schedule, state, target)
-        way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
-        needed = (v_mps**2 - target**2) / (2.0 * way_m)
-        slows = target > SAME_MPS  # It brakes to a lower speed, not to a stop.
-        if not schedule.brakes_by_effort(number):
-            eased = needed / schedule.braking_mps2(number)
-        else:
-            eased = 1.0 if slows else self._eased_ratio(schedule, number, state, target)
-        assert self._brakes is not None
-        if slows:
-            rolled_w = v_mps**2 + 2.0 * self._brakes.ahead.rolls_mps2(state.s_m, v_mps) * way_m
-            may_roll = v_mps > target + settings.brake.rolls_above_mps and rolled_w <= target**2
-        else:
-            stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
-            may_roll = v_mps >= settings.brake.last_mps or stands_short
-        has_begun = state.s_m >= schedule.begin_m(number)
-        if not slows and self._back == 0 and self._brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
-            may_roll = False
-        elif not slows and self._back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
-            may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
-        if self._back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
-            self._back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, v_mps)
-        elif self._back < 0 and (
-            eased > settings.brake.again_ratio
-            or (self._back == CREEPS and self._brakes.ahead.is_due(state.braked_m, v_mps, settings.lead.astray_s))
-        ):
-            self._back = 0
-        if self._back == CREEPS:
-            self._creeps_mps = max(
-                min(self._creeps_mps, math.floor(v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS), settings.brake.creep_mps
-            )
-            return Instruction(
-                mode=Regime.CRUISE, speed_mps=min(self._creeps_mps, _highest_mps(schedule, number, state.s_m))
-            )
-        if self._back < 0:
-            return _coasting(target)
-        brakes = self._shown.mode in BRAKES
-        return self._brakes.shown(self._brakes.needed(schedule, number, state, target, brakes=brakes), state)
-
-    def _has_said_creeping(self, state: TrainState) -> bool:
-        """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""
-        lacks_s = self._notices.lacks_s(Kind.HOLD, state.now_ns, 0.0)
-        creeps_mps = max(math.floor(state.v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS, self._settings.brake.creep_mps)
-        self._creeping_soon = Instruction(
-            mode=Regime.CRUISE, speed_mps=creeps_mps, way_m=lacks_s * state.v_mps, in_s=lacks_s
-        )
-        return lacks_s <= 0.0
-
-    def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
-        """The braking effort needed from here, as a share of the planned one."""
-        assert self._brakes is not None
-        needed = self._brakes.ahead.effort_to(state.s_m, state.v_mps, schedule.begin_m(number + 1), target)
-        return needed / max(float(schedule.phases[number].share), SAME_EFFORT)
-
     def _held(
         self, wanted: Instruction, state: TrainState, place: SpeedsAllowed, ends_mps: float, *,
         between_brakes: bool, urgent: bool, begins_s: float,
@@ -369,7 +248,7 @@ class Showing:
             wanted.speed_mps < shown.speed_mps - SAME_MPS or wanted.effort_ratio < shown.effort_ratio
         )
         braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)
-        if self._back == BRAKES_BACK and not (urgent or too_fast) and shown.mode not in BRAKES:
+        if self._phase.back == BRAKES_BACK and not (urgent or too_fast) and shown.mode not in BRAKES:
             braked = False  # It can wait until it has been announced.
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
@@ -379,7 +258,7 @@ class Showing:
         released = reached and shown.speed_mps > SAME_MPS
         passed_mps = max(shown.speed_mps, min(place.limit_mps, place.allowed_mps))
         rolls_on = shown.mode in TRACTION and state.v_mps > passed_mps + SAME_MPS
-        eased = shown.mode in BRAKES and (self._back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
+        eased = shown.mode in BRAKES and (self._phase.back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
         at_once = braked or released or above or urgent or eased or rolls_on
         if at_once or (settled and self._is_announced(wanted, state, begins_s)):
             self._shown, self._since_ns = wanted, state.now_ns
@@ -395,7 +274,7 @@ class Showing:
         if same or kind is None or shown.mode not in KIND_OF:
             return True
         lacks_s = self._notices.lacks_s(kind, state.now_ns, begins_s)
-        if kind is Kind.BRAKE and lacks_s <= self._settings.lead.braking_s:
+        if kind is InstructionKind.BRAKE and lacks_s <= self._settings.lead.braking_s:
             self._brakes_back_ns = state.now_ns + round(max(lacks_s, self._settings.lead.least_s) / NS)
             return True
         if lacks_s > 0.0:
@@ -420,18 +299,6 @@ def _reaches(wanted: Instruction, shown: Instruction) -> bool:
     return wanted.mode is Regime.CRUISE and abs(wanted.speed_mps - shown.speed_mps) < SAME_MPS
 
 
-def _coasting(to_mps: float) -> Instruction:
-    return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
-
-
 def _alike(one: Instruction, other: Instruction) -> bool:
     """Whether two instructions have the same mode and lead to the same speed."""
     return one.mode is other.mode and abs(one.speed_mps - other.speed_mps) < SAME_MPS
-
-
-def _highest_mps(schedule: Schedule, number: int, s_m: float) -> float:
-    """The highest speed (m/s) allowed anywhere from a position to the end of a phase."""
-    section = schedule.section
-    first = max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0)
-    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
-    return float(section.envelope_mps[min(first, end) : end + 1].max())

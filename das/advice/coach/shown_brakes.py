@@ -17,7 +17,6 @@ from das.advice.braking import AT_MARK_M, BRAKED_MORE, LEAST_MPS2, BrakingAhead,
 from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
@@ -52,8 +51,7 @@ class ShownBrakes:
         """Computes the braking that the limits and the stop ahead need."""
         self._settings = settings
         self._efforts: dict[float, float] = {}
-        self._since_ns: dict[float, int] = {}
-        """For each place to brake to (m), the effort shown last, and since when."""
+        """For each place to brake to (m), the effort shown last."""
         self._exact_effort = 0.0
 
     def unrounded(self, now: Instruction) -> Instruction:
@@ -229,15 +227,11 @@ class ShownBrakes:
         if kept is not None and (self._ends(needed, v_mps) or self._nearly_enough(kept, needed, state)):
             shown = kept
         elif kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
-            stood_s = (state.now_ns - self._since_ns.get(needed.at_m, 0)) * NS
             less = needed.effort < kept * (1.0 - settings.less_ratio)
-            less = less and (stood_s >= self._settings.least_shown_s or not slows)
             ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
             shown = shown if less and not ends_soon else kept
         elif kept is not None or slows:
             shown = max(shown, self._grown(needed, kept or 0.0, state))
-        if shown != kept:
-            self._since_ns[needed.at_m] = state.now_ns
         self._efforts[needed.at_m] = shown
         largest = self.ahead.largest(v_mps)
         self._exact_effort = min(needed.effort, largest)

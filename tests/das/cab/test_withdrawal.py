@@ -88,7 +88,7 @@ def test_a_leg_without_a_timetable_is_no_journey() -> None:
 @pytest.mark.parametrize("cause", [cause for cause in Cause if cause is not Cause.NONE])
 def test_every_withdrawal_but_a_quiet_display_is_a_warning(cause: Cause) -> None:
     reporting = Reporting()
-    reporting.changes(Advice(time_ns=1, cause=cause, reason="why"))
+    reporting.changes(Advice(time_ns=1, cause=cause), "why")
     quiet = cause in (Cause.STANDS_ON_LINE, Cause.DRIVER_BRAKES)
     severity = Severity.INFO if quiet else Severity.WARNING
     assert reporting.take() == [Event(time_ns=1, severity=severity, text="no advice: why")]

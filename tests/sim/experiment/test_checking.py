@@ -79,7 +79,9 @@ def test_a_check_counts_trials_and_says_how_long_they_take(designed: Designed) -
 
 @pytest.mark.parametrize("driver", ["human", "perfect"])
 def test_a_driver_senses_the_preview(designed: Designed, driver: str) -> None:
-    (found,) = sensed(designed, f"driver = '{driver}'", "name = 'preview_s'\nlevels = [0, 'all']")
+    (found,) = sensed(
+        designed, f"driver = '{driver}'\npresentation = 'vector'", "name = 'preview_s'\nlevels = [0, 'all']"
+    )
     assert found == Sensed(factor="preview_s", days=1, alike=())
 
 

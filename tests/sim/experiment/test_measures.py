@@ -37,14 +37,14 @@ def driven_with(setting: Setting, **more: int) -> Driven:
 
 @pytest.fixture(scope="module")
 def vector() -> Driven:
-    return driven_with(Setting(scenario="flat-6km"))
+    return driven_with(Setting(scenario="flat-6km", presentation=Presentation.VECTOR))
 
 
 @pytest.fixture(scope="module")
 def series(vector: Driven) -> dict[str, list[float]]:
     """The series of the trial, read back from its file."""
     parquet = pytest.importorskip("pyarrow.parquet")
-    files = trial_files(trial(Setting(scenario="flat-6km")), vector)
+    files = trial_files(trial(Setting(scenario="flat-6km", presentation=Presentation.VECTOR)), vector)
     found: dict[str, list[float]] = parquet.read_table(
         io.BytesIO(files[trial_file(trial(Setting()), SERIES)])
     ).to_pydict()
@@ -135,7 +135,7 @@ def test_without_advice_there_is_nothing_to_track() -> None:
 
 
 def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
-    driven = driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT))
+    driven = driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT, presentation=Presentation.VECTOR))
     found, energies = measured(driven, list(MEASURES)), driven.outcome.energies
     assert found["control_movements_per_min"] is None
     assert found["glances_per_min"] is None
@@ -149,7 +149,9 @@ def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
     assert own.timetables == planned.timetables
     gaps = {}
     for level in (None, Level.L1):
-        driven = driven_with(Setting(scenario="flat-6km", driver=DriverKind.PERFECT, loss_level=level))
+        driven = driven_with(
+            Setting(scenario="flat-6km", driver=DriverKind.PERFECT, presentation=Presentation.VECTOR, loss_level=level)
+        )
         energies = driven.outcome.energies
         gaps[level] = energies.above.gap_ratio
         time_s = driven.outcome.running_time_s

@@ -136,7 +136,7 @@ def test_finished_runs_are_not_made_again_unless_an_input_changed(folder: Path, 
     table, scenario = folder / "a" / "runs.parquet", folder / "late.toml"
     assert made(*ASKED, "-o", "a", "--workers", "1", cwd=folder)["made"] == 0
     assert table.read_bytes() == first.content
-    more = ["late.toml", "--seeds", "2-4", "--drivers", "perfect", "-o", "a"]
+    more = ["late.toml", "--seeds", "2-4", "--drivers", "perfect", "--advice", "vector", "-o", "a"]
     assert made(*more, cwd=folder)["made"] == 1
     assert [row["seed"] for row in rows(table)] == [2, 3, 4]
     text = scenario.read_text()

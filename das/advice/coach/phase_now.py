@@ -1,0 +1,180 @@
+"""The instruction of one phase of the schedule, for a train that may be slower, faster or elsewhere than planned."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from das.advice.advice import Instruction
+from das.advice.coach.announcing import Notices, aim_mps, traction
+from das.advice.coach.settings import ShowingSettings
+from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
+from das.advice.goal import SPEED_STEP_MPS, TARGET_STEP_MPS, TrainState
+from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.schedule import Schedule
+
+ROUNDED_MPS = 0.5 * SPEED_STEP_MPS
+"""A speed above the allowed one by less than this looks the same on a display in whole km/h."""
+CREEPS_FOR_S = 6.0
+"""A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
+ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
+"""Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
+short of the mark (`CREEPS`). A driver above the speed to hold is told to coast back to it (`ROLLS`), or to brake if
+coasting takes too long (`BRAKES_BACK`)."""
+
+
+class PhaseScene(NamedTuple):
+    """What the instruction of a phase depends on besides the train: the brakes of the section, the instruction shown
+    now, the time to the end of the phase (s), and what has been announced."""
+
+    brakes: ShownBrakes
+    shown: Instruction
+    left_s: float
+    notices: Notices
+
+
+class PhaseNow:
+    """Makes the instruction of a phase, second by second, and remembers how the driver deviates from the phase."""
+
+    def __init__(self, settings: ShowingSettings) -> None:
+        self._settings = settings
+        self._scene: PhaseScene
+        self._share, self._reached_mps, self._creeps_mps = 1.0, 0.0, 0.0
+        self.back = 0
+        """How the train returns to the schedule: > 0 by accelerating, < 0 as a deviation says, 0: it need not."""
+        self.creeping_soon: Instruction | None = None
+        """The low speed that a driver who brakes too much will be told to hold; None if he need not be."""
+
+    def begin(self) -> None:
+        """Forget how the driver deviates: another phase begins."""
+        self.back, self._reached_mps = 0, 0.0
+
+    def instruction(
+        self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
+    ) -> Instruction:
+        """The instruction of a phase of the schedule, for the train in its present state."""
+        self._scene, self.creeping_soon = scene, None
+        one, v_mps = schedule.phases[number], state.v_mps
+        target = min(aim_mps(schedule, number), place.limit_mps)
+        highest = highest_mps(schedule, number, state.s_m)
+        if target > highest + ROUNDED_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+            target = math.floor(highest / TARGET_STEP_MPS) * TARGET_STEP_MPS
+        if one.kind is NotchRegime.BRAKE:
+            return self._braking(schedule, number, state, target)
+        if one.kind is NotchRegime.COAST:
+            return coasting(target)
+        if self._accelerates(one, v_mps, target):
+            self._share = one.share
+            return traction(one.share, target)
+        return self._holding(schedule, state, target)
+
+    def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
+        """Whether the train still has to accelerate to the speed of a phase; once reached, the speed is held."""
+        if one.kind is not NotchRegime.TRACTION or target <= self._reached_mps + SAME_MPS:
+            return False
+        if v_mps < target - self._settings.reached_mps:
+            return True
+        self._reached_mps = target
+        return False
+
+    def _holding(self, schedule: Schedule, state: TrainState, target: float) -> Instruction:
+        """The instruction to hold a speed, or to return to it if the train is too far from it."""
+        settings, away = self._settings, state.v_mps - target
+        if self.back == 0 and away < -settings.reached_mps and self._scene.shown.mode in TRACTION:
+            self.back = 1  # The train is still accelerating to this speed.
+        elif self.back == 0 and away < 0 and self._scene.left_s < settings.worth_accelerating_s:
+            pass  # The next instruction is near: accelerating now would be wasted.
+        elif self.back == 0 and abs(away) > (settings.above_mps if away > 0 else settings.below_mps):
+            self.back, self._share = (1, schedule.back_share) if away < 0 else self._slows_back(state, away)
+        elif (self.back > 0 and away >= -settings.reached_mps) or (self.back < 0 and away <= SAME_MPS):
+            self.back = 0
+        if self.back > 0:
+            return traction(self._share, target)
+        if self.back == BRAKES_BACK:
+            return self._scene.brakes.back_to(target, self._share)
+        if self.back < 0:
+            return coasting(target)
+        return Instruction(mode=Regime.CRUISE, speed_mps=target)
+
+    def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
+        """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
+        ahead, limit = self._scene.brakes.ahead, self._settings.limit
+        if -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
+            return ROLLS, 0.0
+        return BRAKES_BACK, min(ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps), 1.0)
+
+    def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
+        """The instruction to brake with one effort to a speed; a driver who has braked early is told to coast first."""
+        settings, v_mps = self._settings, state.v_mps
+        held = self._scene.shown.mode is Regime.CRUISE and abs(self._scene.shown.speed_mps - target) < SAME_MPS
+        if v_mps <= target + (settings.limit.braked_mps if held else SAME_MPS) and target > SAME_MPS:
+            return self._holding(schedule, state, target)
+        way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
+        needed = (v_mps**2 - target**2) / (2.0 * way_m)
+        slows = target > SAME_MPS  # It brakes to a lower speed, not to a stop.
+        if not schedule.brakes_by_effort(number):
+            eased = needed / schedule.braking_mps2(number)
+        else:
+            eased = 1.0 if slows else self._eased_ratio(schedule, number, state, target)
+        if slows:
+            rolled_w = v_mps**2 + 2.0 * self._scene.brakes.ahead.rolls_mps2(state.s_m, v_mps) * way_m
+            may_roll = v_mps > target + settings.brake.rolls_above_mps and rolled_w <= target**2
+        else:
+            stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
+            may_roll = v_mps >= settings.brake.last_mps or stands_short
+        has_begun = state.s_m >= schedule.begin_m(number)
+        if not slows and self.back == 0 and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
+            may_roll = False
+        elif not slows and self.back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
+            may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
+        if self.back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
+            self.back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, v_mps)
+        elif self.back < 0 and (
+            eased > settings.brake.again_ratio
+            or (self.back == CREEPS and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, settings.lead.astray_s))
+        ):
+            self.back = 0
+        if self.back == CREEPS:
+            self._creeps_mps = max(
+                min(self._creeps_mps, math.floor(v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS), settings.brake.creep_mps
+            )
+            return Instruction(
+                mode=Regime.CRUISE, speed_mps=min(self._creeps_mps, highest_mps(schedule, number, state.s_m))
+            )
+        if self.back < 0:
+            return coasting(target)
+        brakes = self._scene.shown.mode in BRAKES
+        return self._scene.brakes.shown(
+            self._scene.brakes.needed(schedule, number, state, target, brakes=brakes), state
+        )
+
+    def _has_said_creeping(self, state: TrainState) -> bool:
+        """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""
+        lacks_s = self._scene.notices.lacks_s(InstructionKind.HOLD, state.now_ns, 0.0)
+        creeps_mps = max(math.floor(state.v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS, self._settings.brake.creep_mps)
+        self.creeping_soon = Instruction(
+            mode=Regime.CRUISE, speed_mps=creeps_mps, way_m=lacks_s * state.v_mps, in_s=lacks_s
+        )
+        return lacks_s <= 0.0
+
+    def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
+        """The braking effort needed from here, as a share of the planned one."""
+        needed = self._scene.brakes.ahead.effort_to(state.s_m, state.v_mps, schedule.begin_m(number + 1), target)
+        return needed / max(float(schedule.phases[number].share), SAME_EFFORT)
+
+
+def coasting(to_mps: float) -> Instruction:
+    """The instruction to coast to a speed."""
+    return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
+
+
+def highest_mps(schedule: Schedule, number: int, s_m: float) -> float:
+    """The highest speed (m/s) allowed anywhere from a position to the end of a phase."""
+    section = schedule.section
+    first = max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0)
+    end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
+    return float(section.envelope_mps[min(first, end) : end + 1].max())
