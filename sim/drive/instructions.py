@@ -59,7 +59,7 @@ class InstructionFigures:
     """Counts of the coach's instructions for a moving train.
 
     `changes` is the number of changes of kind, `announced` those of them that were announced in time, or that the
-    instruction before states itself: holding the speed to which it accelerates or brakes. `brakes` begin after another
+    instruction before states itself: holding the speed to which it leads. `brakes` begin after another
     kind; `led` of them were shown at least 2 s before they were due. `missed_coasts` end far from their speed,
     `vain_accelerations` soon end in a brake, `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the
     shortest time for which an instruction other than a brake stood before another than a brake replaced it.
@@ -199,8 +199,8 @@ def _is_odd(told: _Told, advice: Any) -> bool:
 
 
 def _is_own_end(before: _Told, told: _Told) -> bool:
-    """Whether an instruction holds the speed to which the one before accelerated or braked."""
-    reached = before.kind in (InstructionKind.TRACTION, InstructionKind.BRAKE) and told.kind is InstructionKind.HOLD
+    """Whether an instruction holds the speed to which the one before led."""
+    reached = before.kind is not InstructionKind.HOLD and told.kind is InstructionKind.HOLD
     return reached and abs(told.to_mps - before.to_mps) < KMH
 
 

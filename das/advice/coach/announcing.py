@@ -24,6 +24,8 @@ BEGUN_M = 1.0
 """A limit that begins less than this (m) ahead of the place of an instruction already applies to it."""
 SAME_CHANGE_S = 10.0
 """Two announcements of one kind that are due within this time (s) of each other announce the same change."""
+DUE_S = 2.0
+"""An announcement that ends this long (s) before it is due, or less, has not been dropped: its change comes now."""
 LEAST_RISE_S = 8.0
 """An acceleration behind a limit is announced unless its phase ends within this time (s) of it."""
 ROLLS_SOONER = 0.97
@@ -38,9 +40,12 @@ class Notices:
         self._said: dict[InstructionKind, tuple[int, float]] = {}
 
     def note(self, following: tuple[Instruction, ...], now_ns: int) -> None:
-        """Take in what is announced at a moment; an announcement that moves by much counts as a new one."""
+        """Take in what is announced at a moment.
+
+        An announcement that moves by much, or comes again after it was dropped, counts as a new one.
+        """
         now_s, before = now_ns * NS, self._said
-        self._said = {kind: said for kind, said in before.items() if now_s < said[1] + SAME_CHANGE_S}
+        self._said = {kind: said for kind, said in before.items() if -DUE_S < now_s - said[1] < SAME_CHANGE_S}
         for one in reversed(following):  # Of two of a kind, the first counts.
             kind, due_s = KIND_OF.get(one.mode), now_s + one.in_s
             if kind is not None:

@@ -132,16 +132,15 @@ class PhaseNow:
         elif not slows and self.back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
             may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
         if self.back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
-            self.back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, v_mps)
+            self.back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, self._low_mps(v_mps))
         elif self.back < 0 and (
             eased > settings.brake.again_ratio
             or (self.back == CREEPS and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, settings.lead.astray_s))
         ):
             self.back = 0
         if self.back == CREEPS:
-            self._creeps_mps = max(
-                min(self._creeps_mps, math.floor(v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS), settings.brake.creep_mps
-            )
+            if v_mps < self._creeps_mps - TARGET_STEP_MPS:
+                self._creeps_mps = self._low_mps(v_mps)
             return Instruction(
                 mode=Regime.CRUISE, speed_mps=min(self._creeps_mps, highest_mps(schedule, number, state.s_m))
             )
@@ -155,11 +154,15 @@ class PhaseNow:
     def _has_said_creeping(self, state: TrainState) -> bool:
         """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""
         lacks_s = self._scene.notices.lacks_s(InstructionKind.HOLD, state.now_ns, 0.0)
-        creeps_mps = max(math.floor(state.v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS, self._settings.brake.creep_mps)
+        creeps_mps = self._low_mps(state.v_mps)
         self.creeping_soon = Instruction(
             mode=Regime.CRUISE, speed_mps=creeps_mps, way_m=lacks_s * state.v_mps, in_s=lacks_s
         )
         return lacks_s <= 0.0
+
+    def _low_mps(self, v_mps: float) -> float:
+        """The low speed to hold before a stop, for a train with this speed."""
+        return max(math.floor(v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS, self._settings.brake.creep_mps)
 
     def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
         """The braking effort needed from here, as a share of the planned one."""

@@ -79,7 +79,16 @@ def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> S
         return _later(front, wanted, *wanted.kept, settings)
     left_s = max(wanted.left_s, 1.0)
     found, choice = _unrounded(front, wanted, left_s, settings)
-    return in_steps(found, left_s, wanted.s_m, wanted.v_mps, TARGET_STEP_MPS, choice)
+    best = in_steps(found, left_s, wanted.s_m, wanted.v_mps, TARGET_STEP_MPS, choice)
+    if choice is Choice.CHEAPER and wanted.point_m is not None and wanted.point_m > wanted.s_m:
+        at_s = passes_s(best.schedule, best.forecast, wanted.s_m, wanted.point_m)
+        if wanted.earliest_s is not None and at_s < wanted.earliest_s:
+            choice = Choice.LOWER
+        elif wanted.latest_s is not None and at_s > wanted.latest_s:
+            choice = Choice.HIGHER
+        if choice is not Choice.CHEAPER:  # Rounding must not miss the window.
+            return in_steps(found, left_s, wanted.s_m, wanted.v_mps, TARGET_STEP_MPS, choice)
+    return best
 
 
 def _later(

@@ -114,7 +114,8 @@ class Showing:
         end_m = min(phase_ends_m, brakes.ends_m(now, state, schedule.phases[number]))
         foreseen = foreseen._replace(as_shown=_alike(now, planned))
         following = self._following(now, number - kept_on, end_m, state, foreseen)
-        self._notices.note(following, state.now_ns)
+        put_off = self._put_off(now, state)
+        self._notices.note(following if put_off is None else (put_off, *following), state.now_ns)
         return ShownNow(
             now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
             brakes.force_n(now, state), brakes.force_n(brakes.unrounded(now), state),
@@ -180,14 +181,17 @@ class Showing:
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
-        put_off = self._unannounced or (self._phase.creeping_soon if now.mode in BRAKES else None)
-        if put_off is not None and put_off.in_s < 1.0:
-            put_off = None
-        if put_off is not None and put_off.speed_mps > self._brakes.ahead.allowed_mps(state.braked_m + put_off.way_m):
-            put_off = None  # There the train must be slower.
-        if put_off is not None and not (following and following[0].in_s <= put_off.in_s):
-            following = (put_off, *following[: self._settings.ahead - 1])
-        return allowed(following, state.s_m, schedule.section)
+        put_off = self._put_off(now, state)
+        if put_off is None or put_off.in_s < 1.0 or (following and following[0].in_s <= put_off.in_s):
+            return allowed(following, state.s_m, schedule.section)
+        return allowed((put_off, *following[: self._settings.ahead - 1]), state.s_m, schedule.section)
+
+    def _put_off(self, now: Instruction, state: TrainState) -> Instruction | None:
+        """A change that waits until it has been announced long enough; None if there is none, or too fast for there."""
+        assert self._brakes is not None
+        one = self._unannounced or (self._phase.creeping_soon if now.mode in BRAKES else None)
+        too_fast = one is not None and one.speed_mps > self._brakes.ahead.allowed_mps(state.braked_m + one.way_m)
+        return None if too_fast else one
 
     def creeping(
         self, section: Section, state: TrainState, place: SpeedsAllowed
@@ -267,10 +271,10 @@ class Showing:
     def _is_announced(self, wanted: Instruction, state: TrainState, begins_s: float) -> bool:
         """Whether a change to an instruction has been announced early enough; if not, it is announced from now on.
 
-        An acceleration says itself that its speed is held after it.
+        An instruction to accelerate or to coast says itself that its speed is held after it.
         """
         shown, kind = self._shown, KIND_OF.get(wanted.mode)
-        same = kind is KIND_OF.get(shown.mode) or (shown.mode in TRACTION and _reaches(wanted, shown))
+        same = kind is KIND_OF.get(shown.mode) or _reaches(wanted, shown)
         if same or kind is None or shown.mode not in KIND_OF:
             return True
         lacks_s = self._notices.lacks_s(kind, state.now_ns, begins_s)

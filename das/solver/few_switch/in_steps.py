@@ -20,6 +20,8 @@ SAME_MPS = 0.03
 """Speeds that differ by less than this (m/s) are the same."""
 LITTLE_MPS, LITTLE_CHANGE_S = 6.0 * KMH, 0.08
 """A change of speed by less than `LITTLE_MPS` costs the energy of full power for `LITTLE_CHANGE_S`."""
+EARLY_S = 1.0
+"""A schedule that is early by no more than this (s) is slow enough."""
 NEAR_LIMIT_MPS = 0.2
 """A speed this near (m/s) to a limit is that of the limit."""
 
@@ -45,9 +47,10 @@ def in_steps(
     """
     best = _rounded(found, time_s, s_m, v_mps, step_mps, choice)
     if choice is Choice.CHEAPER:
+        best = _slower(best, time_s, s_m, v_mps, step_mps)
         settings = replace(PolishSettings(), steps_mps=(step_mps, step_mps, step_mps))
         better = moved(best, time_s, s_m, v_mps, settings).as_run(s_m, v_mps)
-        better = _rounded(better, time_s, s_m, v_mps, step_mps, choice)
+        better = _slower(_rounded(better, time_s, s_m, v_mps, step_mps, choice), time_s, s_m, v_mps, step_mps)
         best = better if better.cost_j(time_s) < best.cost_j(time_s) else best
     return best if best.says_its_brakes else best.changed(with_all_brakes, s_m, v_mps)
 
@@ -57,9 +60,24 @@ def _rounded(found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps
     best = found
     for first, last in _alike(found.schedule):
         speeds = _around(best, first, last, step_mps)[choice.value]
+        if choice is Choice.LOWER:
+            speeds = tuple(one for one in speeds if one <= best.schedule.phases[first].target_mps + SAME_MPS)
         tried = [_with_speed(best, first, last, speed, s_m, v_mps) for speed in speeds]
         feasible = [one for one in tried if one is not None]
         best = min(feasible, key=lambda one: one.cost_j(time_s) + _change_j(one.schedule, first), default=best)
+    return best
+
+
+def _slower(found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps: float) -> Scheduled:
+    """The schedule with speeds one step lower where that costs less: rounded one by one, they may be too fast."""
+    best = found
+    for first, last in _alike(found.schedule):
+        if best.forecast.time_s > time_s - EARLY_S:
+            break
+        lower_mps = best.schedule.phases[first].target_mps - step_mps
+        tried = None if lower_mps < step_mps else _with_speed(best, first, last, lower_mps, s_m, v_mps)
+        if tried is not None and tried.cost_j(time_s) < best.cost_j(time_s):
+            best = tried
     return best
 
 

@@ -34,6 +34,8 @@ TOP_MPS = 100 * KMH
 """The speed that the schedule of this file accelerates to and holds."""
 PLACES_M = (0.0, 1000.0, 3000.0, 4700.0)
 """Where traction, holding, coasting and braking of that schedule begin on the flat 6 km."""
+HELD_M = 1500.0
+"""A place where that schedule holds its speed, more than 40 s before it coasts."""
 SETTINGS = ShowingSettings()
 
 
@@ -129,27 +131,108 @@ def test_holding_does_not_flutter_within_the_band(display: Shown) -> None:
 
 
 def test_a_train_out_of_the_band_goes_back_until_the_speed_is_reached(display: Shown) -> None:
-    """Below it: traction up to 0.5 m/s under the speed. Above: coasting down to the speed, not only into the band."""
-    slow = [TOP_MPS + by * KMH for by in (0.0, -5.5, -3.0, -2.2, -1.0, -3.0)]
-    assert display.modes(slow, 2000.0) == [Regime.CRUISE, *[Regime.REDUCED_TRACTION] * 3, Regime.CRUISE, Regime.CRUISE]
+    """Below it: traction up to 0.5 m/s under the speed. Above: coasting down to the speed, not only into the band.
+
+    The driver learns 8 s before that he is to go back. Where the next instruction is near, he is not to accelerate.
+    """
+
+    def modes(begin_s: float, states: list[tuple[float, float]], s_m: float = HELD_M) -> list[Regime]:
+        display.showing.forget()
+        return [display.at(begin_s + second, s_m, TOP_MPS + by * KMH).now.mode for second, by in states]
+
+    hold, traction, coast = Regime.CRUISE, Regime.REDUCED_TRACTION, Regime.COAST
+    slow = [
+        (0.0, 0.0),
+        (10.0, -5.5),
+        (17.0, -5.5),
+        (18.0, -5.5),
+        (30.0, -3.0),
+        (40.0, -1.9),
+        (50.0, -1.7),
+        (60.0, -3.0),
+    ]
+    assert modes(0.0, slow) == [*[hold] * 3, *[traction] * 3, hold, hold]
+    assert modes(100.0, slow, 2000.0) == [hold] * 8
+    fast = [(0.0, 0.0), (10.0, 5.5), (17.0, 5.5), (18.0, 5.5), (30.0, 3.0), (40.0, 1.2)]
+    assert modes(200.0, fast) == [*[hold] * 3, *[coast] * 3]
+    reached = display.at(241.0, HELD_M, TOP_MPS + 1.0 * KMH)
+    assert hold in (reached.now.mode, reached.following[0].mode), "it is held, or that is announced"
+    assert [display.at(second, HELD_M, TOP_MPS + 3.0 * KMH).now.mode for second in (249.0, 260.0)] == [hold] * 2
+
+
+@pytest.mark.parametrize(
+    ("by_kmh", "back"), [(-5.5, Regime.REDUCED_TRACTION), (5.5, Regime.COAST), (12.0, Regime.REDUCED_BRAKE)]
+)
+def test_a_change_that_the_schedule_does_not_have_is_announced_8_s_before(
+    display: Shown, by_kmh: float, back: Regime
+) -> None:
+    """Accelerating, coasting or braking back; the brake is shown from 3 s before it is due. A driver who comes back
+    within these 8 s is told nothing of it any more."""
+    display.at(0.0, HELD_M, TOP_MPS)
+    v_mps, brakes = TOP_MPS + by_kmh * KMH, back in BRAKES
+    for second in range(10, 18):
+        found = display.at(float(second), HELD_M, v_mps)
+        shown = brakes and second >= 18 - SETTINGS.lead.braking_s
+        assert found.now.mode is (back if shown else Regime.CRUISE)
+        change = found.now if shown else found.following[0]
+        assert (change.mode, change.speed_mps) == (back, TOP_MPS)
+        assert (change.in_s, change.way_m) == pytest.approx((18.0 - second, (18.0 - second) * v_mps), abs=1e-6)
+    due = display.at(18.0, HELD_M, v_mps).now
+    assert (due.mode, due.in_s, due.way_m) == (back, 0.0, 0.0)
     display.showing.forget()
-    fast = [TOP_MPS + by * KMH for by in (0.0, 5.5, 3.0, 1.5, 0.5, 3.0)]
-    assert display.modes(fast, 2000.0) == [Regime.CRUISE, *[Regime.COAST] * 3, Regime.CRUISE, Regime.CRUISE]
+    display.at(100.0, HELD_M, TOP_MPS)
+    assert [display.at(second, HELD_M, v_mps).following[0].mode for second in (110.0, 112.0, 114.0)] == [back] * 3
+    for second in range(115, 130):
+        found = display.at(float(second), HELD_M, TOP_MPS)
+        assert [found.now.mode, *[one.mode for one in found.following]] == [
+            Regime.CRUISE, Regime.COAST, Regime.REDUCED_BRAKE,
+        ]  # fmt: skip
+        assert found.following[0].speed_mps == pytest.approx(90 * KMH)
+
+
+@pytest.mark.parametrize("every_s", [0.5, 0.95])
+@pytest.mark.parametrize(("by_kmh", "back"), [(-5.5, Regime.REDUCED_TRACTION), (5.5, Regime.COAST)])
+def test_an_announced_change_is_shown_when_it_is_due_however_often_advice_is_made(
+    display: Shown, by_kmh: float, back: Regime, every_s: float
+) -> None:
+    """Also where the schedule has a change of the same kind later, as the coasting of this one."""
+    display.at(0.0, HELD_M, TOP_MPS)
+    seconds = np.arange(10.0, 20.0, every_s).tolist()
+    found = [display.at(second, HELD_M, TOP_MPS + by_kmh * KMH).now.mode for second in seconds]
+    assert found == [Regime.CRUISE if second < 18.0 else back for second in seconds]
+
+
+def test_a_change_that_was_announced_and_dropped_is_announced_anew(display: Shown) -> None:
+    """The driver came back to the speed, and 6 s after the change would have been due he is too slow again."""
+    display.at(0.0, HELD_M, TOP_MPS)
+    slow_mps = TOP_MPS - 5.5 * KMH
+    assert display.at(10.0, HELD_M, slow_mps).following[0].mode is Regime.REDUCED_TRACTION
+    assert {display.at(float(second), HELD_M, TOP_MPS).following[0].mode for second in range(11, 24)} == {Regime.COAST}
+    again = display.at(24.0, HELD_M, slow_mps)
+    assert (again.now.mode, again.following[0].mode) == (Regime.CRUISE, Regime.REDUCED_TRACTION)
+    assert again.following[0].in_s == pytest.approx(SETTINGS.announced_s)
 
 
 def test_a_train_that_would_not_roll_down_to_the_speed_to_hold_brakes_to_it(display: Shown) -> None:
-    """12 km/h too fast on the level, coasting would take minutes. The brake is shown until the speed is reached."""
-    display.at(0.0, 2000.0, TOP_MPS)
-    found = [display.at(10.0 + i, 2000.0, TOP_MPS + by * KMH).now for i, by in enumerate((12.0, 7.0, 3.0, 0.5))]
-    assert [one.mode for one in found] == [*[Regime.REDUCED_BRAKE] * 3, Regime.CRUISE]
-    assert {one.speed_mps for one in found} == {TOP_MPS}
-    assert len({one.effort_ratio for one in found[:3]}) == 1
+    """12 km/h too fast on the level, coasting would take minutes. The brake is announced, shown 3 s before it is due
+    with the time to it, and then shown until the speed is reached; its effort is the same throughout."""
+    display.at(0.0, HELD_M, TOP_MPS)
+    states = [(10.0 + i, 12.0) for i in range(9)] + [(19.0, 7.0), (20.0, 3.0), (21.0, 1.2), (22.0, 0.5)]
+    found = [display.at(second, HELD_M, TOP_MPS + by * KMH) for second, by in states]
+    assert [one.now.mode for one in found] == [
+        *[Regime.CRUISE] * 5, *[Regime.REDUCED_BRAKE] * 7, Regime.CRUISE,
+    ]  # fmt: skip
+    brakes = [one.following[0] for one in found[:5]] + [one.now for one in found[5:12]]
+    assert [one.in_s for one in brakes] == pytest.approx([8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0, *[0.0] * 4], abs=1e-6)
+    assert {(one.mode, one.speed_mps, one.effort_ratio) for one in brakes} == {
+        (Regime.REDUCED_BRAKE, TOP_MPS, brakes[0].effort_ratio)
+    }
     here, v_mps = section(), TOP_MPS + 12.0 * KMH
-    braked_n = -found[0].effort_ratio * float(electric_limit(v_mps, here.train)) + here.resistance_n(2000.0, v_mps)
+    braked_n = -brakes[0].effort_ratio * float(electric_limit(v_mps, here.train)) + here.resistance_n(HELD_M, v_mps)
     slowed_mps2 = 12.0 * KMH / SETTINGS.limit.brakes_back_in_s
     assert braked_n == pytest.approx(here.train.inertial_mass_kg * slowed_mps2, rel=0.1)
     display.showing.forget()
-    assert display.at(0.0, 2000.0, TOP_MPS + 25.0 * KMH).now == brake_of(1.0, TOP_MPS), "no friction"
+    assert display.at(100.0, HELD_M, TOP_MPS + 25.0 * KMH).now == brake_of(1.0, TOP_MPS), "no friction"
 
 
 def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) -> None:
@@ -166,9 +249,11 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
     )
     schedule = raw.settled(0.0, 0.0)[0]
     brakes, state = ShownBrakes(schedule.section, SETTINGS), TrainState(0, 3200.0, 30.0)
-    announced = Announcing(SETTINGS.ahead).following(schedule, 0, state.s_m, [3.0, 20.0])
-    assert [one.mode for one in announced] == [Regime.REDUCED_BRAKE, Regime.COAST]
     foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), as_shown=True)
+    announced = Announcing(SETTINGS.ahead).following(schedule, 0, state.s_m, foreseen)
+    assert [one.mode for one in announced] == [Regime.REDUCED_BRAKE, Regime.COAST]
+    dues_s = [(schedule.begin_m(number) - state.s_m) / 28.0 for number in (1, 2)]
+    assert [one.in_s for one in announced] == pytest.approx(dues_s)
     for speed_mps, modes in ((20.0, [Regime.COAST]), (25.0, [Regime.REDUCED_BRAKE, Regime.COAST])):
         following = in_time(announced, brake_of(1.0, speed_mps), brakes, state, foreseen)
         assert [one.mode for one in following] == modes
@@ -193,23 +278,45 @@ def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(d
     speeds = [TOP_MPS + by * KMH for by in by_kmh]
     held = [Regime.CRUISE] * 5
     assert display.modes(speeds, 900.0) == [Regime.REDUCED_TRACTION, *held, Regime.CRUISE]
-    assert display.at(100.0, 2000.0, TOP_MPS - 5.5 * KMH).now.mode is Regime.REDUCED_TRACTION
+    later = [display.at(second, HELD_M, TOP_MPS - 5.5 * KMH) for second in (100.0, 107.9, 108.0)]
+    assert later[0].following[0].mode is Regime.REDUCED_TRACTION
+    assert [one.now.mode for one in later] == [Regime.CRUISE, Regime.CRUISE, Regime.REDUCED_TRACTION]
 
 
 def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
-    """Holding changes to traction after 8 s, and traction to coasting after 8 s more."""
-    assert display.at(0.0, 2000.0, TOP_MPS).now.mode is Regime.CRUISE
-    for second in (1.0, 4.0, 7.9):
-        assert display.at(second, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.CRUISE
-    assert display.at(8.1, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.REDUCED_TRACTION
-    assert display.at(8.3, 3100.0, TOP_MPS - 5 * KMH).now.mode is Regime.REDUCED_TRACTION
-    assert display.at(16.2, 3100.0, TOP_MPS - 5 * KMH).now.mode is Regime.COAST
+    """Holding changes to traction once it stood 8 s and traction was announced for 8 s more.
+
+    So does traction to coasting that could not be foreseen: the position was corrected.
+    """
+    slow_mps = TOP_MPS - 5.5 * KMH
+    assert display.at(0.0, HELD_M, TOP_MPS).now.mode is Regime.CRUISE
+    for begin_s, s_m, stands, wanted in (
+        (0.0, HELD_M, Regime.CRUISE, Regime.REDUCED_TRACTION),
+        (16.1, 3100.0, Regime.REDUCED_TRACTION, Regime.COAST),
+    ):
+        for second in (0.1, 4.0, 7.9):
+            found = display.at(begin_s + second, s_m, slow_mps)
+            assert (found.now.mode, wanted in TRACTION and found.following[0].mode in TRACTION) == (stands, False)
+        for second in (8.1, 12.0, 15.0):
+            found = display.at(begin_s + second, s_m, slow_mps)
+            assert (found.now.mode, found.following[0].mode) == (stands, wanted)
+            assert found.following[0].in_s == pytest.approx(16.1 - second)
+        assert display.at(begin_s + 16.0, s_m, slow_mps).now.mode is stands
+        assert display.at(begin_s + 16.1, s_m, slow_mps).now.mode is wanted
 
 
 def test_a_standing_clock_that_is_put_back_holds_nothing_up(display: Shown) -> None:
-    """If the time is before the last one, the wanted instruction is shown at once."""
-    assert display.at(100.0, 2000.0, TOP_MPS).now.mode is Regime.CRUISE
-    assert display.at(50.0, 2000.0, TOP_MPS - 5 * KMH).now.mode is Regime.REDUCED_TRACTION
+    """If the time is before the last one, the wanted instruction is shown at once, or announced at once for 8 s."""
+    slow_mps = TOP_MPS - 5.5 * KMH
+    assert display.at(100.0, 900.0, TOP_MPS - 20 * KMH).now.mode is Regime.REDUCED_TRACTION
+    assert display.at(50.0, 900.0, TOP_MPS).now.mode is Regime.CRUISE
+    for second in (30.0, 20.0):  # Put back, and again while the change is announced.
+        soon = display.at(second, HELD_M, slow_mps)
+        assert (soon.now.mode, soon.following[0].mode) == (Regime.CRUISE, Regime.REDUCED_TRACTION)
+        assert soon.following[0].in_s == pytest.approx(SETTINGS.announced_s)
+    assert [display.at(second, HELD_M, slow_mps).now.mode for second in (27.9, 28.0)] == [
+        Regime.CRUISE, Regime.REDUCED_TRACTION,
+    ]  # fmt: skip
 
 
 def test_the_effort_of_a_brake_stands_within_the_band(display: Shown) -> None:
@@ -235,29 +342,98 @@ def test_the_effort_of_a_brake_stands_within_the_band(display: Shown) -> None:
     assert (first / SETTINGS.effort.step_ratio) == pytest.approx(round(first / SETTINGS.effort.step_ratio))
 
 
-def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again(display: Shown) -> None:
-    rate, end_m = display.schedule.braking_mps2(3), section().end_m
-    shares = (1.0, 0.45, 0.7, 0.9, 1.0)
-    found = [
-        display.at(10.0 * i, end_m - 600.0 + 20 * i, math.sqrt(2.0 * share * rate * (600.0 - 20 * i))).now.mode
-        for i, share in enumerate(shares)
-    ]
-    assert found[1:4] == [Regime.COAST] * 3
-    assert {found[0], found[4]} <= set(BRAKES)
+def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again() -> None:
+    """Towards a lower limit, and only where coasting is enough for it and the train is 8 km/h or more above it."""
+    node_m = section().node_m
+    kinds = (NotchRegime.TRACTION, NotchRegime.BRAKE, NotchRegime.HOLD, NotchRegime.BRAKE)
+    phases = tuple(
+        Phase(kind, share, int(np.searchsorted(node_m, at_m)), speed_kmh * KMH)
+        for kind, share, at_m, speed_kmh in zip(
+            kinds, (0.8, 0.0, 0.0, 0.0), (0.0, 2000.0, 4000.0, 5600.0), (100.0, 60.0, 60.0, 0.0), strict=True
+        )
+    )
+    raw = Schedule(
+        section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), TOP_MPS)), back_share=0.7
+    )
+    schedule = raw.settled(0.0, 0.0)[0]
+    end_m, ahead = schedule.begin_m(2), ShownBrakes(section(), SETTINGS).ahead
+
+    def needed(way_m: float, v_kmh: float) -> tuple[float, bool]:
+        """The share of the planned braking that is enough, and whether coasting is."""
+        slowed_mps2 = ((v_kmh * KMH) ** 2 - (60 * KMH) ** 2) / (2.0 * way_m)
+        return slowed_mps2 / schedule.braking_mps2(1), slowed_mps2 <= -ahead.rolls_mps2(end_m - way_m, v_kmh * KMH)
+
+    for way_m, v_kmh, rolls, coasts in (
+        (1900.0, 69.0, True, True),
+        (1100.0, 72.0, False, False),
+        (1900.0, 67.0, True, False),
+    ):
+        share, enough = needed(way_m, v_kmh)
+        assert (share < SETTINGS.brake.early_ratio, enough) == (True, rolls)
+        display = Shown(Showing(SETTINGS), schedule)
+        assert display.at(0.0, schedule.begin_m(1) + 10.0, TOP_MPS).now.mode in BRAKES
+        now = display.at(10.0, end_m - way_m, v_kmh * KMH).now
+        assert now.speed_mps == pytest.approx(60 * KMH)
+        assert now.mode is Regime.COAST if coasts else now.mode in BRAKES
+    display = Shown(Showing(SETTINGS), schedule)
+    display.at(0.0, schedule.begin_m(1) + 10.0, TOP_MPS)
+    ways = (1900.0, 1200.0, 550.0, 370.0)
+    assert [needed(way_m, 69.0)[0] > SETTINGS.brake.again_ratio for way_m in ways] == [False, False, False, True]
+    modes = [display.at(10.0 * i, end_m - way_m, 69.0 * KMH).now.mode for i, way_m in enumerate(ways, 1)]
+    assert modes[:3] == [Regime.COAST] * 3
+    assert modes[3] in BRAKES
 
 
 def test_who_has_braked_so_early_that_he_would_stand_short_of_the_stop_is_told_to_hold_a_low_speed(
     display: Shown,
 ) -> None:
-    """At 2 m/s 60 m before the stop he is told to creep, then to brake. Coasting took a driver a minute for 50 m."""
+    """Announced 8 s before, with the brake still shown; he holds it until he must brake again, and never coasts."""
+    end_m, rate = section().end_m, display.schedule.braking_mps2(3)
+    assert display.at(0.0, end_m - 600.0, math.sqrt(2.0 * rate * 600.0)).now.mode in BRAKES
+    v_mps = math.sqrt(2.0 * 0.45 * rate * 590.0)
+    assert 40 * KMH < v_mps < 45 * KMH
+    for second in range(10, 18):
+        found = display.at(float(second), end_m - 590.0, v_mps)
+        assert found.now.mode in BRAKES
+        assert found.following[0].mode is Regime.CRUISE
+        assert found.following[0].speed_mps == pytest.approx(40 * KMH)
+        assert found.following[0].in_s == pytest.approx(18.0 - second)
+    held_mps = 40 * KMH
+    holds = [display.at(18.0 + i, end_m - 580.0 + i * held_mps, held_mps) for i in range(45)]
+    again = next(i for i, one in enumerate(holds) if one.now.mode in BRAKES)
+    assert {(one.now.mode, round(one.now.speed_mps / KMH)) for one in holds[:again]} == {(Regime.CRUISE, 40)}
+    assert all(one.following[0].mode in BRAKES for one in holds[:again])
+    assert all(one.now.mode in BRAKES for one in holds[again:])
+    ways = [580.0 - i * held_mps for i in (again - 1, again)]
+    shares = [held_mps**2 / (2.0 * way_m * rate) for way_m in ways]
+    assert shares[0] <= SETTINGS.brake.again_ratio < shares[1], "95 % of the planned braking"
+
+
+def test_who_has_braked_so_early_near_the_stop_is_told_to_creep(display: Shown) -> None:
+    """At 4 m/s 70 m before the stop. Coasting took a driver a minute for 50 m."""
     end_m = section().end_m
     display.at(0.0, end_m - 100.0, 10.0)
-    modes = [
-        display.at(10.0 * i, end_m - way_m, v).now for i, (way_m, v) in enumerate([(70, 4.0), (60, 2.0), (40, 3.2)], 1)
-    ]
-    assert [one.mode for one in modes] == [Regime.COAST, Regime.CRUISE, Regime.CRUISE]
-    assert modes[1].speed_mps == SETTINGS.brake.creep_mps
+    soon = [display.at(10.0 + i, end_m - 70.0, 4.0) for i in range(8)]
+    assert all(one.now.mode in BRAKES for one in soon)
+    assert [one.following[0].in_s for one in soon] == pytest.approx([8.0 - i for i in range(8)])
+    assert {one.following[0].speed_mps for one in soon} == {SETTINGS.brake.creep_mps}
+    states = [(18.0, 70.0, 4.0), (28.0, 60.0, 2.0), (38.0, 40.0, 3.2)]
+    creeps = [display.at(second, end_m - way_m, v_mps).now for second, way_m, v_mps in states]
+    assert {(one.mode, one.speed_mps) for one in creeps} == {(Regime.CRUISE, SETTINGS.brake.creep_mps)}
     assert display.at(60.0, end_m - 4.0, 3.0).now.mode in BRAKES
+
+
+def test_a_low_speed_to_hold_before_a_stop_is_one_speed(display: Shown) -> None:
+    """A driver who keeps it within half a km/h is not told to hold a lower one."""
+    end_m, rate = section().end_m, display.schedule.braking_mps2(3)
+    display.at(0.0, end_m - 600.0, math.sqrt(2.0 * rate * 600.0))
+    for second in range(10, 19):
+        told = display.at(float(second), end_m - 590.0, math.sqrt(2.0 * 0.45 * rate * 590.0)).now
+    assert told.mode is Regime.CRUISE
+    assert told.speed_mps == pytest.approx(40 * KMH)
+    held_mps = 40 * KMH - 0.1
+    found = {display.at(19.0 + i, end_m - 580.0 + i * held_mps, held_mps).now.speed_mps for i in range(20)}
+    assert found == {told.speed_mps}
 
 
 def test_the_next_two_changes_are_named_in_their_order(display: Shown) -> None:
@@ -392,12 +568,12 @@ def test_a_train_far_too_fast_is_told_to_brake_fully_whatever_the_schedule_brake
 
 
 def two_steps(kind: NotchRegime, share: float, second_mps: float) -> Shown:
-    """A schedule to show: accelerate, brake to 20 m/s (km 3.0 to 3.2), and go on to another speed."""
+    """A schedule to show: accelerate, brake to 70 km/h (km 3.0 to 3.2), and go on to another speed."""
     node_m = section().node_m
     begins = [int(np.searchsorted(node_m, at)) for at in (0.0, 3000.0, 3200.0, 4500.0)]
     phases = (
         Phase(NotchRegime.TRACTION, 0.8, begins[0], 25.0),
-        Phase(NotchRegime.BRAKE, 0.0, begins[1], 20.0),
+        Phase(NotchRegime.BRAKE, 0.0, begins[1], 70 * KMH),
         Phase(kind, share, begins[2], second_mps),
         Phase(NotchRegime.BRAKE, 0.0, begins[3], 0.0),
     )
@@ -408,14 +584,24 @@ def two_steps(kind: NotchRegime, share: float, second_mps: float) -> Shown:
 
 
 def test_a_brake_to_a_lower_speed_behind_a_brake_does_not_wait() -> None:
-    """The second brake is due as soon as it is shown, although the first was shown for only a second."""
-    display = two_steps(NotchRegime.BRAKE, 0.0, 10.0)
+    """The second brake is due as soon as it is shown, although the first was shown for only a second.
+
+    Without a brake before it, it is shown some 3 s before it is due, with way and time to it.
+    """
+    display, v_mps = two_steps(NotchRegime.BRAKE, 0.0, 35 * KMH), 74 * KMH
     end_m = display.schedule.begin_m(2)
-    assert display.at(0.0, end_m - 55.0, 22.0).now.speed_mps == pytest.approx(20.0)
-    shown = display.at(1.0, end_m - 33.0, 21.0)
-    assert shown.now.mode in BRAKES
-    assert shown.now.speed_mps == pytest.approx(10.0)
-    assert shown.now.in_s == 0.0  # The driver keeps the brake applied.
+    first = display.at(0.0, end_m - 78.0, v_mps)
+    assert first.now.mode in BRAKES
+    assert first.now.speed_mps == pytest.approx(70 * KMH)
+    assert first.following[0].mode in BRAKES
+    assert first.following[0].speed_mps == pytest.approx(35 * KMH)
+    shown = display.at(1.0, end_m - 57.0, v_mps).now
+    assert shown.mode in BRAKES
+    assert shown.speed_mps == pytest.approx(35 * KMH)
+    assert (shown.in_s, shown.way_m) == (0.0, 0.0)  # The driver keeps the brake applied.
+    fresh = Shown(Showing(SETTINGS), display.schedule).at(1.0, end_m - 57.0, v_mps).now
+    assert (fresh.mode in BRAKES, fresh.speed_mps) == (True, shown.speed_mps)
+    assert (fresh.in_s, fresh.way_m) == pytest.approx((57.0 / v_mps, 57.0), rel=0.1)
 
 
 @pytest.mark.parametrize(("limit_mps", "shown"), [(40.0, True), (20.5, False)])
@@ -493,16 +679,45 @@ def test_a_brake_is_announced_where_a_train_faster_than_its_schedule_comes_to_th
     assert held_m - 20.0 <= from_m + announced.way_m <= begin_m - 100.0
 
 
-def test_a_train_nearly_at_the_speed_of_a_brake_brakes_on_to_it() -> None:
-    """It is not told to coast over its last 4 km/h, nor to change its effort in the last 2 km/h."""
-    display = two_steps(NotchRegime.HOLD, 0.0, 20.0)
+def efforts_to_70_kmh(states: list[tuple[float, float, float]]) -> list[tuple[float, float]]:
+    """For each state (second, distance to go in m, km/h), the effort shown to brake to 70 km/h and the one needed.
+
+    Both are shares of the first effort shown.
+    """
+    display, found = Shown(Showing(SETTINGS), brake_to_70_kmh().schedule), []
     end_m = display.schedule.begin_m(2)
-    first = display.at(0.0, end_m - 100.0, 23.0).now
-    assert first.mode in BRAKES
-    for second, (way_m, over) in enumerate([(60.0, 1.0), (30.0, 0.45), (2.0, 0.4)], 10):
-        now = display.at(float(second), end_m - way_m, 20.0 + over).now
+    ahead = ShownBrakes(section(), SETTINGS).ahead
+    for second, way_m, v_kmh in states:
+        now = display.at(second, end_m - way_m, v_kmh * KMH).now
         assert now.mode in BRAKES
-        assert now.effort_ratio == pytest.approx(first.effort_ratio)
+        assert now.speed_mps == pytest.approx(70 * KMH)
+        found.append((-now.effort_ratio, ahead.effort_to(end_m - way_m, v_kmh * KMH, end_m, 70 * KMH)))
+    first = found[0][0]
+    assert first <= 1.0
+    return [(shown / first, needed / first) for shown, needed in found]
+
+
+def brake_to_70_kmh() -> Shown:
+    """A schedule to show: hold 90 km/h, brake to 70 km/h (km 3.0 to 3.6), hold that, brake to the stop."""
+    return shown_of(
+        (NotchRegime.HOLD, 0.0, 90 * KMH), (NotchRegime.BRAKE, 3000.0, 70 * KMH),
+        (NotchRegime.HOLD, 3600.0, 70 * KMH), (NotchRegime.BRAKE, 5000.0, 0.0),
+    )  # fmt: skip
+
+
+def test_a_train_nearly_at_the_speed_of_a_brake_brakes_on_to_it() -> None:
+    """It is shown less effort only where 40 % less is needed and the last stood 8 s.
+
+    Never in the last 6 s before the speed, nor in the last 2 km/h above it.
+    """
+    found = efforts_to_70_kmh([(0.0, 400.0, 90.0), *[(second, 400.0, 86.5) for second in (1.0, 4.0, 7.9, 8.1)]])
+    assert all(0.5 < needed < 0.6 for _, needed in found[1:])
+    assert [shown for shown, _ in found[:4]] == [1.0] * 4
+    assert 0.5 <= found[4][0] < 0.7
+    for near in ([(20.0, 120.0, 75.0), (30.0, 100.0, 73.0)], [(20.0, 200.0, 71.7), (30.0, 150.0, 71.3)]):
+        found = efforts_to_70_kmh([(0.0, 300.0, 90.0), *near])
+        assert all(needed < 0.4 for _, needed in found[1:])
+        assert [shown for shown, _ in found] == [1.0] * 3
 
 
 def test_a_brake_weaker_than_needed_is_replaced_and_a_stronger_one_stays() -> None:
