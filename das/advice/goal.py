@@ -103,6 +103,11 @@ def step_below(speed_mps: float) -> float:
     return math.floor(speed_mps / SPEED_STEP_MPS + 1e-9) * SPEED_STEP_MPS
 
 
+def target_below(speed_mps: float) -> float:
+    """The highest whole step of speeds to reach or to hold (m/s) that is not above a speed."""
+    return math.floor(speed_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
+
+
 def nearest_step(speed_mps: float) -> float:
     """The speed (m/s) nearest to a speed that a display can write."""
     return round(speed_mps / SPEED_STEP_MPS) * SPEED_STEP_MPS

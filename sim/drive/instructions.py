@@ -34,6 +34,7 @@ MOVING_MPS: Final = 0.3
 REMEMBERED: Final = 60
 """The announcements of this many seconds are remembered."""
 GAP_S: Final = 3.0
+"""Two advices that are further apart than this (s) are not compared."""
 
 
 class _Told(NamedTuple):
@@ -59,11 +60,12 @@ class InstructionFigures:
     """Counts of the coach's instructions for a moving train.
 
     `changes` is the number of changes of kind, `announced` those of them that were announced in time, or that the
-    instruction before states itself: holding the speed to which it leads. `brakes` begin after another
-    kind; `led` of them were shown at least 2 s before they were due. `missed_coasts` end far from their speed,
-    `vain_accelerations` soon end in a brake, `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the
-    shortest time for which an instruction other than a brake stood before another than a brake replaced it.
-    `standing_s` are the seconds in which a train that stands is told to accelerate.
+    instruction before states itself: holding the speed to which it leads. `brakes` begin after another kind; `led` of
+    them were shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
+    `missed_coasts` end far from their speed, `vain_accelerations` soon end in a brake, `odd_speeds` are neither a whole
+    step nor a limit. `shortest_s` is the shortest time for which an instruction stood, where neither it nor the next
+    one is a brake; infinity if there is none. `standing_s` counts the seconds in which a train that stands is told to
+    accelerate.
     """
 
     instructions: int = 0
@@ -191,11 +193,10 @@ def _told(advice: Any) -> _Told | None:
 
 
 def _is_odd(told: _Told, advice: Any) -> bool:
-    """Whether the speed of an instruction is neither a whole step nor the limit here or at the next change."""
-    steps = told.to_mps / TARGET_STEP_MPS
-    limits = advice.limit_mps, *(one.speed_mps for one in advice.coach.following)
-    near = abs(steps - round(steps)) * TARGET_STEP_MPS < 0.5 * KMH
-    return not near and all(abs(told.to_mps - one) > 0.5 * KMH for one in limits)
+    """Whether the speed of an instruction is neither a whole step, nor the limit here, nor the one that it is for."""
+    steps = round(told.to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
+    known = steps, advice.limit_mps, advice.coach.reason.speed_mps
+    return not any(abs(told.to_mps - one) < 0.5 * KMH for one in known)
 
 
 def _is_own_end(before: _Told, told: _Told) -> bool:

@@ -209,6 +209,9 @@ def test_the_recording_holds_the_measures_of_the_result_and_gives_them_again(
     assert said.shortest_mode_s == found["shortest_mode_s"] == pytest.approx(again.shortest_mode_s)
     assert said.shown_s == pytest.approx(again.shown_s)
     assert found["warnings"] == ([again.warning] if again.warning else [])
+    told = Drive(source=recording).instructions.as_dict()
+    assert told["instructions"] > 10
+    assert told == {name: found[name] for name in told}
 
 
 @pytest.mark.processes

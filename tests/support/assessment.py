@@ -111,8 +111,8 @@ def _add_stood(verdict: Verdict, of_day: DayJudge, stood: Stood) -> None:
 def _count(verdict: Verdict, seen: Seen) -> None:
     advised = seen.advice.cause is Cause.NONE
     verdict.counts["advised" if advised else seen.advice.cause.label] += 1
-    quiet = seen.advice.cause.is_quiet  # The driver knows better; the advice only waits for him.
     careless = verdict.drawn.style is Style.CARELESS
+    quiet = careless and seen.advice.cause.is_quiet  # He brakes on his own; one who obeys never does.
     passed = careless and seen.advice.cause is Cause.PAST_STOP  # The driver did not look in time.
     if seen.state.speed_mps > MOVES_MPS and not (passed or quiet):
         verdict.moving_s += 1

@@ -233,12 +233,12 @@ def aim_mps(schedule: Schedule, number: int) -> float:
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
     if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
         return float(min(one.target_mps, section.limit_mps[one.begin : end].max(initial=0.0)))
+    if schedule.brakes_by_effort(number):
+        return one.target_mps
+    limits = section.limit_mps[one.begin : end] if one.kind is NotchRegime.COAST else section.limit_mps[end : end + 1]
     highest = float(section.envelope_mps[end])
-    if one.kind is NotchRegime.COAST:
-        highest = min(highest, float(section.limit_mps[one.begin : end].min()))
-    return (
-        one.target_mps if schedule.brakes_by_effort(number) else rounded_mps(one.target_mps, TARGET_STEP_MPS, highest)
-    )
+    limit_mps = float(limits.min()) if limits.size else highest  # A brake to the stop has no limit at its end.
+    return rounded_mps(one.target_mps, TARGET_STEP_MPS, limit_mps, min(highest, limit_mps))
 
 
 def traction(share: float, target_mps: float) -> Instruction:

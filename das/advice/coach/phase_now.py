@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from das.advice.advice import Instruction
 from das.advice.coach.announcing import Notices, aim_mps, traction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
-from das.advice.goal import SPEED_STEP_MPS, TARGET_STEP_MPS, TrainState
+from das.advice.goal import SPEED_STEP_MPS, TARGET_STEP_MPS, TrainState, target_below
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -28,8 +27,11 @@ coasting takes too long (`BRAKES_BACK`)."""
 
 
 class PhaseScene(NamedTuple):
-    """What the instruction of a phase depends on besides the train: the brakes of the section, the instruction shown
-    now, the time to the end of the phase (s), and what has been announced."""
+    """What the instruction of a phase depends on besides the train.
+
+    That is the brakes of the section, the instruction shown now, the time left in the phase (s), and what has been
+    announced.
+    """
 
     brakes: ShownBrakes
     shown: Instruction
@@ -62,7 +64,7 @@ class PhaseNow:
         target = min(aim_mps(schedule, number), place.limit_mps)
         highest = highest_mps(schedule, number, state.s_m)
         if target > highest + ROUNDED_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
-            target = math.floor(highest / TARGET_STEP_MPS) * TARGET_STEP_MPS
+            target = target_below(highest)
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
@@ -108,7 +110,7 @@ class PhaseNow:
         return BRAKES_BACK, min(ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps), 1.0)
 
     def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
-        """The instruction to brake with one effort to a speed; a driver who has braked early is told to coast first."""
+        """The instruction to brake with one effort to a speed; one who has braked too much coasts or creeps first."""
         settings, v_mps = self._settings, state.v_mps
         held = self._scene.shown.mode is Regime.CRUISE and abs(self._scene.shown.speed_mps - target) < SAME_MPS
         if v_mps <= target + (settings.limit.braked_mps if held else SAME_MPS) and target > SAME_MPS:
@@ -154,15 +156,13 @@ class PhaseNow:
     def _has_said_creeping(self, state: TrainState) -> bool:
         """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""
         lacks_s = self._scene.notices.lacks_s(InstructionKind.HOLD, state.now_ns, 0.0)
-        creeps_mps = self._low_mps(state.v_mps)
-        self.creeping_soon = Instruction(
-            mode=Regime.CRUISE, speed_mps=creeps_mps, way_m=lacks_s * state.v_mps, in_s=lacks_s
-        )
+        low_mps, way_m = self._low_mps(state.v_mps), lacks_s * state.v_mps
+        self.creeping_soon = Instruction(mode=Regime.CRUISE, speed_mps=low_mps, way_m=way_m, in_s=lacks_s)
         return lacks_s <= 0.0
 
     def _low_mps(self, v_mps: float) -> float:
         """The low speed to hold before a stop, for a train with this speed."""
-        return max(math.floor(v_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS, self._settings.brake.creep_mps)
+        return max(target_below(v_mps), self._settings.brake.creep_mps)
 
     def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
         """The braking effort needed from here, as a share of the planned one."""

@@ -12,7 +12,7 @@ from das.advice.coach.settings import CoachSettings
 from das.advice.goal import TARGET_STEP_MPS
 from das.domain.errors import DasError
 from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime, solve_few_switch, solve_few_switch_ahead
-from das.solver.few_switch.in_steps import Choice, in_steps
+from das.solver.few_switch.in_steps import Choice, Rounding, in_steps
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import (
     Prospect,
@@ -79,16 +79,22 @@ def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> S
         return _later(front, wanted, *wanted.kept, settings)
     left_s = max(wanted.left_s, 1.0)
     found, choice = _unrounded(front, wanted, left_s, settings)
-    best = in_steps(found, left_s, wanted.s_m, wanted.v_mps, TARGET_STEP_MPS, choice)
-    if choice is Choice.CHEAPER and wanted.point_m is not None and wanted.point_m > wanted.s_m:
-        at_s = passes_s(best.schedule, best.forecast, wanted.s_m, wanted.point_m)
-        if wanted.earliest_s is not None and at_s < wanted.earliest_s:
-            choice = Choice.LOWER
-        elif wanted.latest_s is not None and at_s > wanted.latest_s:
-            choice = Choice.HIGHER
-        if choice is not Choice.CHEAPER:  # Rounding must not miss the window.
-            return in_steps(found, left_s, wanted.s_m, wanted.v_mps, TARGET_STEP_MPS, choice)
-    return best
+    rounding = Rounding(TARGET_STEP_MPS, choice, settings.polish)
+    best = in_steps(found, left_s, wanted.s_m, wanted.v_mps, rounding)
+    missed = _missed(best, wanted) if choice is Choice.CHEAPER else None
+    if missed is None:
+        return best
+    return in_steps(found, left_s, wanted.s_m, wanted.v_mps, rounding._replace(choice=missed))
+
+
+def _missed(found: Scheduled, wanted: Wanted) -> Choice | None:
+    """The choice of steps for a schedule that misses the window of its point; None for one that keeps it."""
+    if wanted.point_m is None or wanted.point_m <= wanted.s_m:
+        return None
+    at_s = passes_s(found.schedule, found.forecast, wanted.s_m, wanted.point_m)
+    if wanted.earliest_s is not None and at_s < wanted.earliest_s:
+        return Choice.LOWER
+    return Choice.HIGHER if wanted.latest_s is not None and at_s > wanted.latest_s else None
 
 
 def _later(

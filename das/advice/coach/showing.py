@@ -98,23 +98,14 @@ class Showing:
         planned = self._phase.instruction(schedule, number, state, place, scene)
         begins_s = foreseen.time_s(begins_m) if begins_m > state.s_m else 0.0
         chosen = self._chosen(planned, schedule, state, place, (begins_s, scene.left_s))
-        now, at_once = chosen.now, chosen.urgent or state.v_mps > place.allowed_mps + OVERSPEED_MPS
-        kept_on = begins_s > 0.0 and not _alike(now, chosen.wanted)  # The previous instruction is still shown.
-        if now.mode in BRAKES and self._phase.back == BRAKES_BACK and not chosen.urgent:
-            begins_s, at_once = (self._brakes_back_ns - state.now_ns) * NS, False
-        elif now.mode in BRAKES and not self._brake_begun:
-            scheduled_s = begins_s if begins_s > 0.0 and not chosen.urgent else math.inf
-            begins_s = min(scheduled_s, brakes.begins_s(state))
-            at_once = state.v_mps > place.allowed_mps + OVERSPEED_MPS or not (chosen.for_limits or begins_m > state.s_m)
-            self._brake_begun = at_once or begins_s <= 0.0
-        elif now.mode in BRAKES:
-            at_once = True
-        if begins_s > 0.0 and not (at_once or kept_on):
-            now = replace(now, way_m=begins_s * state.v_mps, in_s=begins_s)
+        kept_on = begins_s > 0.0 and not _alike(chosen.now, chosen.wanted)  # The previous instruction is still shown.
+        due_s = self._due_s(chosen, state, place, begins_s)
+        waits = due_s > 0.0 and not kept_on
+        now = replace(chosen.now, way_m=due_s * state.v_mps, in_s=due_s) if waits else chosen.now
         end_m = min(phase_ends_m, brakes.ends_m(now, state, schedule.phases[number]))
         foreseen = foreseen._replace(as_shown=_alike(now, planned))
-        following = self._following(now, number - kept_on, end_m, state, foreseen)
         put_off = self._put_off(now, state)
+        following = self._following(now, number - kept_on, end_m, state, foreseen, put_off)
         self._notices.note(following if put_off is None else (put_off, *following), state.now_ns)
         return ShownNow(
             now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
@@ -166,10 +157,33 @@ class Showing:
             return _Chosen(safe, wanted, urgent=True, for_limits=True)
         return _Chosen(now, wanted, urgent=urgent, for_limits=wanted is not under and now is wanted)
 
+    def _due_s(self, chosen: _Chosen, state: TrainState, place: SpeedsAllowed, begins_s: float) -> float:
+        """In what time (s) the chosen instruction is due; its phase begins in `begins_s`, 0 if it has begun.
+
+        A brake that limits or the stop demand is due where the train must begin to brake. A train that is too fast does
+        not wait, nor does a brake that has begun, or that follows another brake.
+        """
+        assert self._brakes is not None
+        too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
+        if chosen.now.mode not in BRAKES:
+            return 0.0 if chosen.urgent or too_fast else begins_s
+        if self._phase.back == BRAKES_BACK and not chosen.urgent:
+            return (self._brakes_back_ns - state.now_ns) * NS
+        if self._brake_begun:
+            return 0.0
+        scheduled_s = begins_s if begins_s > 0.0 and not chosen.urgent else math.inf
+        due_s = min(scheduled_s, self._brakes.begins_s(state))
+        self._brake_begun = too_fast or not (chosen.for_limits or begins_s > 0.0) or due_s <= 0.0
+        return 0.0 if self._brake_begun else due_s
+
     def _following(
-        self, now: Instruction, number: int, end_m: float, state: TrainState, foreseen: Foreseen
-    ) -> tuple[Instruction, ...]:
-        """The announced instructions; if the brake shown ends before its phase, the first is the rest of the phase."""
+        self, now: Instruction, number: int, end_m: float, state: TrainState, foreseen: Foreseen,
+        put_off: Instruction | None,
+    ) -> tuple[Instruction, ...]:  # fmt: skip
+        """The announced instructions, with the one that is put off.
+
+        If the brake shown ends before its phase, the first is the rest of the phase.
+        """
         assert self._schedule is not None
         assert self._brakes is not None
         schedule = self._schedule
@@ -181,7 +195,6 @@ class Showing:
             in_s = max(foreseen.time_s(end_m), self._brakes.lasts(now, state)[0])
             rest = replace(self._announcing.announced(schedule, number), way_m=end_m - state.s_m, in_s=in_s)
             following = (rest, *following[: self._settings.ahead - 1])
-        put_off = self._put_off(now, state)
         if put_off is None or put_off.in_s < 1.0 or (following and following[0].in_s <= put_off.in_s):
             return allowed(following, state.s_m, schedule.section)
         return allowed((put_off, *following[: self._settings.ahead - 1]), state.s_m, schedule.section)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from enum import Enum
+from typing import NamedTuple
 
 from das.domain.errors import InfeasibleError
 from das.domain.units import KMH
@@ -29,39 +30,51 @@ NEAR_LIMIT_MPS = 0.2
 class Choice(Enum):
     """Which of the two steps around a speed to take."""
 
-    CHEAPER = slice(None)
-    LOWER = slice(1)
-    HIGHER = slice(-1, None)
+    CHEAPER = "cheaper"
+    LOWER = "lower"
+    HIGHER = "higher"
+
+    def admits(self, step_mps: float, speed_mps: float) -> bool:
+        """Whether a step may be taken for a speed."""
+        if self is Choice.LOWER:
+            return step_mps <= speed_mps + SAME_MPS
+        return self is Choice.CHEAPER or step_mps >= speed_mps - SAME_MPS
+
+
+class Rounding(NamedTuple):
+    """How to round speeds: the size of a step (m/s), which step to take, and how the phases are then moved."""
+
+    step_mps: float
+    choice: Choice
+    polish: PolishSettings
 
 
 REACHED = (NotchRegime.TRACTION, NotchRegime.HOLD)
 
 
-def in_steps(
-    found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps: float, choice: Choice = Choice.CHEAPER
-) -> Scheduled:
+def in_steps(found: Scheduled, time_s: float, s_m: float, v_mps: float, rounding: Rounding) -> Scheduled:
     """A schedule for `time_s` from a state, with speeds to reach and to hold in whole steps, or those of limits.
 
     If the choice is free, the phases are then moved to where the schedule costs least, and the speeds by whole steps.
     Where a speed or a place would stall the train, it stays as it was.
     """
-    best = _rounded(found, time_s, s_m, v_mps, step_mps, choice)
-    if choice is Choice.CHEAPER:
+    best = _rounded(found, time_s, s_m, v_mps, rounding)
+    if rounding.choice is Choice.CHEAPER:
+        step_mps, polish = rounding.step_mps, rounding.polish
         best = _slower(best, time_s, s_m, v_mps, step_mps)
-        settings = replace(PolishSettings(), steps_mps=(step_mps, step_mps, step_mps))
-        better = moved(best, time_s, s_m, v_mps, settings).as_run(s_m, v_mps)
-        better = _slower(_rounded(better, time_s, s_m, v_mps, step_mps, choice), time_s, s_m, v_mps, step_mps)
+        whole = replace(polish, steps_mps=(step_mps,) * len(polish.steps_mps))
+        better = moved(best, time_s, s_m, v_mps, whole).as_run(s_m, v_mps)
+        better = _slower(_rounded(better, time_s, s_m, v_mps, rounding), time_s, s_m, v_mps, step_mps)
         best = better if better.cost_j(time_s) < best.cost_j(time_s) else best
     return best if best.says_its_brakes else best.changed(with_all_brakes, s_m, v_mps)
 
 
-def _rounded(found: Scheduled, time_s: float, s_m: float, v_mps: float, step_mps: float, choice: Choice) -> Scheduled:
+def _rounded(found: Scheduled, time_s: float, s_m: float, v_mps: float, rounding: Rounding) -> Scheduled:
     """The schedule with each speed to reach or to hold at a step or limit near it."""
     best = found
     for first, last in _alike(found.schedule):
-        speeds = _around(best, first, last, step_mps)[choice.value]
-        if choice is Choice.LOWER:
-            speeds = tuple(one for one in speeds if one <= best.schedule.phases[first].target_mps + SAME_MPS)
+        speed_mps, steps = best.schedule.phases[first].target_mps, _around(best, first, last, rounding.step_mps)
+        speeds = [one for one in steps if rounding.choice.admits(one, speed_mps)]
         tried = [_with_speed(best, first, last, speed, s_m, v_mps) for speed in speeds]
         feasible = [one for one in tried if one is not None]
         best = min(feasible, key=lambda one: one.cost_j(time_s) + _change_j(one.schedule, first), default=best)
@@ -90,12 +103,15 @@ def _change_j(schedule: Schedule, number: int) -> float:
     return LITTLE_CHANGE_S * schedule.section.train.traction_power_w if little else 0.0
 
 
-def rounded_mps(speed_mps: float, step_mps: float, limit_mps: float) -> float:
-    """The speed to tell a driver instead of one at which a phase ends: the limit, or the nearest step below it."""
-    if abs(speed_mps - limit_mps) < NEAR_LIMIT_MPS:
+def rounded_mps(speed_mps: float, step_mps: float, limit_mps: float, highest_mps: float) -> float:
+    """The speed to tell a driver instead of one at which a phase ends: the limit there, or the nearest step.
+
+    It is at most `highest_mps`, which is below the limit on a braking curve.
+    """
+    if abs(speed_mps - limit_mps) < NEAR_LIMIT_MPS and limit_mps < highest_mps + SAME_MPS:
         return limit_mps
     nearest = round(speed_mps / step_mps) * step_mps
-    return nearest if nearest <= limit_mps else math.floor(limit_mps / step_mps) * step_mps
+    return nearest if nearest <= highest_mps else math.floor(highest_mps / step_mps) * step_mps
 
 
 def _alike(schedule: Schedule) -> Iterator[tuple[int, int]]:

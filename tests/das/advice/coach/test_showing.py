@@ -286,7 +286,7 @@ def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(d
 def test_what_asks_for_more_waits_until_the_last_stood_a_while(display: Shown) -> None:
     """Holding changes to traction once it stood 8 s and traction was announced for 8 s more.
 
-    So does traction to coasting that could not be foreseen: the position was corrected.
+    Coasting waits as well, where it could not be foreseen because the position was corrected.
     """
     slow_mps = TOP_MPS - 5.5 * KMH
     assert display.at(0.0, HELD_M, TOP_MPS).now.mode is Regime.CRUISE

@@ -1,0 +1,60 @@
+"""Speeds in whole steps: every one a step or a limit, at hardly any cost, and never beyond what a window allows."""
+
+from __future__ import annotations
+
+import pytest
+
+from das.domain.units import KMH
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.in_steps import Choice, Rounding, in_steps, rounded_mps
+from das.solver.few_switch.schedule import Scheduled
+from das.solver.few_switch.settings import PolishSettings
+from tests.support.few_switch import BUFFERS, BUNDLED, Which, schedules, section_of
+
+STEP_MPS = 5.0 * KMH
+KWH = 3.6e6
+
+
+def told_mps(found: Scheduled) -> list[float]:
+    """The speeds to reach and to hold of a schedule."""
+    kinds = (NotchRegime.TRACTION, NotchRegime.HOLD)
+    return [one.target_mps for one in found.schedule.phases if one.kind in kinds]
+
+
+def is_step_or_limit(speed_mps: float, found: Scheduled) -> bool:
+    near_step = abs(speed_mps - round(speed_mps / STEP_MPS) * STEP_MPS) < 1e-6
+    return near_step or any(abs(found.schedule.section.limit_mps - speed_mps) < 1e-6)
+
+
+def rounded(which: Which, buffer_ratio: float, choice: Choice) -> tuple[Scheduled, Scheduled, float]:
+    """A polished schedule, the same in steps, and the time asked for (s)."""
+    asked, start_m = schedules(which, buffer_ratio), section_of(which).start_m
+    rounding = Rounding(STEP_MPS, choice, PolishSettings())
+    return asked.polished, in_steps(asked.polished, asked.time_s, start_m, 0.0, rounding), asked.time_s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", BUNDLED)
+@pytest.mark.parametrize("buffer_ratio", BUFFERS)
+def test_every_speed_is_a_step_or_a_limit_and_costs_little_more(which: Which, buffer_ratio: float) -> None:
+    before, after, time_s = rounded(which, buffer_ratio, Choice.CHEAPER)
+    assert all(is_step_or_limit(speed, after) for speed in told_mps(after))
+    assert after.says_its_brakes
+    assert after.cost_j(time_s) <= before.cost_j(time_s) + max(1.0 * KWH, 0.01 * abs(before.forecast.energy_j))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", BUNDLED)
+def test_the_lower_step_is_never_faster_and_the_higher_never_slower(which: Which) -> None:
+    for choice, sign in ((Choice.LOWER, 1.0), (Choice.HIGHER, -1.0)):
+        before, after, _ = rounded(which, 0.15, choice)
+        assert sign * (after.forecast.time_s - before.forecast.time_s) >= -0.1
+
+
+def test_a_speed_at_the_end_of_a_phase_is_a_limit_or_a_step_that_is_allowed() -> None:
+    for speed, limit, highest, told in (
+        (98.0, 100.0, 100.0, 100.0), (97.0, 100.0, 100.0, 95.0), (36.5, 36.9, 36.9, 36.9), (35.2, 36.9, 36.9, 35.0),
+        (91.19, 100.0, 91.19, 90.0), (98.6, 100.0, 98.6, 95.0), (36.9, 36.9, 30.0, 30.0),
+    ):  # fmt: skip
+        found = rounded_mps(speed * KMH, STEP_MPS, limit * KMH, highest * KMH)
+        assert found == pytest.approx(told * KMH), (speed, limit, highest)
