@@ -81,7 +81,7 @@ MUTANTS = [
         "das/advice/coach/announcing.py",
         BRAKES,
         ("a brake that has begun is announced", "first.speed_mps > now.speed_mps - SAME_MPS:", "first.speed_mps > 9.0 * now.speed_mps:"),
-        ("named: an acceleration without the cap of the limit", "return float(min(one.target_mps, section.limit_mps[one.begin : end].max(initial=0.0)))", "return float(one.target_mps)"),
+        ("named: aim without the cap of the curve", "limit_mps, min(highest, limit_mps))", "limit_mps, math.inf)"),
         ("a brake that follows is announced late", "begins_m, brake, after = min(begins_m, before_m), following[0]", "begins_m, brake, after = before_m, following[0]"),
     ),
     *_of(

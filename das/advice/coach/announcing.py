@@ -223,7 +223,7 @@ def _announced(schedule: Schedule, number: int) -> Instruction:
 
 
 def aim_mps(schedule: Schedule, number: int) -> float:
-    """The speed (m/s) that a phase leads to, at most the highest speed allowed in the phase.
+    """The speed (m/s) that a phase leads to; for an acceleration, limits on the way may be lower.
 
     For a brake, it is at most the speed allowed at its end; for coasting, the lowest limit on the way as well, so that
     it stays the same while limits rise. The schedule itself may have a higher speed: if a limit was received late, or
@@ -232,7 +232,7 @@ def aim_mps(schedule: Schedule, number: int) -> float:
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
     if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
-        return float(min(one.target_mps, section.limit_mps[one.begin : end].max(initial=0.0)))
+        return one.target_mps
     if schedule.brakes_by_effort(number):
         return one.target_mps
     limits = section.limit_mps[one.begin : end] if one.kind is NotchRegime.COAST else section.limit_mps[end : end + 1]
