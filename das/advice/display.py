@@ -10,27 +10,17 @@ import numpy as np
 
 from das.advice import wording
 from das.advice.advice import Advice, Coaching, Instruction, Source, Withdrawal
-from das.advice.goal import (
-    DEVIATION_NAMED_S,
-    OVERSPEED_MPS,
-    SPEED_STEP_MPS,
-    Goal,
-    PassingTarget,
-    TrainState,
-    nearest_step,
-    step_below,
-)
+from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, PassingTarget, TrainState
 from das.advice.passing import time_at
 from das.advice.plan import Floats, Place, Plan, four_mode
 from das.advice.planner import Planner
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, EFFORT_ORDER, FOUR_MODES, Regime, departure_regime
 from das.advice.settings import DEFAULT, AdviceSettings, DisplaySettings
+from das.advice.shown import lever_ratio, steady_step, step_below
 from das.advice.shown_safely import FourModes, braked_enough, kept_behind
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
-from das.solver.kernels.forces import brake_limit, traction_limit
-from das.solver.section import Section
 from das.solver.solution import Fit
 
 
@@ -126,7 +116,7 @@ class Display:
         run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
         departs = Instruction(
             mode=moving.mode,
-            speed_mps=float(run.v_mps[int(plan.next_change[place.interval])]),
+            speed_mps=step_below(float(run.v_mps[int(plan.next_change[place.interval])])),
             effort_ratio=moving.advised_force_ratio,
         )
         if scene.coach is not None and math.isfinite(scene.coach.now.effort_ratio):
@@ -154,7 +144,7 @@ class Display:
         """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
         state, here, planner, _, coach = scene
         train, v_mps = planner.section.train, state.v_mps
-        available_n = _available_n(planner.section, -1.0, v_mps)
+        _, available_n = planner.section.largest_n(v_mps)
         slowed_n = planner.section.resistance_n(state.s_m, v_mps)
         most_n = max(min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg - slowed_n), 0.0)
         self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
@@ -176,7 +166,7 @@ class Display:
             reduced_max_speed_mps=top_mps if top_mps <= allowed else 0.0,
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
-            advised_force_ratio=-most_n / available_n,
+            advised_force_ratio=lever_ratio(-most_n, (0.0, available_n)),
             horizon_speed_mps=tuple(np.minimum(speeds, np.minimum(there, allowed)).tolist()),
             horizon_force_n=tuple(np.where(speeds > np.minimum(there, allowed), -most_n, 0.0).tolist()),
             next_mode=Regime.STOP,
@@ -215,7 +205,7 @@ class Display:
             next_four_mode=next_four.mode,
             next_four_change_s=next_four.time_s,
             advised_force_n=self._force_n,
-            advised_force_ratio=self._force_n / _available_n(planner.section, self._force_n, place.speed_mps),
+            advised_force_ratio=lever_ratio(self._force_n, planner.section.largest_n(place.speed_mps)),
             horizon_speed_mps=tuple(speeds.tolist()),
             horizon_force_n=tuple(forces.tolist()),
             next_mode=following.mode,
@@ -358,9 +348,8 @@ class Display:
 
     def displayed(self, advised_mps: float, allowed_mps: float) -> float:
         """The speed to display (m/s): the advised one in whole steps, steady within a band, never above the allowed."""
-        away = abs(advised_mps - self._shown_mps)
-        if not away <= self._settings.display.speed_band_ratio * SPEED_STEP_MPS or self._shown_mps > allowed_mps:
-            self._shown_mps = min(nearest_step(advised_mps), step_below(allowed_mps))
+        steady_mps = steady_step(advised_mps, self._shown_mps, self._settings.display.speed_band_ratio)
+        self._shown_mps = min(steady_mps, step_below(allowed_mps))
         return self._shown_mps
 
     def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> Reason:
@@ -417,11 +406,3 @@ def _missed_s(point: PassingTarget, plan: Plan) -> float:
     if point.latest_ns is None:
         return -math.inf
     return (plan.made_ns - point.latest_ns) * NS + time_at(plan.solution.trajectory, point.s_m)
-
-
-def _available_n(section: Section, force_n: float, v_mps: float) -> float:
-    """The largest force (N, > 0) that the train has in the direction of `force_n`."""
-    train, v = section.train, max(v_mps, 0.1)
-    if force_n >= 0:
-        return float(traction_limit(v, train))
-    return max(float(brake_limit(v, train, train.friction_force_n)), -force_n, 1.0)

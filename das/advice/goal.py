@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from das.domain.errors import DasError
-from das.domain.units import KMH, NS
+from das.domain.units import NS
 
-SPEED_STEP_MPS: Final = 1.0 * KMH
-"""The speeds that a driver reads are whole multiples of this."""
-TARGET_STEP_MPS: Final = 5.0 * KMH
-"""The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
 OVERSPEED_MPS: Final = 0.5
 """A train faster than allowed by more than this counts as too fast, and its driver is told so."""
 COASTS_IN_S: Final = 5.0
@@ -96,18 +91,3 @@ class Goal:
     def aimed_s(self, now_ns: int) -> float:
         """The time (s) that a plan made now may take to the end of the section."""
         return self.left_s(now_ns) + UNHURRIED_S
-
-
-def step_below(speed_mps: float) -> float:
-    """The highest speed (m/s) that a display can write and that is not above a speed."""
-    return math.floor(speed_mps / SPEED_STEP_MPS + 1e-9) * SPEED_STEP_MPS
-
-
-def target_below(speed_mps: float) -> float:
-    """The highest whole step of speeds to reach or to hold (m/s) that is not above a speed."""
-    return math.floor(speed_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
-
-
-def nearest_step(speed_mps: float) -> float:
-    """The speed (m/s) nearest to a speed that a display can write."""
-    return round(speed_mps / SPEED_STEP_MPS) * SPEED_STEP_MPS

@@ -29,14 +29,12 @@ from das.advice.braking_model import (
     Excess,
     Needed,
 )
-from das.advice.goal import SPEED_STEP_MPS
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
+from das.advice.shown import SAME_READING_MPS, step_below
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 
-SHOWN_MPS = 0.5 * SPEED_STEP_MPS
-"""A speed shown may exceed the allowed one by half the last digit of a display in whole km/h."""
 MAY_BE_UNKNOWN = (
     "reduced_max_speed_mps",
     "next_change_m",
@@ -183,7 +181,7 @@ class _Judgement:
             next_change_s=math.nan,
             next_four_change_s=math.nan,
             advised_speed_mps=min(v_mps, allowed_mps),
-            display_speed_mps=_whole(min(v_mps, allowed_mps)),
+            display_speed_mps=step_below(min(v_mps, allowed_mps)),
             advised_force_n=force_n,
             advised_force_ratio=force_n / most_n if most_n > 0 else 0.0,
             **self._train.braked_horizon(force_n, needed.speed_mps, seconds),
@@ -210,11 +208,11 @@ class _Judgement:
         ):
             if math.isnan(shown_mps) and part is not Part.ADVISED_SPEED:
                 continue  # This speed is not shown.
-            if not shown_mps <= self._bound_mps + SHOWN_MPS:
-                instead_mps = allowed_mps if part is Part.ADVISED_SPEED else _whole(allowed_mps)
+            if not shown_mps <= self._bound_mps + SAME_READING_MPS:
+                instead_mps = allowed_mps if part is Part.ADVISED_SPEED else step_below(allowed_mps)
                 self._replace(Act(part, shown_mps, self._bound_mps, instead_mps), **{name: instead_mps})
         limit_mps = self._model.highest_limit_mps(self._train.behind_m - 1.0, self._train.ahead_m + 1.0)
-        if self._train.s_m < self._model.end_m and not advice.limit_mps <= limit_mps + SHOWN_MPS:
+        if self._train.s_m < self._model.end_m and not advice.limit_mps <= limit_mps + SAME_READING_MPS:
             instead_mps = self._model.limit_mps(self._train.ahead_m)
             self._replace(Act(Part.LIMIT, advice.limit_mps, limit_mps, instead_mps), limit_mps=instead_mps)
 
@@ -223,7 +221,7 @@ class _Judgement:
         advice, (nodes_m, places, _) = self._advice, self._model.line
         speeds = np.array(advice.horizon_speed_mps, dtype=float)
         kept = np.empty(len(speeds))
-        begin = self._train.s_m, advice.advised_speed_mps, SHOWN_MPS
+        begin = self._train.s_m, advice.advised_speed_mps, SAME_READING_MPS
         first, bound_mps = kernels.keep_horizon(nodes_m, places, speeds, *begin, kept)
         if first >= 0:
             forces = tuple(n if k < first else min(n, 0.0) for k, n in enumerate(advice.horizon_force_n))
@@ -313,9 +311,10 @@ class _Judgement:
         """
         force_n, needed = self._train.braking()
         way_m, scale_n = max(needed.at_m - self._train.s_m, 0.0), self._train.brake_n(1.0)
+        most_n = self._model.most_brake_n(self._train.v_mps)
         now = Instruction(
             mode=self._train.mode_of(force_n),
-            speed_mps=needed.speed_mps,
+            speed_mps=step_below(needed.speed_mps),
             effort_ratio=force_n / scale_n if scale_n > 0 else 0.0,
         )
         return replace(
@@ -326,6 +325,7 @@ class _Judgement:
             target_s=2.0 * way_m / max(self._train.v_mps + needed.speed_mps, STOPPED_MPS),
             force_n=force_n,
             reference_force_n=force_n,
+            lever_ratio=force_n / most_n if most_n > 0 else 0.0,
             reason=self._reason(needed),
         )
 
@@ -340,9 +340,9 @@ class _Judgement:
         leads = now.mode in (*BRAKES, Regime.COAST)
         ahead_m = self._train.ahead_m, self._told_from_m + now.way_m
         places_m = (self._told_from_m + coach.target_m,) if leads else ahead_m
-        bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SHOWN_MPS
+        bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SAME_READING_MPS
         if not now.speed_mps <= bound_mps:
-            instead_mps = max(model.allowed_mps(place_m) for place_m in places_m)
+            instead_mps = step_below(max(model.allowed_mps(place_m) for place_m in places_m))
             act = Act(Part.COACH_SPEED, now.speed_mps, bound_mps, instead_mps)
             self._replace(act, coach=replace(coach, now=replace(now, speed_mps=instead_mps)))
 
@@ -362,9 +362,9 @@ class _Judgement:
             ends = k + 1 < len(coach.following) and one.mode in (*BRAKES, Regime.COAST)
             to_m = self._told_from_m + coach.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
-            if one.speed_mps > limit_mps + SHOWN_MPS:
-                first = first or Act(Part.COACH_NEXT, one.speed_mps, limit_mps, limit_mps)
-                one = replace(one, speed_mps=limit_mps)  # noqa: PLW2901
+            if one.speed_mps > limit_mps + SAME_READING_MPS:
+                first = first or Act(Part.COACH_NEXT, one.speed_mps, limit_mps, step_below(limit_mps))
+                one = replace(one, speed_mps=step_below(limit_mps))  # noqa: PLW2901
             kept.append(one)
         if first is not None:
             self._replace(first, coach=replace(coach, following=tuple(kept)))
@@ -401,8 +401,3 @@ def _withdrawn(advice: Advice) -> Advice:
 
 def _finite(*values: float) -> bool:
     return all(map(math.isfinite, values))
-
-
-def _whole(speed_mps: float) -> float:
-    """A speed in whole km/h, rounded down."""
-    return math.floor(speed_mps / SPEED_STEP_MPS + 1e-9) * SPEED_STEP_MPS

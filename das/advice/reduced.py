@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import kernels
-from das.advice.goal import SPEED_STEP_MPS, nearest_step, step_below
 from das.advice.settings import DEFAULT, AdviceSettings
+from das.advice.shown import steady_step, step_below
 from das.domain.units import NS
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope
 from das.solver.kernels.forces import largest_gain, mean_resistance, on_supply
@@ -73,9 +73,7 @@ class Staircase:
 
     def _held(self, judged_mps: float) -> float:
         """The reduced maximum speed in whole steps, which changes only when `judged_mps` has clearly changed."""
-        display = self._settings.display
-        if not abs(judged_mps - self._judged_mps) <= display.speed_band_ratio * SPEED_STEP_MPS:
-            self._judged_mps = nearest_step(judged_mps)
+        self._judged_mps = steady_step(judged_mps, self._judged_mps, self._settings.display.speed_band_ratio)
         return self._judged_mps
 
     def _foot(self, i: int, s_m: float) -> float:

@@ -691,6 +691,7 @@ class Coaching(_message.Message):
     REPLAN_FIELD_NUMBER: _builtins.int
     REFERENCE_FORCE_N_FIELD_NUMBER: _builtins.int
     REASON_FIELD_NUMBER: _builtins.int
+    LEVER_RATIO_FIELD_NUMBER: _builtins.int
     target_m: _builtins.float
     """[m] way to where the speed is reached, or to the end of holding it"""
     target_s: _builtins.float
@@ -699,6 +700,8 @@ class Coaching(_message.Message):
     """[N] wheel force of the instruction at the present speed"""
     reference_force_n: _builtins.float
     """[N] wheel force that keeps to the reference here; the effort shown stands for a while"""
+    lever_ratio: _builtins.float
+    """[ratio] effort of the instruction on the controller's scale, −1 … 1; NaN: a speed to hold"""
     @_builtins.property
     def now(self) -> Global___Coaching.Instruction: ...
     @_builtins.property
@@ -720,10 +723,11 @@ class Coaching(_message.Message):
         replan: Global___Coaching.Replan | None = ...,
         reference_force_n: _builtins.float = ...,
         reason: Global___Reason | None = ...,
+        lever_ratio: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["now", b"now", "reason", b"reason", "replan", b"replan"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["following", b"following", "force_n", b"force_n", "now", b"now", "reason", b"reason", "reference_force_n", b"reference_force_n", "replan", b"replan", "target_m", b"target_m", "target_s", b"target_s"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["following", b"following", "force_n", b"force_n", "lever_ratio", b"lever_ratio", "now", b"now", "reason", b"reason", "reference_force_n", b"reference_force_n", "replan", b"replan", "target_m", b"target_m", "target_s", b"target_s"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -24,7 +24,7 @@ from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
-from das.solver.kernels.forces import mean_resistance
+from das.solver.kernels.forces import brake_limit, mean_resistance, traction_limit
 from das.solver.kernels.roll_out import fastest_roll_out, fastest_run
 from das.solver.kernels.tuples import KnownRun, LossParams, SpeedBounds, TrainParams, loss_params, train_params
 from das.solver.line_profile import LineProfile, decision_nodes, even_nodes, fixed_nodes, subdivide
@@ -118,6 +118,11 @@ class Section(LineProfile):
         interval = min(max(int(np.searchsorted(self.node_m, s_m, side="right")) - 1, 0), len(self.step_m) - 1)
         running_n = mean_resistance(v_mps, v_mps, self.tunnel_n_per_mps2[interval], self.train)
         return float(running_n + self.constant_n[interval])
+
+    def largest_n(self, v_mps: float) -> tuple[float, float]:
+        """The largest forces (N) at a speed: traction, and the electric and friction brake together."""
+        v = max(v_mps, 0.1)
+        return float(traction_limit(v, self.train)), float(brake_limit(v, self.train, self.train.friction_force_n))
 
     def finished_s(self, time_s: float, s_m: float, v_mps: float) -> float:
         """A kernel's trip time (s) from a state; raises InfeasibleError if the train does not reach the end."""

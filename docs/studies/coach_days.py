@@ -61,11 +61,11 @@ class ShownSecond(NamedTuple):
 
 def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSecond]:
     """What was driven and shown in each second in which the train moved."""
-    found, train = [], one.day.service.line.train
+    found = []
     for state, (advice, _) in zip(one.run.states, one.watched, strict=False):
         if state.speed_mps <= 0:
             continue
-        view = present(advice, presentation, train)
+        view = present(advice, presentation)
         found.append(
             ShownSecond(
                 at_km=state.s_m / KM,

@@ -10,8 +10,8 @@ from collections import Counter, deque
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from das.advice.goal import TARGET_STEP_MPS
 from das.advice.regimes import KIND_OF, InstructionKind
+from das.advice.shown import TARGET_STEP_MPS, step_below
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KMH, NS
@@ -195,7 +195,7 @@ def _told(advice: Any) -> _Told | None:
 def _is_odd(told: _Told, advice: Any) -> bool:
     """Whether the speed of an instruction is neither a whole step, nor the limit here, nor the one that it is for."""
     steps = round(told.to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
-    known = steps, advice.limit_mps, advice.coach.reason.speed_mps
+    known = steps, step_below(advice.limit_mps), step_below(advice.coach.reason.speed_mps)
     return not any(abs(told.to_mps - one) < 0.5 * KMH for one in known)
 
 

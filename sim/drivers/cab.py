@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
-from das.advice.goal import nearest_step
 from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import Regime
 from das.domain.restriction import Restriction
@@ -86,12 +85,11 @@ class AdviceView:
         """
         if self.mode != Regime.DEPART or self.next_mode == Regime.NONE:
             return self
-        known = not math.isnan(self.next_speed_mps)
         return replace(
             self,
             mode=self.next_mode,
             speed_mps=self.next_speed_mps,
-            display_speed_mps=nearest_step(self.next_speed_mps) if known else math.nan,
+            display_speed_mps=self.next_speed_mps,
             lever_ratio=self.next_effort_ratio,
             force_n=math.nan,
             horizon_speed_mps=(),

@@ -215,7 +215,6 @@ class World:
         view = present(
             advice,
             self.presentation,
-            service.line.train,
             clock_zero_ns=service.timetables[0].departure_ns,
             deviation_s=around.compared_s(state),
         )

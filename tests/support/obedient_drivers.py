@@ -83,7 +83,7 @@ class CarelessDriver:
         self._train, self._presentation, self._zero_ns = line.train, presentation, zero_ns
 
     def command(self, scene: Scene) -> Command:
-        view = present(scene.advice, self._presentation, self._train, clock_zero_ns=self._zero_ns)
+        view = present(scene.advice, self._presentation, clock_zero_ns=self._zero_ns)
         command = self._driver.command(scene.own_eyes()._replace(advice=view))
         return command._replace(value=WEAKER * command.value) if command.value < 0 else command
 

@@ -95,7 +95,7 @@ def advised_by(advisor: OneSection, presentation: Presentation, line: LineKnowle
             speed_uncertainty_mps=LEAST_SD_MPS,
         )
         advisor.set_position(fix)
-        return present(advisor.update(now_ns), presentation, line.train)
+        return present(advisor.update(now_ns), presentation)
 
     return advise
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake
-from das.advice.goal import TARGET_STEP_MPS, TrainState
+from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, FULL_RATIO, KIND_OF, TRACTION, InstructionKind, Regime
+from das.advice.shown import TARGET_STEP_MPS
 from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.in_steps import rounded_mps

@@ -15,9 +15,10 @@ from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import OVERSPEED_MPS, SPEED_STEP_MPS, Goal, TrainState
+from das.advice.goal import OVERSPEED_MPS, Goal, TrainState
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
+from das.advice.shown import SPEED_STEP_MPS, as_read
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.route import Route
@@ -91,7 +92,7 @@ class Coach:
         if kept is None:
             return self._creeping(state, place) if self._lost else None
         shown = self._showing.show(kept, state, place)
-        return Coaching(
+        found = Coaching(
             now=shown.now,
             following=shown.following,
             target_m=shown.target_m,
@@ -101,6 +102,7 @@ class Coach:
             reason=self._reason(kept, shown, state, goal, place),
             replan=kept.reference.replan,
         )
+        return as_read(found, self._section.largest_n(state.v_mps))
 
     def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Coaching | None:
         """The advice to creep to the stop, for a train so slow that no reference leads there; None for a faster one."""
@@ -108,10 +110,11 @@ class Coach:
         if state.v_mps > self._settings.showing.brake.creep_mps or way_m > self._settings.showing.brake.creeps_m:
             return None
         now, following, force_n = self._showing.creeping(self._section, state, place)
-        return Coaching(
+        found = Coaching(
             now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
             reference_force_n=force_n, reason=Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name),
         )  # fmt: skip
+        return as_read(found, self._section.largest_n(state.v_mps))
 
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
         """The advice for a train that stands at a stop and departs in `departs_in_s`."""
@@ -132,11 +135,12 @@ class Coach:
         """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
         return self._showing.stands_at_mark(state)
 
-    def brakes(self, effort: float, force_n: float, reason: Reason) -> Coaching:
+    def brakes(self, effort: float, force_n: float, reason: Reason, v_mps: float) -> Coaching:
         """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast."""
         self.forget()
         now = self._showing.braking(effort)
-        return Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
+        found = Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
+        return as_read(found, self._section.largest_n(v_mps))
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
         """The advice for a standing train that is due to depart: stand until cleared, then follow the reference.

@@ -10,14 +10,13 @@ from das.advice.advice import Instruction
 from das.advice.coach.announcing import Notices, aim_mps, traction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
-from das.advice.goal import SPEED_STEP_MPS, TARGET_STEP_MPS, TrainState, target_below
+from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
+from das.advice.shown import SAME_READING_MPS, TARGET_STEP_MPS, target_below
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 
-ROUNDED_MPS = 0.5 * SPEED_STEP_MPS
-"""A speed above the allowed one by less than this looks the same on a display in whole km/h."""
 CREEPS_FOR_S = 6.0
 """A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
@@ -63,7 +62,7 @@ class PhaseNow:
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number), place.limit_mps)
         highest = highest_mps(schedule, number, state.s_m)
-        if target > highest + ROUNDED_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+        if target > highest + SAME_READING_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             target = target_below(highest)
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)

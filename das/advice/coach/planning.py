@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.coach.settings import CoachSettings
-from das.advice.goal import TARGET_STEP_MPS
+from das.advice.shown import TARGET_STEP_MPS
 from das.domain.errors import DasError
 from das.solver.few_switch.few_switch import FewSwitchFront, NotchRegime, solve_few_switch, solve_few_switch_ahead
 from das.solver.few_switch.in_steps import Choice, Rounding, in_steps

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from das.advice.advice import Instruction
 from das.advice.coach.announcing import Announcing, Foreseen, Notices, allowed, in_time
 from das.advice.coach.keeping import Kept
-from das.advice.coach.phase_now import BRAKES_BACK, CREEPS, ROLLS, ROUNDED_MPS, PhaseNow, PhaseScene, highest_mps
+from das.advice.coach.phase_now import BRAKES_BACK, CREEPS, ROLLS, PhaseNow, PhaseScene, highest_mps
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, SOONER_S, ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, EFFORT_ORDER, KIND_OF, TRACTION, InstructionKind, Regime
+from das.advice.shown import SAME_READING_MPS
 from das.domain.units import NS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.schedule import Schedule
@@ -253,7 +254,7 @@ class Showing:
         """
         shown, self._unannounced = self._shown, None
         highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Regime.COAST else place.limit_mps
-        too_high = shown.speed_mps > highest_mps + ROUNDED_MPS
+        too_high = shown.speed_mps > highest_mps + SAME_READING_MPS
         same = _alike(wanted, shown) and not too_high
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Regime.CRUISE):
             return shown

@@ -7,15 +7,14 @@ from dataclasses import replace
 from typing import Any, Final
 
 from das.advice.advice import Instruction
-from das.advice.goal import nearest_step
 from das.advice.reason import Reason
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Efforts, lever_ratio
+from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
 from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
-from sim.plant.kernels import Command, TrainNumbers, electric_effort
+from sim.plant.kernels import Command, electric_effort
 from sim.plant.plant import COAST, force
 
 
@@ -27,20 +26,19 @@ class CoachPresenter(Presenter):
     meaning = "what to do now, up to which speed and with what effort, and the next two changes; it changes seldom"
     needs_coach = True
 
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         coach = advice.coach
         if coach is None or int(coach.now.mode) == Regime.NONE:
             return None
         mode = int(coach.now.mode)
         departs = mode == Regime.DEPART
         following = _departure(coach.now) if departs else coach.following[0] if coach.following else None
-        holds = mode == Regime.CRUISE  # The coach says no effort for holding a speed.
         return replace(
             blank,
             mode=mode,
             speed_mps=coach.now.speed_mps,
-            display_speed_mps=nearest_step(coach.now.speed_mps),
-            lever_ratio=math.nan if holds else _lever_ratio(coach, advice.speed_mps, train),
+            display_speed_mps=coach.now.speed_mps,
+            lever_ratio=coach.lever_ratio,
             force_n=coach.reference_force_n,
             next_mode=int(following.mode) if following is not None else Regime.NONE,
             next_change_s=following.in_s if following is not None else math.nan,
@@ -64,7 +62,11 @@ class CoachPresenter(Presenter):
         return super().read(view)._replace(effort=None if math.isnan(view.lever_ratio) else _effort_steps(view))
 
     def item(self, view: AdviceView) -> tuple[int, ...]:
-        return (view.mode, round(view.speed_mps / KMH), _effort_steps(view) if view.mode != Regime.CRUISE else 0)
+        return (
+            view.mode,
+            round(view.display_speed_mps / KMH),
+            _effort_steps(view) if view.mode != Regime.CRUISE else 0,
+        )
 
     def follower(self) -> CoachFollower:
         return CoachFollower()
@@ -74,13 +76,6 @@ def _effort_steps(view: AdviceView) -> int:
     """The effort in steps of the display (< 0: brake); an instruction to accelerate or brake shows at least one."""
     steps = round(view.lever_ratio / EFFORT_STEP_RATIO)
     return steps or int(view.mode in TRACTION) - int(view.mode in BRAKES)
-
-
-def _lever_ratio(coach: Any, speed_mps: float, train: TrainNumbers) -> float:
-    """The controller's setting for the coach's instruction; an acceleration keeps its effort up to its speed."""
-    now = coach.now
-    accelerates = now.effort_ratio > 0.0 and now.mode != Regime.DEPART
-    return float(now.effort_ratio) if accelerates else lever_ratio(coach.force_n, speed_mps, train)
 
 
 def _departure(now: Any) -> Instruction:

@@ -10,7 +10,6 @@ from das.advice import wording
 from das.advice.wording import Language
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, whole
-from sim.plant.kernels import TrainNumbers
 
 DEVIATION_STEP_S: Final = 5.0
 """The driver takes a deviation that differs by this much (s) for new advice."""
@@ -25,7 +24,7 @@ class DeviationPresenter(Presenter):
     says_mode = says_effort = False
     lane = LaneState("early or late", "#9a8f6b", standing=True)
 
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         return None if math.isnan(deviation_s) else replace(blank, deviation_s=deviation_s)
 
     def read(self, view: AdviceView) -> Shown:

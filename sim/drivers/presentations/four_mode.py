@@ -11,7 +11,6 @@ from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, Presenter, Shown, ShownRegime, known_mode, whole
-from sim.plant.kernels import TrainNumbers
 
 
 class FourModePresenter(Presenter):
@@ -22,7 +21,7 @@ class FourModePresenter(Presenter):
     meaning = "full traction, a speed to hold, coasting or braking, and when the next of them begins"
     says_effort = False
 
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         mode = int(advice.four_mode)
         holds = mode == Regime.CRUISE
         departs_held = mode == Regime.DEPART and int(advice.next_four_mode) == Regime.CRUISE

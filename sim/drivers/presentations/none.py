@@ -6,7 +6,6 @@ from typing import Any, Final
 
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import Presenter
-from sim.plant.kernels import TrainNumbers
 
 
 class NonePresenter(Presenter):
@@ -16,7 +15,7 @@ class NonePresenter(Presenter):
     phrase = meaning = "no advice"
     says_mode = says_effort = False
 
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         return None
 
 

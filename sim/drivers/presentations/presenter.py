@@ -22,7 +22,7 @@ from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.handling import Handling
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import Outlook
-from sim.plant.kernels import Command, TrainNumbers
+from sim.plant.kernels import Command
 
 EFFORT_STEP_RATIO: Final = 0.2
 """A driver reads effort in steps of this share of the controller's scale: nobody reads or sets it more closely."""
@@ -113,7 +113,7 @@ class Presenter(ABC):
     """The lane of a display that shows no mode; None if the lane shows the modes."""
 
     @abstractmethod
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         """What the display shows of advice (`Advice`, or its message); None for nothing.
 
         `blank` has the times and the mode of the advice, and nothing else. `deviation_s` is how late the train is.
@@ -171,7 +171,6 @@ def shown_presentation(number: int) -> Presentation | None:
 def present(
     advice: Any,
     presentation: Presentation,
-    train: TrainNumbers,
     *,
     clock_zero_ns: int = 0,
     deviation_s: float = math.nan,
@@ -189,7 +188,7 @@ def present(
         presentation=presentation,
         mode=int(advice.mode),
     )
-    return presenter_of(presentation).show(blank, advice, train, deviation_s)
+    return presenter_of(presentation).show(blank, advice, deviation_s)
 
 
 def known_mode(number: int) -> Regime:

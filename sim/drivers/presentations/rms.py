@@ -12,7 +12,6 @@ from das.advice.wording import Language
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, SpeedIs, mode_words, speed_words, whole
-from sim.plant.kernels import TrainNumbers
 
 
 class RmsPresenter(Presenter):
@@ -24,7 +23,7 @@ class RmsPresenter(Presenter):
     says_mode = says_effort = False
     lane = LaneState("a top speed", "#5f7d74")
 
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         top_mps = advice.reduced_max_speed_mps
         # A train that has arrived has no top speed.
         return None if math.isnan(top_mps) else replace(blank, speed_mps=top_mps, display_speed_mps=top_mps)

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any, Final
 
 from das.advice.regimes import Regime
-from sim.drivers.cab import AdviceView, CabView, lever_ratio
+from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.handling import HAND
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, Presenter
 from sim.drivers.tracking import FOLLOWING, RULE, TRACKING, hold, needed_braking_mps2
-from sim.plant.kernels import Command, TrainNumbers, electric_effort
+from sim.plant.kernels import Command, electric_effort
 from sim.plant.plant import force, speed
 
 
@@ -23,13 +23,13 @@ class VectorPresenter(Presenter):
     phrase = "speed and effort of the moment"
     meaning = "speed and effort now and for the next seconds, renewed every second"
 
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         departs = blank.mode == Regime.DEPART
         return replace(
             blank,
             speed_mps=advice.advised_speed_mps,
             display_speed_mps=advice.display_speed_mps,
-            lever_ratio=lever_ratio(advice.advised_force_n, advice.advised_speed_mps, train),
+            lever_ratio=advice.advised_force_ratio,
             force_n=advice.advised_force_n,
             horizon_speed_mps=tuple(advice.horizon_speed_mps),
             horizon_force_n=tuple(advice.horizon_force_n),

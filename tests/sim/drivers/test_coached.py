@@ -38,7 +38,7 @@ def advice(now: Instruction | None, *, force_n: float = 0.0, **fields: Any) -> A
 
 
 def view(now: Instruction, **fields: Any) -> AdviceView:
-    seen = present(advice(now, **fields), Presentation.COACH, LINE.train)
+    seen = present(advice(now, **fields), Presentation.COACH)
     assert seen is not None
     return seen
 
@@ -97,7 +97,7 @@ def told_to_depart(presentation: Presentation) -> AdviceView:
         departure_force_ratio=0.8, valid_until_ns=100 * 10**9, reduced_max_speed_mps=20.0,
         coach=Coaching(now=replace(DEPART, speed_mps=20.0)),
     )  # fmt: skip
-    seen = present(given, presentation, LINE.train)
+    seen = present(given, presentation)
     assert seen is not None
     return seen
 
@@ -140,7 +140,7 @@ def test_a_top_speed_says_nothing_of_how_to_depart() -> None:
 
 @pytest.mark.parametrize("now", [None, Instruction()])
 def test_where_there_is_no_reference_nothing_is_shown(now: Instruction | None) -> None:
-    assert present(advice(now), Presentation.COACH, LINE.train) is None
+    assert present(advice(now), Presentation.COACH) is None
 
 
 def settled(now: Instruction, *, force_n: float = 0.0, **fields: Any) -> float:

@@ -158,7 +158,7 @@ def test_rms_holds_the_speed_on_the_display(zug_luzern: Case) -> None:
             valid_until_ns=round(1e9 * state.time_s + 3e9),
             reduced_max_speed_mps=25.0,
         )
-        return present(given, Presentation.RMS, zug_luzern.line.train)
+        return present(given, Presentation.RMS)
 
     run = zug_luzern.ride(make_driver(DriverKind.RMS, zug_luzern.line), display)
     top = [s.speed_mps for s in run.states]
@@ -312,38 +312,38 @@ def advice(mode: Regime, force_n: float = 0.0, speed_mps: float = 20.0) -> Advic
 def test_presentations_show_what_they_are_for_and_no_more() -> None:
     train = LineKnowledge(route=flat(100.0), vehicle=RE460).train
     given = advice(Regime.CRUISE, 5e4)
-    full = present(given, Presentation.VECTOR, train, clock_zero_ns=2_000_000_000)
+    full = present(given, Presentation.VECTOR, clock_zero_ns=2_000_000_000)
     assert full is not None
     assert (full.time_s, full.valid_until_s, full.speed_mps, full.force_n) == (5.0, 8.0, 20.0, 5e4)
     assert full.lever_ratio == pytest.approx(5e4 / float(RE460.traction_effort_n(20.0)))
-    modes = present(given, Presentation.FOUR_MODE, train)
+    modes = present(given, Presentation.FOUR_MODE)
     assert modes is not None
     assert (modes.mode, modes.speed_mps, modes.next_mode) == (das_pb2.MODE_CRUISE, 20.0, das_pb2.MODE_FULL_BRAKE)
     assert modes.next_change_s == 13.0
     assert math.isnan(modes.lever_ratio)
     assert not modes.horizon_speed_mps
-    coasting = present(advice(Regime.COAST), Presentation.FOUR_MODE, train)
+    coasting = present(advice(Regime.COAST), Presentation.FOUR_MODE)
     assert coasting is not None
     assert math.isnan(coasting.speed_mps)
-    reduced = present(given, Presentation.RMS, train)
+    reduced = present(given, Presentation.RMS)
     assert reduced is not None
     assert (reduced.speed_mps, reduced.horizon_force_n) == (27.0, ())
-    assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.RMS, train) is None
-    assert present(given, Presentation.NONE, train) is None
-    late = present(given, Presentation.DEVIATION, train, deviation_s=12.0)
+    assert present(replace(given, reduced_max_speed_mps=math.nan), Presentation.RMS) is None
+    assert present(given, Presentation.NONE) is None
+    late = present(given, Presentation.DEVIATION, deviation_s=12.0)
     assert late is not None
     assert late.deviation_s == 12.0
     assert math.isnan(late.speed_mps)
     assert not late.horizon_speed_mps
     assert late.next_mode == Regime.NONE
-    assert present(given, Presentation.DEVIATION, train) is None
-    assert present(advice(Regime.NONE), Presentation.VECTOR, train) is None
+    assert present(given, Presentation.DEVIATION) is None
+    assert present(advice(Regime.NONE), Presentation.VECTOR) is None
     assert lever_ratio(-1e9, 20.0, train) == -1.0
     assert lever_ratio(-3.5e5, 20.0, train) == pytest.approx(-0.5, rel=0.01)  # 700 kN of both brakes
 
 
 def test_advice_that_is_no_longer_valid_is_not_followed(short: Case) -> None:
-    view = present(advice(Regime.FULL_TRACTION, 3e5), Presentation.VECTOR, short.line.train)
+    view = present(advice(Regime.FULL_TRACTION, 3e5), Presentation.VECTOR)
     cab = cab_of(short.plant.at(100.0, 20.0, 10.5), stop_m=6000.0, advice=view)
     assert cab.shown is None
     assert cab._replace(time_s=9.0).shown is view

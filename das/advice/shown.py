@@ -1,0 +1,68 @@
+"""What a driver reads, decided on board, once: speeds in whole km/h, and efforts on the controller's scale.
+
+Displays, pictures, simulated drivers and the review show these figures as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from das.advice.advice import Coaching
+from das.advice.regimes import TRACTION, Regime
+from das.domain.units import KMH
+
+SPEED_STEP_MPS: Final = 1.0 * KMH
+"""The speeds that a driver reads are whole multiples of this."""
+TARGET_STEP_MPS: Final = 5.0 * KMH
+"""The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
+SAME_READING_MPS: Final = 0.5 * KMH
+"""A speed above the allowed one by no more than this (m/s) reads like it."""
+
+
+def step_below(speed_mps: float) -> float:
+    """The highest speed (m/s) that a display can write and that is not above a speed."""
+    return math.floor(speed_mps / SPEED_STEP_MPS + 1e-9) * SPEED_STEP_MPS
+
+
+def steady_step(speed_mps: float, shown_mps: float, band_ratio: float) -> float:
+    """A speed (m/s) rounded down to a whole step; the step shown stays while the speed is near its middle.
+
+    Near means at most `band_ratio` steps away. `shown_mps` is NaN if no step is shown yet.
+    """
+    away_mps = abs(speed_mps - (shown_mps + 0.5 * SPEED_STEP_MPS))
+    return shown_mps if away_mps <= band_ratio * SPEED_STEP_MPS else step_below(speed_mps)
+
+
+def target_below(speed_mps: float) -> float:
+    """The highest whole step of speeds to reach or to hold (m/s) that is not above a speed."""
+    return math.floor(speed_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
+
+
+def lever_ratio(force_n: float, largest_n: tuple[float, float]) -> float:
+    """A wheel force (N) on the controller's scale (−1 … 1); `largest_n` are what traction and both brakes can give."""
+    traction_n, brakes_n = largest_n
+    most_n = traction_n if force_n >= 0 else brakes_n
+    return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
+
+
+def as_read(coaching: Coaching, largest_n: tuple[float, float]) -> Coaching:
+    """The coach's advice as a driver reads it: rounded speeds, and the effort of the instruction.
+
+    An acceleration keeps its effort up to its speed. A speed to hold has none. `largest_n` are the forces (N) that
+    traction and both brakes can give at the train's speed.
+    """
+    now = coaching.now
+    if now.mode is Regime.CRUISE:
+        shown_ratio = math.nan
+    elif now.mode in TRACTION:
+        shown_ratio = now.effort_ratio
+    else:
+        shown_ratio = lever_ratio(coaching.force_n, largest_n)
+    return replace(
+        coaching,
+        now=replace(now, speed_mps=step_below(now.speed_mps)),
+        following=tuple(replace(one, speed_mps=step_below(one.speed_mps)) for one in coaching.following),
+        lever_ratio=shown_ratio,
+    )
