@@ -214,7 +214,8 @@ class Advice:
     Mode NONE means that advice is withdrawn: `cause` says why, and `reason` has it as a text. In mode DEPART the
     driver waits until the train is cleared: advised speed, force and horizon are those of a standing train, and
     `next_mode`, `departure_speed_mps` and `departure_force_ratio` (a share of the available traction) say how to
-    depart. In every other mode `departure_speed_mps` and `departure_force_ratio` are 0.
+    depart. In every other mode `departure_speed_mps` and `departure_force_ratio` are 0. `replaced_parts` counts what
+    the last word replaced.
     """
 
     time_ns: int
@@ -248,3 +249,4 @@ class Advice:
     coach: Coaching | None = None
     departure_speed_mps: float = 0.0
     departure_force_ratio: float = 0.0
+    replaced_parts: int = 0

@@ -792,6 +792,7 @@ class Advice(_message.Message):
     DEPARTURE_SPEED_MPS_FIELD_NUMBER: _builtins.int
     DEPARTURE_FORCE_RATIO_FIELD_NUMBER: _builtins.int
     REASON_FIELD_NUMBER: _builtins.int
+    REPLACED_PARTS_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     """[ns since 1970, UTC]"""
     tick: _builtins.int
@@ -844,6 +845,8 @@ class Advice(_message.Message):
     """[m/s] with DEPART: the speed to accelerate to when cleared; otherwise 0"""
     departure_force_ratio: _builtins.float
     """[ratio] with DEPART: the share of the available traction to depart with, in next_mode; otherwise 0"""
+    replaced_parts: _builtins.int
+    """[count] of this advice that the last word replaced by something safe"""
     @_builtins.property
     def horizon_speed_mps(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
         """[m/s] at 1 s steps, the first 1 s ahead"""
@@ -893,10 +896,11 @@ class Advice(_message.Message):
         departure_speed_mps: _builtins.float = ...,
         departure_force_ratio: _builtins.float = ...,
         reason: Global___Reason | None = ...,
+        replaced_parts: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["coach", b"coach", "reason", b"reason"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "coach", b"coach", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advised_force_n", b"advised_force_n", "advised_force_ratio", b"advised_force_ratio", "advised_speed_mps", b"advised_speed_mps", "buffer_ratio", b"buffer_ratio", "cause", b"cause", "coach", b"coach", "departure_force_ratio", b"departure_force_ratio", "departure_speed_mps", b"departure_speed_mps", "display_speed_mps", b"display_speed_mps", "energy_to_go_j", b"energy_to_go_j", "four_mode", b"four_mode", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "limit_mps", b"limit_mps", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_four_change_s", b"next_four_change_s", "next_four_mode", b"next_four_mode", "next_mode", b"next_mode", "position_sd_m", b"position_sd_m", "position_time_ns", b"position_time_ns", "predicted_arrival_ns", b"predicted_arrival_ns", "predicted_deviation_s", b"predicted_deviation_s", "reason", b"reason", "reduced_max_speed_mps", b"reduced_max_speed_mps", "replaced_parts", b"replaced_parts", "s_m", b"s_m", "source", b"source", "speed_mps", b"speed_mps", "tick", b"tick", "time_ns", b"time_ns", "valid_until_ns", b"valid_until_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
 from das.advice.braking_model import BrakingBasis
@@ -152,7 +152,7 @@ class LastWords:
             if not is_fresh(self._replaced_ns.get(act.part), advice.time_ns, REPORT_EVERY_S):
                 self._news.append(words_of(act))
             self._replaced_ns[act.part] = advice.time_ns
-        return safe
+        return replace(safe, replaced_parts=len(acts)) if acts else safe
 
     def take_news(self) -> list[str]:
         """The texts about replaced parts since the last call."""

@@ -7,10 +7,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from das.advice.regimes import KIND_OF, InstructionKind
+import numpy as np
+
+from das.advice.advice import Cause
+from das.advice.goal import OVERSPEED_MPS
+from das.advice.regimes import KIND_OF, InstructionKind, Regime
 from das.advice.shown import TARGET_STEP_MPS, step_below
 from das.bus import topics
 from das.bus.recording import Recording
@@ -26,7 +31,13 @@ LEAD_S: Final = 1.9
 COAST_MISSES_MPS: Final = 5.5 * KMH
 """Coasting that ends further than this from its speed has missed it."""
 LEAST_COAST_S: Final = 5.0
-"""Coasting shown for less than this (s) is not judged."""
+"""Coasting is judged only if the train has coasted for at least this long (s), and for half of the time shown."""
+ROLLS_N: Final = 2000.0
+"""A train whose wheel force is smaller than this coasts."""
+PROMISED_S: Final = 8.0
+"""The next change counts as promised once it is announced for no later than this (s)."""
+OBEYED_S, OBEYED_RATIO = 5.0, 0.8
+"""A driver has obeyed if for this long (s) he kept to the speeds shown and braked with this share of the effort."""
 BRIEF_S, GAINS_S = 30.0, 1.0
 """An acceleration that a brake follows within `BRIEF_S` is in vain if it gains less than `GAINS_S` over holding."""
 MOVING_MPS: Final = 0.3
@@ -62,10 +73,15 @@ class InstructionFigures:
     `changes` is the number of changes of kind, `announced` those of them that were announced in time, or that the
     instruction before states itself: holding the speed to which it leads. `brakes` begin after another kind; `led` of
     them were shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
-    `missed_coasts` end far from their speed, `vain_accelerations` soon end in a brake, `odd_speeds` are neither a whole
-    step nor a limit. `shortest_s` is the shortest time for which an instruction stood, where neither it nor the next
-    one is a brake; infinity if there is none. `standing_s` counts the seconds in which a train that stands is told to
-    accelerate.
+    `missed_coasts` end far from their speed though the train coasted, `vain_accelerations` soon end in a brake,
+    `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the shortest time for which an instruction
+    stood, where neither it nor the next one is a brake; infinity if there is none. Of the `promised` changes (announced
+    as the next one, and nearly due) `kept` came at about that time. `standing_s` counts the seconds in which a train
+    that stands is told to accelerate, `above_limit_s` those in which the train of a driver who obeys is faster than the
+    limit by more than 0.5 m/s.
+
+    Of the whole drive: `replaced` counts the parts of advice that the last word replaced; `advised_s` and `silent_s`
+    are the seconds with advice and without. Silence because the driver acts on what the advice cannot know is neither.
     """
 
     instructions: int = 0
@@ -79,6 +95,12 @@ class InstructionFigures:
     odd_speeds: int = 0
     shortest_s: float = math.inf
     standing_s: int = 0
+    promised: int = 0
+    kept: int = 0
+    above_limit_s: int = 0
+    replaced: int = 0
+    advised_s: int = 0
+    silent_s: int = 0
 
     @property
     def against_grammar(self) -> int:
@@ -107,6 +129,10 @@ class InstructionFigures:
             "vain_accelerations": self.vain_accelerations,
             "odd_speeds": self.odd_speeds,
             "standing_acceleration_s": self.standing_s,
+            "promises_kept_ratio": _ratio(self.kept, self.promised),
+            "above_limit_obeying_s": self.above_limit_s,
+            "last_word_acts": self.replaced,
+            "availability_ratio": _ratio(self.advised_s, self.advised_s + self.silent_s),
         }
 
 
@@ -119,33 +145,64 @@ class InstructionWatch:
         self._now: _Told | None = None
         self._at_s = -math.inf
         self._announced: deque[tuple[float, InstructionKind, float]] = deque(maxlen=2 * REMEMBERED)
+        self._coasted_s = self._obeyed_s = 0
+        self._promise: tuple[InstructionKind, float] | None = None
 
     @property
     def found(self) -> InstructionFigures:
         """The figures so far."""
         return InstructionFigures(**self._counts, shortest_s=self._shortest_s)
 
-    def look(self, advice: Any) -> None:
-        """Take in an advice (`Advice`, or its message)."""
+    def look(self, advice: Any, force_n: float) -> None:
+        """Take in an advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
         told, time_s = _told(advice), advice.time_ns * NS
+        self._availability(advice, time_s)
         if told is not None and advice.speed_mps < MOVING_MPS:
             self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
             told = None
         before = self._now if time_s - self._at_s <= GAP_S else None
         self._at_s = time_s
         if told is None:
-            self._now = None
+            self._now = self._promise = None
+            self._obeyed_s = 0
             return
         if before is None or told.seen != before.seen:
             self._changed(before, told, advice)
+        self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
+        self._obeyed_s = self._obeyed_s + 1 if _obeys(told, advice, force_n) else 0
+        too_fast = advice.speed_mps > advice.limit_mps + OVERSPEED_MPS
+        self._counts["above_limit_s"] += too_fast and self._obeyed_s > OBEYED_S
+        self._keep_promise(told, advice.coach.following, time_s)
         for one in advice.coach.following:
             kind = KIND_OF.get(int(one.mode))
             if kind is not None:
                 self._announced.append((time_s, kind, time_s + one.in_s))
 
+    def _availability(self, advice: Any, time_s: float) -> None:
+        """Count the seconds since the last look as advised or silent."""
+        self._counts["replaced"] += int(advice.replaced_parts)
+        if math.isfinite(self._at_s):
+            self._counts["silent_s"] += max(round(time_s - self._at_s) - 1, 0)
+        self._counts["advised_s"] += int(advice.mode) != Regime.NONE
+        self._counts["silent_s"] += int(advice.mode) == Regime.NONE and not Cause(advice.cause).is_quiet
+
+    def _keep_promise(self, told: _Told, following: Sequence[Any], time_s: float) -> None:
+        """Count the announcement of the next change once it is nearly due, and whether that change comes."""
+        if self._promise is not None:
+            promised, due_s = self._promise
+            kept = told.kind is promised and abs(told.due_s - due_s) <= MOVED_S
+            if kept or time_s > due_s + MOVED_S:
+                self._counts["kept"] += kept
+                self._promise = None
+        kind = KIND_OF.get(int(following[0].mode)) if following else None
+        if self._promise is None and kind and kind is not told.kind and following[0].in_s <= PROMISED_S:
+            self._counts["promised"] += 1
+            self._promise = kind, time_s + following[0].in_s
+
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         """Count a new instruction, and judge the one that it replaces."""
-        counts, self._now = self._counts, told
+        counts, self._now, coasted_s = self._counts, told, self._coasted_s
+        self._coasted_s = 0
         counts["instructions"] += 1
         counts["odd_speeds"] += _is_odd(told, advice)
         if before is None:
@@ -159,7 +216,7 @@ class InstructionWatch:
         counts["announced"] += _is_own_end(before, told) or self._was_announced(told)
         counts["brakes"] += told.kind is InstructionKind.BRAKE
         counts["led"] += told.kind is InstructionKind.BRAKE and told.due_s - told.time_s >= LEAD_S
-        counts["missed_coasts"] += _misses(before, told)
+        counts["missed_coasts"] += coasted_s >= LEAST_COAST_S and _misses(before, told, coasted_s)
         counts["vain_accelerations"] += _is_vain(before, told)
 
     def _was_announced(self, told: _Told) -> bool:
@@ -175,8 +232,11 @@ class InstructionWatch:
 def recorded_instructions(recording: Recording) -> InstructionFigures:
     """The figures of a recorded drive, from its messages `advice`."""
     watch = InstructionWatch()
+    truth = recording.columns(topics.TRUTH, "time_ns", "force_el_n", "force_friction_n")
+    forces_n = truth["force_el_n"] + truth["force_friction_n"]
     for entry in recording.of(topics.ADVICE):
-        watch.look(entry.message)
+        at = int(np.searchsorted(truth["time_ns"], entry.message.time_ns, side="right")) - 1
+        watch.look(entry.message, float(forces_n[at]) if at >= 0 else math.nan)
     return watch.found
 
 
@@ -205,9 +265,18 @@ def _is_own_end(before: _Told, told: _Told) -> bool:
     return reached and abs(told.to_mps - before.to_mps) < KMH
 
 
-def _misses(coast: _Told, told: _Told) -> bool:
-    """Whether coasting ended far from its speed, though the same reference went on."""
-    if coast.kind is not InstructionKind.COAST or told.time_s - coast.time_s < LEAST_COAST_S:
+def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
+    """Whether a driver does what is shown, as far as speed and wheel force (N) tell."""
+    if told.kind is InstructionKind.BRAKE:
+        return bool(advice.coach.now.in_s > 0 or force_n <= OBEYED_RATIO * advice.coach.force_n)
+    if told.kind is InstructionKind.COAST:
+        return bool(force_n <= 0 or advice.coach.now.in_s > 0)
+    return force_n <= 0 or told.speed_mps <= told.to_mps + OVERSPEED_MPS
+
+
+def _misses(coast: _Told, told: _Told, coasted_s: int) -> bool:
+    """Whether a train that has coasted (s) ended far from the speed, though the same reference went on."""
+    if coast.kind is not InstructionKind.COAST or coasted_s < 0.5 * (told.time_s - coast.due_s):
         return False
     passed = coast.speed_mps < coast.to_mps < told.speed_mps  # It rolled down a hill.
     replaced = told.reference_ns * NS > coast.time_s

@@ -211,7 +211,7 @@ class World:
         told = [*measured, *around.operators(tick, now_ns, state)]
         advice = self.link.exchange(Tick(tick, now_ns, tuple(told)))
         self._counts = self._counts.plus(advice)
-        self._watches.instructions.look(advice)
+        self._watches.instructions.look(advice, state.force_el_n + state.force_friction_n)
         view = present(
             advice,
             self.presentation,

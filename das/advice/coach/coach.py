@@ -154,7 +154,7 @@ class Coach:
             return None
         ratio = found.now.effort_ratio if found.now.mode in TRACTION else math.nan
         now = Instruction(mode=Regime.DEPART, speed_mps=found.now.speed_mps, effort_ratio=ratio)
-        return replace(found, now=now, force_n=0.0, reference_force_n=0.0)
+        return replace(found, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=0.0)
 
     def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
         """What the instruction does not say: what it is for, and when the train arrives if that is late or early."""

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from das.advice.goal import SPEED_STEP_MPS
 from das.advice.reduced import ReducedSpeed, Staircase
 from das.advice.settings import DEFAULT
+from das.advice.shown import SPEED_STEP_MPS
 from das.domain.units import KMH
 from das.solver.section import Section, build_section
 from tests.support.making import make_route, make_train

@@ -11,6 +11,7 @@ import pytest
 from das.advice.advice import Advice, Coaching, Instruction
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import Regime
+from das.advice.shown import as_read
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Driver, Efforts
@@ -33,7 +34,9 @@ QUICK = HumanParameters(
 
 
 def advice(now: Instruction | None, *, force_n: float = 0.0, **fields: Any) -> Advice:
-    coach = None if now is None else Coaching(now=now, force_n=force_n, **fields)
+    efforts = Efforts.at(20.0, LINE.train)
+    largest_n = efforts.traction_n, efforts.brakes_n
+    coach = None if now is None else as_read(Coaching(now=now, force_n=force_n, **fields), largest_n)
     return Advice(time_ns=0, speed_mps=20.0, mode=Regime.CRUISE, valid_until_ns=3 * 10**9, coach=coach)
 
 
