@@ -88,6 +88,8 @@ class Announcing:
             same = abs(one.target_mps - before.target_mps) < SAME_MPS
             if one.kind is NotchRegime.HOLD and before.kind is NotchRegime.TRACTION and same:
                 continue
+            if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps - SAME_MPS:
+                continue  # The train is slower than the schedule.
             shown = self.announced(schedule, k)
             found.append(replace(shown, way_m=begins_m - s_m, in_s=foreseen.time_s(begins_m)))
         return tuple(found)
@@ -103,15 +105,20 @@ class Announcing:
 
 
 class Foreseen(NamedTuple):
-    """Forecast times (s from now) and positions (m); `as_shown`: the forecast follows the instruction shown."""
+    """Forecast times (s from now), positions (m) and speeds (m/s); `as_shown`: it follows the instruction shown."""
 
     times_s: Floats
     at_m: Floats
+    speeds_mps: Floats
     as_shown: bool
 
     def time_s(self, s_m: float) -> float:
         """When the train reaches a position (s from now)."""
         return float(np.interp(s_m, self.at_m, self.times_s))
+
+    def speed_mps(self, s_m: float) -> float:
+        """The speed at which the train passes a position (m/s)."""
+        return float(np.interp(s_m, self.at_m, self.speeds_mps))
 
 
 def in_time(

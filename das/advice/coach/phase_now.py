@@ -139,12 +139,12 @@ class PhaseNow:
             or (self.back == CREEPS and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, settings.lead.astray_s))
         ):
             self.back = 0
+        if self.back == CREEPS and self._creeps_mps > highest_mps(schedule, number, state.s_m):
+            self.back = 0
         if self.back == CREEPS:
             if v_mps < self._creeps_mps - TARGET_STEP_MPS:
                 self._creeps_mps = self._low_mps(v_mps)
-            return Instruction(
-                mode=Regime.CRUISE, speed_mps=min(self._creeps_mps, highest_mps(schedule, number, state.s_m))
-            )
+            return Instruction(mode=Regime.CRUISE, speed_mps=self._creeps_mps)
         if self.back < 0:
             return coasting(target)
         brakes = self._scene.shown.mode in BRAKES

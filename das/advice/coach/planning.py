@@ -102,7 +102,7 @@ def _later(
 ) -> Scheduled:
     """The schedule for what is wanted that keeps another one for the next `KEPT_S`."""
     times_s, at_m = elapsed_s(kept, forecast, wanted.s_m)
-    number = int(np.searchsorted(times_s, KEPT_S))
+    number = _kept_until(kept, at_m, times_s, settings.showing.lead.coasting_s)
     if number >= len(times_s) - 1:
         return planned(front, replace(wanted, kept=None), settings)
     node, after_s = number + len(kept.section.node_m) - len(times_s), float(times_s[number])
@@ -113,6 +113,16 @@ def _later(
     )  # fmt: skip
     rest = planned(front, later, settings)
     return Scheduled(*_joined(kept, rest.schedule, node, wanted), rest.lambda_w)
+
+
+def _kept_until(kept: Schedule, at_m: np.ndarray, times_s: np.ndarray, shown_s: float) -> int:
+    """The number of the node up to which a schedule is kept: `KEPT_S` from now, or where a phase begins before that.
+
+    A phase that begins within `shown_s` is shown already, and is kept as well.
+    """
+    begins_s = [float(np.interp(kept.begin_m(k), at_m, times_s)) for k in range(1, len(kept.phases))]
+    until_s = min((one for one in begins_s if shown_s < one < KEPT_S), default=KEPT_S)
+    return int(np.searchsorted(times_s, until_s))
 
 
 def _joined(before: Schedule, rest: Schedule, node: int, wanted: Wanted) -> tuple[Schedule, Prospect]:

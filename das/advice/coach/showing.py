@@ -93,7 +93,7 @@ class Showing:
         """What to show of the reference to a driver whose train is in this state."""
         schedule = kept.reference.schedule
         brakes, number = self._begin(schedule, state, place)
-        foreseen = Foreseen(*elapsed_s(schedule, kept.forecast, state.s_m), as_shown=True)
+        foreseen = _foreseen(schedule, kept, state)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
         scene = PhaseScene(brakes, self._shown, foreseen.time_s(phase_ends_m), self._notices)
         planned = self._phase.instruction(schedule, number, state, place, scene)
@@ -215,7 +215,8 @@ class Showing:
         self._brakes = ShownBrakes(section, self._settings)
         creeps = Instruction(mode=Regime.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
         now = self._brakes.safe(creeps, state, state.v_mps)
-        foreseen = Foreseen(np.full(2, LONG_S), np.array([state.s_m, section.end_m]), as_shown=False)
+        ends_m, speeds_mps = np.array([state.s_m, section.end_m]), np.full(2, creeps.speed_mps)
+        foreseen = Foreseen(np.full(2, LONG_S), ends_m, speeds_mps, as_shown=False)
         following = in_time((), now, self._brakes, state, foreseen)
         return now, following, self._brakes.force_n(now, state)
 
@@ -270,7 +271,8 @@ class Showing:
             braked = False  # It can wait until it has been announced.
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
-        above = too_high or (lower and wanted.mode is shown.mode is Regime.COAST)
+        coasts_on = lower and wanted.mode is shown.mode is Regime.COAST
+        above = too_high or (coasts_on and state.v_mps < shown.speed_mps + self._settings.above_mps)
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
         released = reached and shown.speed_mps > SAME_MPS
@@ -310,6 +312,14 @@ class Showing:
         if shown.mode is Regime.FRICTION_BRAKE:
             return wanted.mode is not Regime.FRICTION_BRAKE
         return wanted.effort_ratio > self._settings.effort.eased_ratio * shown.effort_ratio
+
+
+def _foreseen(schedule: Schedule, kept: Kept, state: TrainState) -> Foreseen:
+    """The forecast of a reference from the train's position on."""
+    times_s, at_m = elapsed_s(schedule, kept.forecast, state.s_m)
+    speeds_mps = kept.forecast.speeds_mps[-len(at_m) :].copy()
+    speeds_mps[0] = state.v_mps
+    return Foreseen(times_s, at_m, speeds_mps, as_shown=True)
 
 
 def _reaches(wanted: Instruction, shown: Instruction) -> bool:

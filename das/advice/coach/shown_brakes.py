@@ -149,6 +149,8 @@ class ShownBrakes:
             return wanted
         if -rolls_mps2 * COASTS_IN_S < excess:
             return Instruction(mode=Regime.CRUISE, speed_mps=limit_mps)
+        if wanted.mode is Regime.COAST and wanted.speed_mps <= limit_mps:
+            return wanted
         return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
 
     def safe(self, wanted: Instruction, state: TrainState, known_mps: float, *, begun: bool = True) -> Instruction:

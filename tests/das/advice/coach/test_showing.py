@@ -249,7 +249,7 @@ def test_a_brake_that_has_begun_too_soon_is_not_announced_again(display: Shown) 
     )
     schedule = raw.settled(0.0, 0.0)[0]
     brakes, state = ShownBrakes(schedule.section, SETTINGS), TrainState(0, 3200.0, 30.0)
-    foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), as_shown=True)
+    foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), np.array([28.0, 28.0]), as_shown=True)
     announced = Announcing(SETTINGS.ahead).following(schedule, 0, state.s_m, foreseen)
     assert [one.mode for one in announced] == [Regime.REDUCED_BRAKE, Regime.COAST]
     dues_s = [(schedule.begin_m(number) - state.s_m) / 28.0 for number in (1, 2)]
@@ -265,7 +265,7 @@ def test_what_follows_a_brake_that_no_limit_asks_for_waits_for_its_speed_as_well
     brakes = ShownBrakes(here, SETTINGS)
     now = brakes.back_to(20.0, 1.0)
     announced = (Instruction(mode=Regime.COAST, speed_mps=20.0, effort_ratio=0.0, way_m=2.0, in_s=0.1),)
-    foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), as_shown=True)
+    foreseen = Foreseen(np.array([0.0, 100.0]), np.array([3200.0, 6000.0]), np.array([28.0, 28.0]), as_shown=True)
     lasts_s, lasts_m = brakes.lasts(now, state)
     for freely in (False, True):
         (first,) = in_time(announced, now, brakes, state, foreseen, freely=freely)
