@@ -21,6 +21,7 @@ from das.advice.shown import lever_ratio, steady_step, step_below
 from das.advice.shown_safely import FourModes, braked_enough, kept_behind
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
+from das.solver.kernels.forces import brake_limit
 from das.solver.solution import Fit
 
 
@@ -144,7 +145,7 @@ class Display:
         """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
         state, here, planner, _, coach = scene
         train, v_mps = planner.section.train, state.v_mps
-        _, available_n = planner.section.largest_n(v_mps)
+        available_n = float(brake_limit(max(v_mps, 0.1), train, train.friction_force_n))
         slowed_n = planner.section.resistance_n(state.s_m, v_mps)
         most_n = max(min(available_n, train.max_deceleration_mps2 * train.inertial_mass_kg - slowed_n), 0.0)
         self._show(Regime.FRICTION_BRAKE if train.friction_force_n > 0 else Regime.FULL_BRAKE, state.now_ns)
@@ -166,7 +167,7 @@ class Display:
             reduced_max_speed_mps=top_mps if top_mps <= allowed else 0.0,
             advised_speed_mps=min(v_mps, allowed),
             advised_force_n=-most_n,
-            advised_force_ratio=lever_ratio(-most_n, (0.0, available_n)),
+            advised_force_ratio=lever_ratio(-most_n, planner.section.largest_n(v_mps)),
             horizon_speed_mps=tuple(np.minimum(speeds, np.minimum(there, allowed)).tolist()),
             horizon_force_n=tuple(np.where(speeds > np.minimum(there, allowed), -most_n, 0.0).tolist()),
             next_mode=Regime.STOP,

@@ -809,7 +809,7 @@ class Advice(_message.Message):
     advised_force_n: _builtins.float
     """[N] wheel force of motors and friction brake together"""
     advised_force_ratio: _builtins.float
-    """[ratio] of what is available in that direction, −1 … 1"""
+    """[ratio] on the controller's scale: of traction, or of all brakes, −1 … 1"""
     next_mode: Global___Mode.ValueType
     next_change_m: _builtins.float
     """[m] way to the next change of mode"""

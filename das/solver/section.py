@@ -120,9 +120,9 @@ class Section(LineProfile):
         return float(running_n + self.constant_n[interval])
 
     def largest_n(self, v_mps: float) -> tuple[float, float]:
-        """The largest forces (N) at a speed: traction, and the electric and friction brake together."""
-        v = max(v_mps, 0.1)
-        return float(traction_limit(v, self.train)), float(brake_limit(v, self.train, self.train.friction_force_n))
+        """The largest forces (N) at a speed: traction, and all brakes of the train, used by the plan or not."""
+        v, train = max(v_mps, 0.1), self.train
+        return float(traction_limit(v, train)), float(brake_limit(v, train, self.vehicle.friction_brake_force_n))
 
     def finished_s(self, time_s: float, s_m: float, v_mps: float) -> float:
         """A kernel's trip time (s) from a state; raises InfeasibleError if the train does not reach the end."""

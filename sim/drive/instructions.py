@@ -255,8 +255,8 @@ def _told(advice: Any) -> _Told | None:
 def _is_odd(told: _Told, advice: Any) -> bool:
     """Whether the speed of an instruction is neither a whole step, nor the limit here, nor the one that it is for."""
     steps = round(told.to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
-    known = steps, step_below(advice.limit_mps), step_below(advice.coach.reason.speed_mps)
-    return not any(abs(told.to_mps - one) < 0.5 * KMH for one in known)
+    known = steps, advice.limit_mps, advice.coach.reason.speed_mps
+    return not any(abs(told.to_mps - step_below(one)) < 0.5 * KMH for one in known if math.isfinite(one))
 
 
 def _is_own_end(before: _Told, told: _Told) -> bool:

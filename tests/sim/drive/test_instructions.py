@@ -18,7 +18,9 @@ def told(mode: Regime, kmh: float, in_s: float = 0.0) -> Instruction:
     return Instruction(mode=mode, speed_mps=kmh * KMH, effort_ratio=EFFORTS[mode], in_s=in_s)
 
 
-def found(*spells: tuple[Instruction, int, float], announce: bool = True, replan_s: int = -1) -> InstructionFigures:
+def found(
+    *spells: tuple[Instruction, int, float], announce: bool = True, replan_s: int = -1, force_n: float = 0.0
+) -> InstructionFigures:
     """The figures of instructions that stand for a number of seconds at a speed (km/h); each announces the next."""
     watch, now_s, s_m = InstructionWatch(), 100, 0.0
     for k, (one, lasts_s, kmh) in enumerate(spells):
@@ -27,9 +29,15 @@ def found(*spells: tuple[Instruction, int, float], announce: bool = True, replan
             due = replace(one, in_s=max(one.in_s - (lasts_s - left_s), 0.0))
             coach = Coaching(now=due, following=tuple(after), replan=Replan(time_ns=round(replan_s / NS)))
             s_m += kmh * KMH
-            watch.look(
-                Advice(time_ns=round(now_s / NS), s_m=s_m, speed_mps=kmh * KMH, limit_mps=200.0 * KMH, coach=coach)
+            advice = Advice(
+                time_ns=round(now_s / NS),
+                mode=one.mode,
+                s_m=s_m,
+                speed_mps=kmh * KMH,
+                limit_mps=200.0 * KMH,
+                coach=coach,
             )
+            watch.look(advice, force_n)
             now_s += 1
     return watch.found
 
@@ -85,7 +93,7 @@ def test_speeds_are_steps_of_5_or_limits_and_a_standing_train_is_not_told_to_acc
 
 def test_without_a_coach_there_is_nothing_to_measure() -> None:
     watch = InstructionWatch()
-    watch.look(Advice(time_ns=0, speed_mps=20.0))
+    watch.look(Advice(time_ns=0, speed_mps=20.0), 0.0)
     assert watch.found == InstructionFigures()
     assert watch.found.rows() == []
     assert watch.found.as_dict()["announced_ratio"] is None

@@ -10,7 +10,6 @@ from das.advice.wording import Language
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import Hands, LaneState, Presenter, Shown
-from sim.plant.kernels import TrainNumbers
 
 LIGHTS: Final = {Regime.COAST: "amber", Regime.FULL_BRAKE: "red"}
 
@@ -24,7 +23,7 @@ class TrafficLightPresenter(Presenter):
     says_effort = False
     lane = LaneState("a light", "#123456")
 
-    def show(self, blank: AdviceView, advice: Any, train: TrainNumbers, deviation_s: float) -> AdviceView | None:
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
         return replace(blank, mode=int(advice.four_mode))
 
     def read(self, view: AdviceView) -> Shown:
