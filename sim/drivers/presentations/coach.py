@@ -64,7 +64,7 @@ class CoachPresenter(Presenter):
     def item(self, view: AdviceView) -> tuple[int, ...]:
         return (
             view.mode,
-            round(view.display_speed_mps / KMH),
+            round(view.speed_mps / KMH),
             _effort_steps(view) if view.mode != Regime.CRUISE else 0,
         )
 

@@ -94,6 +94,6 @@ def test_speeds_are_steps_of_5_or_limits_and_a_standing_train_is_not_told_to_acc
 def test_without_a_coach_there_is_nothing_to_measure() -> None:
     watch = InstructionWatch()
     watch.look(Advice(time_ns=0, speed_mps=20.0), 0.0)
-    assert watch.found == InstructionFigures()
+    assert watch.found == InstructionFigures(silent_s=1)
     assert watch.found.rows() == []
     assert watch.found.as_dict()["announced_ratio"] is None

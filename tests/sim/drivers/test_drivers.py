@@ -298,6 +298,7 @@ def advice(mode: Regime, force_n: float = 0.0, speed_mps: float = 20.0) -> Advic
         mode=mode,
         advised_speed_mps=speed_mps,
         advised_force_n=force_n,
+        advised_force_ratio=force_n / float(RE460.traction_effort_n(20.0)),
         horizon_speed_mps=(20.5,) * 30,
         horizon_force_n=(force_n,) * 30,
         next_mode=Regime.REDUCED_BRAKE,
