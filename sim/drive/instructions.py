@@ -115,6 +115,7 @@ class InstructionFigures:
             ("coach's changes announced in time", f"{self.announced} of {self.changes}"),
             ("  brakes shown 2 s before they were due", f"{self.led} of {self.brakes}"),
             ("  instructions against the grammar", f"{self.against_grammar} of {self.instructions}"),
+            ("  announced changes that came", f"{self.kept} of {self.promised}"),
         ]
 
     def as_dict(self) -> dict[str, Any]:

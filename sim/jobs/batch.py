@@ -203,6 +203,7 @@ COUNTS = (
     "advices_above_limit",
     "reversals",
     *("instructions", "missed_coasts", "vain_accelerations", "odd_speeds", "standing_acceleration_s"),
+    *("above_limit_obeying_s", "last_word_acts"),
     "signals_passed",
     "simulated_s",
 )
@@ -215,7 +216,7 @@ FIGURES = (
     *(f"{name}_ratio" for name in SHARES),
     *("potential_kwh", "ledger_residual_ratio", "beyond_signal_m", "over_limit_s", "over_limit_kmh"),
     *("advice_changes_per_min", "shortest_mode_s", "shortest_instruction_s"),
-    *("announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
+    *("announced_ratio", "brakes_led_ratio", "effort_changes_per_brake", "promises_kept_ratio", "availability_ratio"),
 )
 
 

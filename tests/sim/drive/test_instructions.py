@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from das.advice.advice import Advice, Coaching, Instruction, Replan
+import pytest
+
+from das.advice.advice import Advice, Cause, Coaching, Instruction, Replan
 from das.advice.regimes import Regime
 from das.domain.units import KMH, NS
 from sim.drive.instructions import InstructionFigures, InstructionWatch
@@ -73,6 +75,8 @@ def test_coasting_must_end_near_its_speed_unless_its_reference_ended() -> None:
     assert found(*spells).missed_coasts == 1
     assert found(*spells, replan_s=110).missed_coasts == 0
     assert found((told(C, 90), 20, 100.0), (told(H, 90), 20, 91.0)).missed_coasts == 0
+    assert found(*spells, force_n=5e4).missed_coasts == 0, "its driver did not coast"
+    assert found((told(C, 60), 20, 100.0), (told(B, 80), 20, 95.0)).missed_coasts == 0, "a limit interrupts it"
 
 
 def test_an_acceleration_that_gains_nothing_before_a_brake_is_vain() -> None:
@@ -89,6 +93,30 @@ def test_speeds_are_steps_of_5_or_limits_and_a_standing_train_is_not_told_to_acc
     standing = found((told(T, 40), 9, 0.0))
     assert (standing.standing_s, standing.instructions) == (9, 0)
     assert standing.against_grammar == 9
+
+
+def test_an_announced_change_that_comes_is_kept_and_another_is_not() -> None:
+    kept = found((told(H, 100), 20, 100.0), (told(C, 80), 20, 90.0))
+    assert (kept.promised, kept.kept) == (1, 1)
+    # Coasting is announced for 20 s from now, and never comes.
+    broken = found((told(H, 100), 20, 100.0), (told(C, 80), 0, 90.0), (told(H, 100), 40, 100.0))
+    assert (broken.promised, broken.kept) == (1, 0)
+
+
+@pytest.mark.parametrize(("force_n", "over_s"), [(0.0, 15), (5e4, 0)])
+def test_a_train_above_the_limit_counts_only_if_its_driver_does_what_is_shown(force_n: float, over_s: int) -> None:
+    assert found((told(C, 80), 20, 210.0), force_n=force_n).above_limit_s == over_s
+
+
+def test_seconds_without_advice_are_silent_unless_the_driver_acts_on_what_it_cannot_know() -> None:
+    watch = InstructionWatch()
+    for second, cause in enumerate((Cause.NONE, Cause.NO_PLAN, Cause.DRIVER_BRAKES, Cause.NONE)):
+        mode = Regime.NONE if cause else Regime.CRUISE
+        late_s = 2 if second == 3 else 0  # Two messages are lost.
+        advice = Advice(time_ns=round((second + late_s) / NS), mode=mode, cause=cause, replaced_parts=second)
+        watch.look(advice, 0.0)
+    assert (watch.found.advised_s, watch.found.silent_s, watch.found.replaced) == (2, 3, 6)
+    assert watch.found.as_dict()["availability_ratio"] == 0.4
 
 
 def test_without_a_coach_there_is_nothing_to_measure() -> None:
