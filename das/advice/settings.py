@@ -131,6 +131,9 @@ class StopSettings:
     """Closer to the end of the section than this, nothing is planned any more: the train is to stop."""
     at_stop_m: float = 50.0
     """A standing train within this distance of a stop is at the stop. A train further beyond has run past it."""
+    short_m: float = 15.0
+    """A train that stood further than this before its stop and moves on is taken to move up to it, whatever the time:
+    it is shown nothing until it is there."""
     lost_beyond_m: float = 500.0
     """A train further beyond the end of the section than this is not on the section at all."""
     deviations: float = 2.0

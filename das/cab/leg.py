@@ -64,6 +64,7 @@ class Leg:
         self._settings = settings
         self._arrived_ns: int | None = None
         self._reached_m = -math.inf
+        self._stood_short = False
 
     @property
     def section(self) -> Section:
@@ -79,6 +80,7 @@ class Leg:
             departure_ns=goal.departure_ns,
             is_timed=goal.due_ns > 0,
             refusal=refusal,
+            stood_short=self._stood_short,
         )
 
     def use(self, basis: PlanBasis) -> None:
@@ -113,6 +115,13 @@ class Leg:
     def see(self, here: Estimate) -> None:
         """Take over the state of the train."""
         self.here = here if here.usable else None
+        if self.here is None:
+            return
+        short_m = self.section.start_m - here.s_m
+        if here.speed_mps < STANDSTILL_MPS:
+            self._stood_short = short_m > self._settings.stop.short_m
+        elif short_m < self._settings.stop.standstill_m:
+            self._stood_short = False
 
     def refresh_goal(self) -> None:
         """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""

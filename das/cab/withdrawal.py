@@ -50,6 +50,7 @@ class LegFacts:
     """The facts of the leg on which the decision rests.
 
     They are its two ends (m), its departure (ns since 1970), whether it has a timetable, and why it cannot be driven.
+    `stood_short`: the train has stood clearly short of the stop where the leg begins, and has not reached it yet.
     """
 
     start_m: float
@@ -57,6 +58,7 @@ class LegFacts:
     departure_ns: int
     is_timed: bool = True
     refusal: str = ""
+    stood_short: bool = False
 
 
 def decide(
@@ -117,7 +119,7 @@ def _of_leg(here: Estimate, leg: LegFacts, stop: StopSettings) -> Withdrawal | N
     if not leg.start_m - stop.at_stop_m <= here.s_m <= leg.end_m + stop.lost_beyond_m:
         return Withdrawal(Cause.OUTSIDE_SECTION, position_m=here.s_m, section_m=(leg.start_m, leg.end_m))
     creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < leg.start_m - stop.standstill_m
-    if creeps and here.time_ns < leg.departure_ns:
+    if creeps and (leg.stood_short or here.time_ns < leg.departure_ns):
         return Withdrawal(Cause.MOVING_UP)
     if here.s_m - leg.end_m > stop.at_stop_m:
         return Withdrawal(Cause.PAST_STOP, position_m=here.s_m - leg.end_m)

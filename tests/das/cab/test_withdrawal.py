@@ -72,6 +72,15 @@ def test_every_cause_follows_from_its_facts_and_has_words(cause: Cause) -> None:
     assert wording.withdrawal(found)
 
 
+def test_a_late_train_that_stood_clearly_short_of_its_stop_is_moving_up_until_it_is_there() -> None:
+    late = replace(LEG, departure_ns=-200, stood_short=True)
+    found = decide(replace(HERE, s_m=-20.0), Trust(), late)
+    assert found is not None
+    assert found.cause is Cause.MOVING_UP
+    assert decide(replace(HERE, s_m=-20.0), Trust(), replace(late, stood_short=False)) is None
+    assert decide(replace(HERE, s_m=5.0), Trust(), late) is None
+
+
 def test_the_first_cause_in_the_order_of_their_numbers_decides() -> None:
     causes = [cause for cause in Cause if cause is not Cause.NONE]
     for i, first in enumerate(causes):
