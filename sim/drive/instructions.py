@@ -279,10 +279,11 @@ def _misses(coast: _Told, told: _Told, coasted_s: int) -> bool:
     """Whether a train that has coasted (s) ended far from the speed, though the same reference went on."""
     if coast.kind is not InstructionKind.COAST or coasted_s < 0.5 * (told.time_s - coast.due_s):
         return False
-    if told.kind is InstructionKind.BRAKE and told.to_mps > coast.to_mps:
-        return False  # A limit on the way interrupts it.
-    passed = coast.speed_mps < coast.to_mps < told.speed_mps  # It rolled down a hill.
     replaced = told.reference_ns * NS > coast.time_s
+    if told.kind is InstructionKind.BRAKE:
+        interrupted = told.to_mps > coast.to_mps  # By a limit on the way.
+        return not (interrupted or replaced) and told.speed_mps > coast.to_mps + COAST_MISSES_MPS
+    passed = coast.speed_mps < coast.to_mps < told.speed_mps  # It rolled down a hill.
     return not (passed or replaced) and abs(told.speed_mps - coast.to_mps) > COAST_MISSES_MPS
 
 

@@ -13,6 +13,7 @@ from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, Sp
 from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, TARGET_STEP_MPS, target_below
+from das.solver.few_switch.as_run import BRIEF_S, GAINS_S
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
@@ -45,6 +46,7 @@ class PhaseNow:
         self._settings = settings
         self._scene: PhaseScene
         self._share, self._reached_mps, self._creeps_mps = 1.0, 0.0, 0.0
+        self._is_slower, self._held_mps = False, 0.0
         self.back = 0
         """How the train returns to the schedule: > 0 by accelerating, < 0 as a deviation says, 0: it need not."""
         self.creeping_soon: Instruction | None = None
@@ -53,6 +55,7 @@ class PhaseNow:
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
         self.back, self._reached_mps = 0, 0.0
+        self._is_slower, self._held_mps = False, 0.0
 
     def instruction(
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
@@ -61,17 +64,41 @@ class PhaseNow:
         self._scene, self.creeping_soon = scene, None
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number), place.limit_mps)
+        if state.s_m < schedule.begin_m(number) and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+            target = min(target, float(schedule.section.limit_mps[one.begin]))
         highest = highest_mps(schedule, number, state.s_m)
         if target > highest + SAME_READING_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             target = target_below(highest)
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
-            return coasting(target)
+            self._is_slower |= self._coasts_away(schedule, number, state, target)
+            return self._holding(schedule, state, target) if self._is_slower else coasting(target)
         if self._accelerates(one, v_mps, target):
+            if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
+                self._held_mps = max(target_below(v_mps), schedule.phases[number + 1].target_mps)
+            if self._held_mps > 0.0:
+                return self._holding(schedule, state, min(self._held_mps, target))
             self._share = one.share
             return traction(one.share, target)
         return self._holding(schedule, state, target)
+
+    def _coasts_away(self, schedule: Schedule, number: int, state: TrainState, target: float) -> bool:
+        """Whether a train is slower than the coasting is to end, and would coast on away from that speed.
+
+        Before a brake that does not matter: the driver then brakes less.
+        """
+        lowest = min(target, schedule.phases[number].target_mps) - self._settings.reached_mps
+        if state.v_mps >= lowest or schedule.kind_after(number) in (NotchRegime.BRAKE, None):
+            return False
+        return self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps) < 0.0
+
+    def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
+        """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
+        left_s, way_m = self._scene.left_s, schedule.begin_m(number + 1) - state.s_m
+        if self._scene.shown.mode in TRACTION or schedule.kind_after(number) is not NotchRegime.BRAKE:
+            return False
+        return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < GAINS_S
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
         """Whether the train still has to accelerate to the speed of a phase; once reached, the speed is held."""

@@ -143,7 +143,7 @@ class Showing:
         wanted = brakes.safe(under, state, known_mps, begun=self._brake_begun)
         if brakes.stands_at_mark(self._shown, state):
             return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
-        brakes_again = number + 1 < len(schedule.phases) and schedule.phases[number + 1].kind is NotchRegime.BRAKE
+        brakes_again = schedule.kind_after(number) is NotchRegime.BRAKE
         ends_mps = float(
             np.interp(schedule.begin_m(number + 1), schedule.section.node_m, schedule.section.envelope_mps)
         )
