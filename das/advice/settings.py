@@ -86,7 +86,7 @@ class DisplaySettings:
     """The reason says that a point is passed too late if it is passed at least this long after its window."""
     four: FourModeSettings = field(default_factory=FourModeSettings)
     speed_band_ratio: float = 0.75
-    """The displayed speed changes when the advised speed differs from it by more than this share of a step."""
+    """A displayed speed changes when the true one is further than this share of a step from the middle of its step."""
     least_for_buffer_s: float = 10.0
     """With less driving time left than this, no buffer ratio is given: it would no longer mean anything."""
 

@@ -27,14 +27,12 @@ def step_below(speed_mps: float) -> float:
 
 
 def steady_step(speed_mps: float, shown_mps: float, band_ratio: float) -> float:
-    """The whole step nearest to a speed (m/s) that changes all the time; the step shown stays while it is near enough.
+    """A speed (m/s) that changes all the time, rounded down to a whole step; a step shown stays while it is near.
 
-    Near means at most `band_ratio` steps away. `shown_mps` is NaN if no step is shown yet. Rounded down, the speed of
-    every second would make drivers too slow: over 24 days, they were 27 ± 7 s later and used 10 ± 4 % more.
+    It is near if its middle is at most `band_ratio` steps from the speed. `shown_mps` is NaN if no step is shown yet.
     """
-    if abs(speed_mps - shown_mps) <= band_ratio * SPEED_STEP_MPS:
-        return shown_mps
-    return round(speed_mps / SPEED_STEP_MPS) * SPEED_STEP_MPS
+    away_mps = abs(speed_mps - (shown_mps + 0.5 * SPEED_STEP_MPS))
+    return shown_mps if away_mps <= band_ratio * SPEED_STEP_MPS else step_below(speed_mps)
 
 
 def target_below(speed_mps: float) -> float:

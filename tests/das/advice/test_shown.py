@@ -32,7 +32,7 @@ def test_a_speed_that_changes_all_the_time_is_shown_steadily_and_near(speeds_mps
     shown_mps = math.nan
     for speed_mps in speeds_mps:
         shown_mps = steady_step(speed_mps, shown_mps, 0.75)
-        assert abs(shown_mps - speed_mps) <= 0.75 * KMH + 1e-9
+        assert -0.25 * KMH - 1e-9 <= speed_mps - shown_mps <= 1.25 * KMH + 1e-9
 
 
 def test_the_effort_is_the_instructions_own_or_that_of_its_force() -> None:
