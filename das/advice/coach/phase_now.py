@@ -46,7 +46,7 @@ class PhaseNow:
         self._settings = settings
         self._scene: PhaseScene
         self._share, self._reached_mps, self._creeps_mps = 1.0, 0.0, 0.0
-        self._is_slower, self._held_mps = False, 0.0
+        self._held_mps = 0.0
         self.back = 0
         """How the train returns to the schedule: > 0 by accelerating, < 0 as a deviation says, 0: it need not."""
         self.creeping_soon: Instruction | None = None
@@ -55,7 +55,7 @@ class PhaseNow:
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
         self.back, self._reached_mps = 0, 0.0
-        self._is_slower, self._held_mps = False, 0.0
+        self._held_mps = 0.0
 
     def instruction(
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
@@ -72,8 +72,7 @@ class PhaseNow:
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
-            self._is_slower |= self._coasts_away(schedule, number, state, target)
-            return self._holding(schedule, state, target) if self._is_slower else coasting(target)
+            return coasting(target)
         if self._accelerates(one, v_mps, target):
             if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
                 self._held_mps = max(target_below(v_mps), schedule.phases[number + 1].target_mps)
@@ -82,16 +81,6 @@ class PhaseNow:
             self._share = one.share
             return traction(one.share, target)
         return self._holding(schedule, state, target)
-
-    def _coasts_away(self, schedule: Schedule, number: int, state: TrainState, target: float) -> bool:
-        """Whether a train is slower than the coasting is to end, and would coast on away from that speed.
-
-        Before a brake that does not matter: the driver then brakes less.
-        """
-        lowest = min(target, schedule.phases[number].target_mps) - self._settings.reached_mps
-        if state.v_mps >= lowest or schedule.kind_after(number) in (NotchRegime.BRAKE, None):
-            return False
-        return self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps) < 0.0
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
