@@ -831,7 +831,7 @@ class Advice(_message.Message):
     position_sd_m: _builtins.float
     """[m] one standard deviation of s_m"""
     display_speed_mps: _builtins.float
-    """[m/s] for displays that show less, as what follows: advised_speed_mps in whole km/h, held within a band, never above what is allowed"""
+    """[m/s] for displays that show less, as what follows: advised_speed_mps in whole km/h, rounded down, held within a band, never above what is allowed"""
     reduced_max_speed_mps: _builtins.float
     """[m/s] the top speed to show: keeps the time (judged every 30 s), within what is ahead"""
     four_mode: Global___Mode.ValueType
