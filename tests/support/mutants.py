@@ -141,7 +141,7 @@ MUTANTS = [
         "das/advice/display.py",
         f"{BRAKES} tests/property/test_advice_property.py",
         ("the advised speed is the plan's", "advised = min(place.speed_mps, allowed)", "advised = place.speed_mps"),
-        ("the display rounds up", "min(nearest_step(advised_mps), step_below(allowed_mps))", "nearest_step(advised_mps)"),
+        ("the display rounds up", "min(steady_mps, step_below(allowed_mps))", "steady_mps"),
         ("brakes wait for the hold", "urgent = EFFORT_ORDER.index(wanted) > EFFORT_ORDER.index(self._mode)", "urgent = EFFORT_ORDER.index(wanted) < EFFORT_ORDER.index(self._mode)"),
     ),
     *_of(
@@ -160,9 +160,9 @@ MUTANTS = [
         "das/advice/last_word.py",
         LAST,
         ("infinite figures pass", "if math.isinf(getattr(self._advice, name))", "if math.isnan(getattr(self._advice, name)) and False"),
-        ("speeds pass", "if not shown_mps <= self._bound_mps + SHOWN_MPS:", "if not shown_mps <= self._bound_mps + 20.0:"),
+        ("speeds pass", "if not shown_mps <= self._bound_mps + SAME_READING_MPS:", "if not shown_mps <= self._bound_mps + 20.0:"),
         ("the reference force is not looked at", "for force_n in {coach.force_n, coach.reference_force_n}:", "for force_n in {coach.force_n}:"),
-        ("announcements pass", "if one.speed_mps > limit_mps + SHOWN_MPS:", "if one.speed_mps > limit_mps + 20.0:"),
+        ("announcements pass", "if one.speed_mps > limit_mps + SAME_READING_MPS:", "if one.speed_mps > limit_mps + 20.0:"),
         ("four modes are trusted", "if advice.four_mode in (Regime.NONE, *_STANDS):", "if True:"),
     ),
     *_of(
