@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from das.advice.advice import Advice, Coaching, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
@@ -36,6 +36,14 @@ class NoPlanError(DasError):
     """No plan finishes the section from the state of the train."""
 
 
+@dataclass
+class _Progress:
+    """How far the train has come (m), and whether it has stood clearly short of the stop where its leg begins."""
+
+    reached_m: float = -math.inf
+    stood_short: bool = False
+
+
 class Leg:
     """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state.
 
@@ -63,8 +71,7 @@ class Leg:
         """The last state of the train on this leg; None if that one cannot be used."""
         self._settings = settings
         self._arrived_ns: int | None = None
-        self._reached_m = -math.inf
-        self._stood_short = False
+        self._progress = _Progress()
 
     @property
     def section(self) -> Section:
@@ -80,7 +87,7 @@ class Leg:
             departure_ns=goal.departure_ns,
             is_timed=goal.due_ns > 0,
             refusal=refusal,
-            stood_short=self._stood_short,
+            stood_short=self._progress.stood_short,
         )
 
     def use(self, basis: PlanBasis) -> None:
@@ -119,15 +126,15 @@ class Leg:
             return
         short_m = self.section.start_m - here.s_m
         if here.speed_mps < STANDSTILL_MPS:
-            self._stood_short = short_m > self._settings.stop.short_m
+            self._progress.stood_short = short_m > self._settings.stop.short_m
         elif short_m < self._settings.stop.standstill_m:
-            self._stood_short = False
+            self._progress.stood_short = False
 
     def refresh_goal(self) -> None:
         """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""
         if self.here is not None:
-            self._reached_m = self.here.s_m
-        passing = next((point for point in self.points if point.s_m > self._reached_m), None)
+            self._progress.reached_m = self.here.s_m
+        passing = next((point for point in self.points if point.s_m > self._progress.reached_m), None)
         before = self.goal
         if self.arrival_ns == before.target_ns and passing == before.passing:
             return

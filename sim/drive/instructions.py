@@ -67,6 +67,33 @@ class _Told(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RelianceFigures:
+    """How far a driver can rely on the coach.
+
+    Of the `promised` changes (announced as the next one, and nearly due) `kept` came at about that time.
+    `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
+    `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds with advice
+    and without; silence because the driver acts on what the advice cannot know is neither.
+    """
+
+    promised: int = 0
+    kept: int = 0
+    above_limit_s: int = 0
+    replaced: int = 0
+    advised_s: int = 0
+    silent_s: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """The measures for JSON and tables; None for a measure without a value."""
+        return {
+            "promises_kept_ratio": _ratio(self.kept, self.promised),
+            "above_limit_obeying_s": self.above_limit_s,
+            "last_word_acts": self.replaced,
+            "availability_ratio": _ratio(self.advised_s, self.advised_s + self.silent_s),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
 class InstructionFigures:
     """Counts of the coach's instructions for a moving train.
 
@@ -75,13 +102,8 @@ class InstructionFigures:
     them were shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
     `missed_coasts` end far from their speed though the train coasted, `vain_accelerations` soon end in a brake,
     `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the shortest time for which an instruction
-    stood, where neither it nor the next one is a brake; infinity if there is none. Of the `promised` changes (announced
-    as the next one, and nearly due) `kept` came at about that time. `standing_s` counts the seconds in which a train
-    that stands is told to accelerate, `above_limit_s` those in which the train of a driver who obeys is faster than the
-    limit by more than 0.5 m/s.
-
-    Of the whole drive: `replaced` counts the parts of advice that the last word replaced; `advised_s` and `silent_s`
-    are the seconds with advice and without. Silence because the driver acts on what the advice cannot know is neither.
+    stood, where neither it nor the next one is a brake; infinity if there is none. `standing_s` counts the seconds in
+    which a train that stands is told to accelerate.
     """
 
     instructions: int = 0
@@ -95,12 +117,7 @@ class InstructionFigures:
     odd_speeds: int = 0
     shortest_s: float = math.inf
     standing_s: int = 0
-    promised: int = 0
-    kept: int = 0
-    above_limit_s: int = 0
-    replaced: int = 0
-    advised_s: int = 0
-    silent_s: int = 0
+    reliance: RelianceFigures = RelianceFigures()
 
     @property
     def against_grammar(self) -> int:
@@ -115,7 +132,7 @@ class InstructionFigures:
             ("coach's changes announced in time", f"{self.announced} of {self.changes}"),
             ("  brakes shown 2 s before they were due", f"{self.led} of {self.brakes}"),
             ("  instructions against the grammar", f"{self.against_grammar} of {self.instructions}"),
-            ("  announced changes that came", f"{self.kept} of {self.promised}"),
+            ("  announced changes that came", f"{self.reliance.kept} of {self.reliance.promised}"),
         ]
 
     def as_dict(self) -> dict[str, Any]:
@@ -130,56 +147,37 @@ class InstructionFigures:
             "vain_accelerations": self.vain_accelerations,
             "odd_speeds": self.odd_speeds,
             "standing_acceleration_s": self.standing_s,
-            "promises_kept_ratio": _ratio(self.kept, self.promised),
-            "above_limit_obeying_s": self.above_limit_s,
-            "last_word_acts": self.replaced,
-            "availability_ratio": _ratio(self.advised_s, self.advised_s + self.silent_s),
+            **self.reliance.as_dict(),
         }
 
 
-class InstructionWatch:
-    """Looks at every advice of a run, once a second; call `look` in the order of time."""
+class _RelianceWatch:
+    """Looks at every advice of a run for what a driver relies on."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
-        self._shortest_s = math.inf
-        self._now: _Told | None = None
-        self._at_s = -math.inf
-        self._announced: deque[tuple[float, InstructionKind, float]] = deque(maxlen=2 * REMEMBERED)
-        self._coasted_s = self._obeyed_s = 0
+        self._at_s, self._obeyed_s = -math.inf, 0
         self._promise: tuple[InstructionKind, float] | None = None
 
     @property
-    def found(self) -> InstructionFigures:
+    def found(self) -> RelianceFigures:
         """The figures so far."""
-        return InstructionFigures(**self._counts, shortest_s=self._shortest_s)
+        return RelianceFigures(**self._counts)
 
-    def look(self, advice: Any, force_n: float) -> None:
-        """Take in an advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
-        told, time_s = _told(advice), advice.time_ns * NS
-        self._availability(advice, time_s)
-        if told is not None and advice.speed_mps < MOVING_MPS:
-            self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
-            told = None
-        before = self._now if time_s - self._at_s <= GAP_S else None
+    def look(self, told: _Told | None, advice: Any, force_n: float) -> None:
+        """Take in an advice, the instruction in it for a moving train, and the wheel force (N)."""
+        time_s = advice.time_ns * NS
+        self._count_time(advice, time_s)
         self._at_s = time_s
         if told is None:
-            self._now = self._promise = None
-            self._obeyed_s = 0
+            self._promise, self._obeyed_s = None, 0
             return
-        if before is None or told.seen != before.seen:
-            self._changed(before, told, advice)
-        self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
         self._obeyed_s = self._obeyed_s + 1 if _obeys(told, advice, force_n) else 0
         too_fast = advice.speed_mps > advice.limit_mps + OVERSPEED_MPS
         self._counts["above_limit_s"] += too_fast and self._obeyed_s > OBEYED_S
         self._keep_promise(told, advice.coach.following, time_s)
-        for one in advice.coach.following:
-            kind = KIND_OF.get(int(one.mode))
-            if kind is not None:
-                self._announced.append((time_s, kind, time_s + one.in_s))
 
-    def _availability(self, advice: Any, time_s: float) -> None:
+    def _count_time(self, advice: Any, time_s: float) -> None:
         """Count the seconds since the last look as advised or silent."""
         self._counts["replaced"] += int(advice.replaced_parts)
         if math.isfinite(self._at_s):
@@ -199,6 +197,44 @@ class InstructionWatch:
         if self._promise is None and kind and kind is not told.kind and following[0].in_s <= PROMISED_S:
             self._counts["promised"] += 1
             self._promise = kind, time_s + following[0].in_s
+
+
+class InstructionWatch:
+    """Looks at every advice of a run, once a second; call `look` in the order of time."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._shortest_s = math.inf
+        self._now: _Told | None = None
+        self._at_s = -math.inf
+        self._announced: deque[tuple[float, InstructionKind, float]] = deque(maxlen=2 * REMEMBERED)
+        self._coasted_s = 0
+        self._reliance = _RelianceWatch()
+
+    @property
+    def found(self) -> InstructionFigures:
+        """The figures so far."""
+        return InstructionFigures(**self._counts, shortest_s=self._shortest_s, reliance=self._reliance.found)
+
+    def look(self, advice: Any, force_n: float) -> None:
+        """Take in an advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
+        told, time_s = _told(advice), advice.time_ns * NS
+        if told is not None and advice.speed_mps < MOVING_MPS:
+            self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
+            told = None
+        before = self._now if time_s - self._at_s <= GAP_S else None
+        self._at_s = time_s
+        self._reliance.look(told, advice, force_n)
+        if told is None:
+            self._now = None
+            return
+        if before is None or told.seen != before.seen:
+            self._changed(before, told, advice)
+        self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
+        for one in advice.coach.following:
+            kind = KIND_OF.get(int(one.mode))
+            if kind is not None:
+                self._announced.append((time_s, kind, time_s + one.in_s))
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         """Count a new instruction, and judge the one that it replaces."""

@@ -10,7 +10,7 @@ import pytest
 from das.advice.advice import Advice, Cause, Coaching, Instruction, Replan
 from das.advice.regimes import Regime
 from das.domain.units import KMH, NS
-from sim.drive.instructions import InstructionFigures, InstructionWatch
+from sim.drive.instructions import InstructionFigures, InstructionWatch, RelianceFigures
 
 T, H, C, B = Regime.FULL_TRACTION, Regime.CRUISE, Regime.COAST, Regime.REDUCED_BRAKE
 EFFORTS = {T: 1.0, H: math.nan, C: 0.0, B: -0.6}
@@ -97,15 +97,15 @@ def test_speeds_are_steps_of_5_or_limits_and_a_standing_train_is_not_told_to_acc
 
 def test_an_announced_change_that_comes_is_kept_and_another_is_not() -> None:
     kept = found((told(H, 100), 20, 100.0), (told(C, 80), 20, 90.0))
-    assert (kept.promised, kept.kept) == (1, 1)
+    assert (kept.reliance.promised, kept.reliance.kept) == (1, 1)
     # Coasting is announced for 20 s from now, and never comes.
     broken = found((told(H, 100), 20, 100.0), (told(C, 80), 0, 90.0), (told(H, 100), 40, 100.0))
-    assert (broken.promised, broken.kept) == (1, 0)
+    assert (broken.reliance.promised, broken.reliance.kept) == (1, 0)
 
 
 @pytest.mark.parametrize(("force_n", "over_s"), [(0.0, 15), (5e4, 0)])
 def test_a_train_above_the_limit_counts_only_if_its_driver_does_what_is_shown(force_n: float, over_s: int) -> None:
-    assert found((told(C, 80), 20, 210.0), force_n=force_n).above_limit_s == over_s
+    assert found((told(C, 80), 20, 210.0), force_n=force_n).reliance.above_limit_s == over_s
 
 
 def test_seconds_without_advice_are_silent_unless_the_driver_acts_on_what_it_cannot_know() -> None:
@@ -115,13 +115,13 @@ def test_seconds_without_advice_are_silent_unless_the_driver_acts_on_what_it_can
         late_s = 2 if second == 3 else 0  # Two messages are lost.
         advice = Advice(time_ns=round((second + late_s) / NS), mode=mode, cause=cause, replaced_parts=second)
         watch.look(advice, 0.0)
-    assert (watch.found.advised_s, watch.found.silent_s, watch.found.replaced) == (2, 3, 6)
+    assert watch.found.reliance == RelianceFigures(advised_s=2, silent_s=3, replaced=6)
     assert watch.found.as_dict()["availability_ratio"] == 0.4
 
 
 def test_without_a_coach_there_is_nothing_to_measure() -> None:
     watch = InstructionWatch()
     watch.look(Advice(time_ns=0, speed_mps=20.0), 0.0)
-    assert watch.found == InstructionFigures(silent_s=1)
+    assert watch.found == InstructionFigures(reliance=RelianceFigures(silent_s=1))
     assert watch.found.rows() == []
     assert watch.found.as_dict()["announced_ratio"] is None
