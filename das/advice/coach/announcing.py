@@ -27,8 +27,6 @@ SAME_CHANGE_S = 10.0
 """Two announcements of one kind that are due within this time (s) of each other announce the same change."""
 DUE_S = 2.0
 """An announcement that ends this long (s) before it is due, or less, has not been dropped: its change comes now."""
-FALLS_IN_S = 5.0
-"""Coasting downhill ends at a limit by holding it, unless the train must slow down within this time (s) from there."""
 LEAST_RISE_S = 8.0
 """An acceleration behind a limit is announced unless its phase ends within this time (s) of it."""
 ROLLS_SOONER = 0.97
@@ -150,10 +148,6 @@ def in_time(
         begins_m, brake, after = min(begins_m, before_m), following[0], following[1:]
     else:
         brake = brakes.brake_at(begins_m, speeds_mps) if begins_m < before_m - BEGUN_M else None
-        held_mps = ahead.allowed_mps(begins_m)
-        holds = ahead.allowed_mps(begins_m + FALLS_IN_S * v_mps) > held_mps - SAME_MPS
-        if brake is not None and now.mode is Regime.COAST and holds:
-            brake = Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
         after, foreseen = following[:1], foreseen._replace(as_shown=False)
     if brake is None:
         return following

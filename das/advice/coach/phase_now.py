@@ -27,14 +27,13 @@ coasting takes too long (`BRAKES_BACK`)."""
 class PhaseScene(NamedTuple):
     """What the instruction of a phase depends on besides the train.
 
-    That is the brakes of the section, the instruction shown now, the time left in the phase (s), the speed at which the
-    phase is forecast to end (m/s), and what has been announced.
+    That is the brakes of the section, the instruction shown now, the time left in the phase (s), and what has been
+    announced.
     """
 
     brakes: ShownBrakes
     shown: Instruction
     left_s: float
-    ends_mps: float
     notices: Notices
 
 
@@ -45,7 +44,7 @@ class PhaseNow:
         self._settings = settings
         self._scene: PhaseScene
         self._share, self._reached_mps, self._creeps_mps = 1.0, 0.0, 0.0
-        self._held_mps, self._rolls = 0.0, False
+        self._held_mps = 0.0
         self.back = 0
         """How the train returns to the schedule: > 0 by accelerating, < 0 as a deviation says, 0: it need not."""
         self.creeping_soon: Instruction | None = None
@@ -54,7 +53,7 @@ class PhaseNow:
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
         self.back, self._reached_mps = 0, 0.0
-        self._held_mps, self._rolls = 0.0, False
+        self._held_mps = 0.0
 
     def instruction(
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
@@ -71,8 +70,7 @@ class PhaseNow:
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
-            self._rolls |= scene.ends_mps > max(v_mps - SAME_MPS, target + self._settings.above_mps)
-            return coasting(place.limit_mps if self._rolls else target)
+            return coasting(target)
         if self._accelerates(one, v_mps, target):
             if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
                 self._held_mps = max(target_below(v_mps), schedule.phases[number + 1].target_mps)
