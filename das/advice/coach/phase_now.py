@@ -43,8 +43,7 @@ class PhaseNow:
     def __init__(self, settings: ShowingSettings) -> None:
         self._settings = settings
         self._scene: PhaseScene
-        self._share, self._reached_mps, self._creeps_mps = 1.0, 0.0, 0.0
-        self._held_mps = 0.0
+        self._share, self._reached_mps, self._creeps_mps, self._held_mps = 1.0, 0.0, 0.0, 0.0
         self.back = 0
         """How the train returns to the schedule: > 0 by accelerating, < 0 as a deviation says, 0: it need not."""
         self.creeping_soon: Instruction | None = None
@@ -52,8 +51,7 @@ class PhaseNow:
 
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
-        self.back, self._reached_mps = 0, 0.0
-        self._held_mps = 0.0
+        self.back, self._reached_mps, self._held_mps = 0, 0.0, 0.0
 
     def instruction(
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
