@@ -27,12 +27,13 @@ coasting takes too long (`BRAKES_BACK`)."""
 class PhaseScene(NamedTuple):
     """What the instruction of a phase depends on besides the train.
 
-    That is the brakes of the section, the instruction shown now, the time left in the phase (s), and what has been
-    announced.
+    That is the brakes of the section, the instruction shown now, and whether it is a brake that is due already; the time
+    left in the phase (s); and what has been announced.
     """
 
     brakes: ShownBrakes
     shown: Instruction
+    brake_begun: bool
     left_s: float
     notices: Notices
 
@@ -160,10 +161,8 @@ class PhaseNow:
             return Instruction(mode=Regime.CRUISE, speed_mps=self._creeps_mps)
         if self.back < 0:
             return coasting(target)
-        brakes = self._scene.shown.mode in BRAKES
-        return self._scene.brakes.shown(
-            self._scene.brakes.needed(schedule, number, state, target, brakes=brakes), state
-        )
+        brakes, begun = self._scene.brakes, self._scene.brake_begun
+        return brakes.shown(brakes.needed(schedule, number, state, target, begun=begun), state)
 
     def _has_said_creeping(self, state: TrainState) -> bool:
         """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""

@@ -189,13 +189,13 @@ class ShownBrakes:
         to_mps = min(wanted.speed_mps, passes_mps if coasts else needed.target_mps)
         return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
-    def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, brakes: bool) -> NeededBrake:
+    def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, begun: bool) -> NeededBrake:
         """The braking that a phase needs to reach the speed `target` at its end.
 
-        It is computed from the start of the phase, or from here if the train is beyond it or `brakes` already. Before a
-        brake is first shown, the build-up of the brakes is allowed for.
+        It is computed from the start of the phase, or from here if the train is beyond it or the brake has `begun`. Before
+        a brake is first shown, the build-up of the brakes is allowed for.
         """
-        end_m, begin_m = schedule.begin_m(number + 1), state.braked_m if brakes else schedule.begin_m(number)
+        end_m, begin_m = schedule.begin_m(number + 1), state.braked_m if begun else schedule.begin_m(number)
         from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
         if braking is not None and end_m not in self._efforts:
             build_up_m = state.v_mps * 0.5 * braking.build_up_s
@@ -229,9 +229,11 @@ class ShownBrakes:
         if kept is not None and (self._ends(needed, v_mps) or self._nearly_enough(kept, needed, state)):
             shown = kept
         elif kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
-            less = needed.effort < kept * (1.0 - settings.less_ratio)
+            # What is eased must be enough for a driver who answers late, or it would have to grow again.
+            eased = max(shown, self._grown(needed, 0.0, state)) if slows else shown
+            less = (eased if slows else needed.effort) < kept * (1.0 - settings.less_ratio)
             ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
-            shown = shown if less and not ends_soon else kept
+            shown = eased if less and not ends_soon else kept
         elif kept is not None or slows:
             shown = max(shown, self._grown(needed, kept or 0.0, state))
         self._efforts[needed.at_m] = shown
