@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from das.advice.advice import Cause, Withdrawal
 from das.advice.reason import Reason, ReasonCode
-from das.advice.regimes import Regime, mode_name
+from das.advice.regimes import KIND_OF, InstructionKind, Regime, mode_name
 from das.domain.units import KM, KMH, NS
 from das.estimate.estimate import Problem, ProblemKind
 
@@ -97,6 +97,7 @@ class _Words(NamedTuple):
     """
 
     modes: Mapping[Regime, str]
+    kinds: Mapping[InstructionKind, str]
     reasons: Mapping[ReasonCode, str]
     at_stop: str
     on_time: str
@@ -110,6 +111,12 @@ class _Words(NamedTuple):
 _WORDS: Final[Mapping[Language, _Words]] = {
     Language.EN: _Words(
         modes={**{mode: mode_name(mode) for mode in Regime}, Regime.DEPART: "depart when cleared"},
+        kinds={
+            InstructionKind.TRACTION: "accelerate",
+            InstructionKind.HOLD: "hold",
+            InstructionKind.COAST: "coast",
+            InstructionKind.BRAKE: "brake",
+        },
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
@@ -152,6 +159,12 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             Regime.STOP: "Halt",
             Regime.DEPART: "nach Zustimmung abfahren",
         },
+        kinds={
+            InstructionKind.TRACTION: "beschleunigen",
+            InstructionKind.HOLD: "halten",
+            InstructionKind.COAST: "ausrollen",
+            InstructionKind.BRAKE: "bremsen",
+        },
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
@@ -193,6 +206,12 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             Regime.FRICTION_BRAKE: "frein à air",
             Regime.STOP: "arrêt",
             Regime.DEPART: "départ après assentiment",
+        },
+        kinds={
+            InstructionKind.TRACTION: "accélérer",
+            InstructionKind.HOLD: "maintenir",
+            InstructionKind.COAST: "marche sur l'erre",
+            InstructionKind.BRAKE: "freiner",
         },
         reasons={
             ReasonCode.NONE: "",
@@ -266,6 +285,12 @@ def deviation(late_s: float, language: Language = Language.EN) -> str:
 def mode_words(mode: Regime, language: Language = Language.EN) -> str:
     """What a display shows for a driving mode."""
     return _WORDS[language].modes[mode]
+
+
+def instruction_words(mode: Regime, language: Language = Language.EN) -> str:
+    """What a display of the coach shows for a mode: the verb of the instruction; its effort stands beside it."""
+    kind = KIND_OF.get(mode)
+    return mode_words(mode, language) if kind is None else _WORDS[language].kinds[kind]
 
 
 def top_speed(speed: str, language: Language = Language.EN) -> str:

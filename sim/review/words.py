@@ -150,13 +150,15 @@ def _of_cab(cab: Any, said: DisplayWords) -> str:
     head = NO_ADVICE if view is None else f"## {presenter_of(view.presentation).headline(view, said.language)}"
     rows = [("limit", speed_words(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
     if view is not None:
+        shows = presenter_of(view.presentation)
         rows[:0] = [
             ("effort advised", _share(view.lever_ratio)),
-            ("next", _next(view.next_mode, view.next_change_s, said.language)),
+            ("next", _next(shows.mode_words(view.next_mode, said.language), view.next_change_s)),
             ("why", wording.words(view.reason, *said)),
         ]
     if view is not None and view.mode == Regime.DEPART:
-        how = _departure(view.next_mode, view.next_speed_mps, view.next_effort_ratio, said.language)
+        name = presenter_of(view.presentation).mode_words(view.next_mode, said.language) if view.next_mode else ""
+        how = _departure(name, view.next_speed_mps, view.next_effort_ratio)
         rows[:2] = [("when cleared", how)]
         rows.append(("display", view.presentation.value))
     if math.isfinite(cab.signal_m) and cab.signal_m > 0:
@@ -170,11 +172,12 @@ def _of_advice(advice: Any, said: DisplayWords) -> str:
     language = said.language
     rows = [
         ("effort advised", _share(advice.advised_force_ratio)),
-        ("next", _next(advice.next_mode, advice.next_change_s, language)),
+        ("next", _next(mode_words(advice.next_mode, language), advice.next_change_s)),
         ("limit", speed_words(advice.limit_mps)),
     ]
     if advice.mode == Regime.DEPART:
-        how = _departure(advice.next_mode, advice.departure_speed_mps, advice.departure_force_ratio, language)
+        name = mode_words(advice.next_mode, language) if advice.next_mode else ""
+        how = _departure(name, advice.departure_speed_mps, advice.departure_force_ratio)
         return _text(f"## {mode_words(advice.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
     head = mode_words(advice.mode, language)
     return _text(f"## {head}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
@@ -184,15 +187,13 @@ def _share(ratio: float) -> str:
     return f"{ratio / PERCENT:+.0f} %" if math.isfinite(ratio) else ""
 
 
-def _next(number: int, in_s: float, language: Language) -> str:
-    name = mode_words(number, language)
+def _next(name: str, in_s: float) -> str:
     return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
 
 
-def _departure(number: int, speed_mps: float, ratio: float, language: Language) -> str:
+def _departure(name: str, speed_mps: float, ratio: float) -> str:
     """How to depart: mode, speed and effort, as far as the display shows them."""
-    parts = mode_words(number, language), speed_words(speed_mps), _share(ratio)
-    return ", ".join(filter(None, parts)) if number else ""
+    return ", ".join(filter(None, (name, speed_words(speed_mps), _share(ratio)))) if name else ""
 
 
 def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:

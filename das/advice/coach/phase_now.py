@@ -11,7 +11,7 @@ from das.advice.coach.announcing import Notices, aim_mps, traction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
 from das.advice.goal import TrainState
-from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
+from das.advice.regimes import TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, TARGET_STEP_MPS, target_below
 from das.solver.few_switch.as_run import BRIEF_S, GAINS_S
 from das.solver.few_switch.few_switch import NotchRegime
@@ -27,8 +27,8 @@ coasting takes too long (`BRAKES_BACK`)."""
 class PhaseScene(NamedTuple):
     """What the instruction of a phase depends on besides the train.
 
-    That is the brakes of the section, the instruction shown now, and whether it is a brake that is due already; the time
-    left in the phase (s); and what has been announced.
+    That is the brakes of the section, the instruction shown now, whether it is a brake that is due already, the time
+    left in the phase (s), and what has been announced.
     """
 
     brakes: ShownBrakes

@@ -103,6 +103,9 @@ class EffortShowingSettings:
     less_ratio: float = 0.4
     """Less effort is shown only if the effort needed is lower than the one shown by more than this share. More effort
     is shown at once."""
+    changed_ratio: float = 0.15
+    """Less effort is shown only if it is less than the one shown by this share: it must also be enough for a driver who
+    answers late."""
     eased_ratio: float = 0.5
     """If less than this share of the effort shown is needed, less is shown at once: the train would stop short."""
     beyond_mark_m: float = 3.0

@@ -192,8 +192,8 @@ class ShownBrakes:
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, begun: bool) -> NeededBrake:
         """The braking that a phase needs to reach the speed `target` at its end.
 
-        It is computed from the start of the phase, or from here if the train is beyond it or the brake has `begun`. Before
-        a brake is first shown, the build-up of the brakes is allowed for.
+        It is computed from the start of the phase, or from here if the train is beyond it or the brake has `begun`.
+        Before a brake is first shown, the build-up of the brakes is allowed for.
         """
         end_m, begin_m = schedule.begin_m(number + 1), state.braked_m if begun else schedule.begin_m(number)
         from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
@@ -231,7 +231,7 @@ class ShownBrakes:
         elif kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
             # What is eased must be enough for a driver who answers late, or it would have to grow again.
             eased = max(shown, self._grown(needed, 0.0, state)) if slows else shown
-            less = (eased if slows else needed.effort) < kept * (1.0 - settings.less_ratio)
+            less = needed.effort < kept * (1.0 - settings.less_ratio) and eased < kept * (1.0 - settings.changed_ratio)
             ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
             shown = eased if less and not ends_soon else kept
         elif kept is not None or slows:

@@ -6,9 +6,11 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
+from das.advice import wording
 from das.advice.advice import Instruction
 from das.advice.reason import Reason
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
+from das.advice.wording import Language
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.knowledge import Outlook
@@ -67,6 +69,9 @@ class CoachPresenter(Presenter):
             round(view.speed_mps / KMH),
             _effort_steps(view) if view.mode != Regime.CRUISE else 0,
         )
+
+    def mode_words(self, number: int, language: Language = Language.EN) -> str:
+        return wording.instruction_words(known_mode(number), language)
 
     def follower(self) -> CoachFollower:
         return CoachFollower()

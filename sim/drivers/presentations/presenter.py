@@ -148,10 +148,14 @@ class Presenter(ABC):
         """The driver who does exactly what the display says; None for most displays, which say too little."""
         return None
 
+    def mode_words(self, number: int, language: Language = Language.EN) -> str:
+        """What the display shows for the mode with a number of the bus; empty for an unknown number."""
+        return mode_words(number, language)
+
     def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
         """The largest words of the display: mode and speed, or what it shows instead."""
         speed = "" if view.mode in (Regime.STOP, Regime.DEPART) else speed_words(view.shown_speed_mps)
-        return ", ".join(filter(None, (mode_words(view.mode, language), speed)))
+        return ", ".join(filter(None, (self.mode_words(view.mode, language), speed)))
 
 
 @cache

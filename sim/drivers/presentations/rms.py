@@ -11,7 +11,7 @@ from das.advice.regimes import Regime
 from das.advice.wording import Language
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView
-from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, SpeedIs, mode_words, speed_words, whole
+from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, SpeedIs, speed_words, whole
 
 
 class RmsPresenter(Presenter):
@@ -40,7 +40,7 @@ class RmsPresenter(Presenter):
     def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
         if view.mode == Regime.STOP:
             return super().headline(view, language)
-        departs = f"{mode_words(view.mode, language)}, " if view.mode == Regime.DEPART else ""
+        departs = f"{self.mode_words(view.mode, language)}, " if view.mode == Regime.DEPART else ""
         return departs + wording.top_speed(speed_words(view.shown_speed_mps), language)
 
 

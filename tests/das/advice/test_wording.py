@@ -9,8 +9,8 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from das.advice.reason import NO_REASON, Reason, ReasonCode
-from das.advice.regimes import Regime
-from das.advice.wording import Language, deviation, mode_words, top_speed, words
+from das.advice.regimes import KIND_OF, InstructionKind, Regime
+from das.advice.wording import Language, deviation, instruction_words, mode_words, top_speed, words
 from das.domain.units import KMH
 
 DE, EN, FR = Language.DE, Language.EN, Language.FR
@@ -51,6 +51,7 @@ def test_the_words_of_the_languages_differ(code: ReasonCode) -> None:
 def test_every_mode_has_words_of_its_own_in_every_language(language: Language) -> None:
     assert len({mode_words(mode, language) for mode in Regime}) == len(Regime)
     assert all(mode_words(mode, language) for mode in Regime)
+    assert len({instruction_words(mode, language) for mode in KIND_OF}) == len(InstructionKind)
     assert "80 km/h" in top_speed("80 km/h", language)
 
 

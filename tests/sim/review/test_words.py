@@ -84,7 +84,7 @@ def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
     said = DisplayWords(Language.DE, ZoneInfo("Europe/Zurich"))
     coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
     assert coach.startswith("## ausrollen, 72 km/h")
-    assert "| next | elektrisch voll bremsen in 8 s |" in coach
+    assert "| next | bremsen in 8 s |" in coach
     assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in coach
     assert top.startswith("## Höchstgeschwindigkeit 72 km/h")
 
@@ -100,7 +100,7 @@ def test_what_the_driver_saw_of_how_to_depart() -> None:
     recording = recorded(cab(0, presentation=4, display_speed_mps=25.0, **to_depart), cab(1, **top_speed))
     coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording)))
     assert coach.startswith("## depart when cleared\n")
-    assert "| when cleared | full traction, 90 km/h, +100 % |" in coach
+    assert "| when cleared | accelerate, 90 km/h, +100 % |" in coach
     assert "effort advised" not in coach
     assert top.startswith("## depart when cleared, top speed 90 km/h")
 
