@@ -136,8 +136,8 @@ def _altitude(section: Section, s_m: Any) -> Any:
 LEGEND = {
     "buffer": "time above the least possible",
     "input": "net energy at the current collector = lost + stored",
-    "lost": "what never comes back: resistance, component losses, friction brake, brake resistors",
-    "stored": "energy of speed and height gained from start to end; below 0, the train used up that much of its own",
+    "lost": "what never comes back",
+    "stored": "gained as speed and height, negative where they were used up",
     "saved": "energy below that of the first row",
     "λ": "price of time, what one second less would cost",
     "gap": "how far the energy can be above the least, at most; – where that is not proven",
