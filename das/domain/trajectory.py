@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,20 @@ from numpy.typing import NDArray
 from das.domain.formulary import mean_davis_resistance_n
 from das.domain.levels import Level
 from das.domain.losses import LossModel
-from das.domain.units import STANDARD_GRAVITY_MPS2
+from das.domain.units import STANDARD_GRAVITY_MPS2, kwh
 from das.domain.vehicle import Resistance, Vehicle
 
 Floats = NDArray[np.float64]
+
+PART_WORDS: Final = {
+    "resistance": "running resistance",
+    "component_loss": "component losses and auxiliaries",
+    "friction_brake": "friction brake",
+    "unreturned": "brake resistors",
+    "kinetic": "speed gained",
+    "potential": "height gained",
+}
+"""The parts that sum to the input of an energy balance, in the words of every table."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +46,16 @@ class EnergyBalance:
     comfort: float
 
     @property
+    def parts(self) -> dict[str, float]:
+        """The parts of the input by their names in `PART_WORDS` (J)."""
+        return {name: float(getattr(self, name)) for name in PART_WORDS}
+
+    @property
+    def stored(self) -> float:
+        """What the train holds more at the end than at the start, as speed and height (J): input − irreversible."""
+        return self.kinetic + self.potential
+
+    @property
     def irreversible(self) -> float:
         """The irreversible energy E_IC of the paper (J): neither stored in the train nor fed back."""
         return self.resistance + self.component_loss + self.friction_brake + self.unreturned
@@ -44,10 +65,14 @@ class EnergyBalance:
         terms = {f"{name}_j": value for name, value in vars(self).items()}
         return {**terms, "irreversible_j": self.irreversible}
 
+    def as_kwh(self) -> dict[str, float]:
+        """Every term by its name, in kWh."""
+        return {name: kwh(value) for name, value in vars(self).items()}
+
     @property
     def residual_ratio(self) -> float:
         """How far the energy balance is from closing, relative to its largest term."""
-        difference = self.input - self.irreversible - self.kinetic - self.potential
+        difference = self.input - sum(self.parts.values())
         scale = max(abs(self.input), self.resistance, abs(self.potential), abs(self.kinetic), 1.0)
         return abs(difference) / scale
 

@@ -36,7 +36,7 @@ LEGEND = (
     "median, least, most: of all rounds of the figure, in its unit.",
     "baseline: the median of the alternative that the figure is compared with; both are measured in turns.",
     "× better: how many times better than the baseline; below 1 it is worse.",
-    "roof %: the share of what memory and arithmetic of this machine allow.",
+    "of best %: the share of what its arithmetic alone would allow (verify: its hashes); –: no such bound is known.",
 )
 
 
@@ -121,19 +121,20 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
         warm_up()
         by_name = figures_by_name()
     with busy("measuring the machine …"):
+        one_thread = Roofline.measured()
         reference = Reference(
             section=section,
             front=solve_front(section),
             workload=Workload.of(section),
             effort=QUICK if quick else FULL,
             threads=threads,
-            one_thread=Roofline.measured(1),
-            all_threads=Roofline.measured(threads),
+            one_thread=one_thread,
+            all_threads=one_thread.of_threads(threads),
         )
     figures = [figure for name in shown(wanted) for figure in by_name[name](reference)]
     return {
         "machine": machine(),
-        "rooflines": [asdict(roofline) for roofline in (reference.one_thread, reference.all_threads)],
+        "roofline": asdict(one_thread),
         "figures": [figure.as_json() for figure in figures],
     }
 
@@ -154,14 +155,9 @@ def _print(result: dict[str, Any]) -> None:
     for figure in result["figures"]:
         _print_wrapped(f"{figure['name']}: {figure['what']}; baseline: {figure['baseline']}", "  ")
     print()
-    for roofline in result["rooflines"]:
-        _print_wrapped(
-            f"{roofline['threads']} thread(s): {roofline['flops'] / GIGA:.0f} GFlop/s in vectors, "
-            f"{roofline['divisions_ps'] / GIGA:.2f} G divisions/s, "
-            f"{roofline['vector_divisions_ps'] / GIGA:.2f} G/s in vectors, "
-            f"copying {roofline['copy_bps'] / GIGA:.1f} GB/s, fresh memory {roofline['fresh_bps'] / GIGA:.1f} GB/s",
-            "  ",
-        )
+    best = result["roofline"]
+    rates = f"{best['flops'] / GIGA:.0f} GFlop/s, {best['divisions_ps'] / GIGA:.2f} G divisions/s"
+    _print_wrapped(f"one thread at best: {rates}", "  ")
 
 
 def _table(figures: list[dict[str, Any]]) -> Table:
@@ -173,7 +169,7 @@ def _table(figures: list[dict[str, Any]]) -> Table:
     for name in ("median", "least", "most"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    for name in ("base-\nline", "×\nbetter", "roof %"):
+    for name in ("base-\nline", "×\nbetter", "of\nbest %"):
         table.add_column(name, justify="right", no_wrap=True)
     for figure in figures:
         table.add_row(
@@ -182,7 +178,7 @@ def _table(figures: list[dict[str, Any]]) -> Table:
             figure["unit"],
             _number(figure["baseline_value"]),
             _number(figure["ratio"]),
-            _number(100 * figure["bound_ratio"]),
+            "–" if figure["bound_ratio"] is None else _number(100 * figure["bound_ratio"]),
         )
     return table
 

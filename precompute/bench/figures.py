@@ -1,4 +1,4 @@
-"""The figures of the bench, each beside its baseline and its roofline."""
+"""The figures of the bench, each beside its baseline and, where one is known, its bound."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.units import KM, KMH
 from das.solver.front import Front
-from das.solver.kernels.landings import LANDINGS
 from das.solver.kernels.transitions import transitions
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import BLOCK_NODES, PACKED_ABOVE_BYTES, STATE_BYTES, DecisionGrid, Transitions, solve_front
@@ -22,18 +21,13 @@ from das.solver.tolerances import LADDER_SIZE
 from precompute.bench.measuring import Figure, Roofline, Subject, Times, in_turns, peak_bytes_of, timed
 from precompute.bench.plain import bisected, numpy_sweep, plain_front, plain_transitions
 from precompute.exact.front import solve_exact
-from precompute.exact.passes import BYTES_PER_LABEL, BYTES_PER_OPEN_LABEL
 from precompute.tables.synthetic import made_up_line
 
-DIVISIONS_PER_TRANSITION = 4
-"""Divisions and roots in vectors for a transition, counted in das/solver/kernels/transitions.py: 1 for its cost, 1 for
-its place on the grid, and its share of the four landing speeds of its state, each found in four steps of 2."""
-DIVISIONS_PER_LANDING_TRIED = 5
-"""Divisions for each landing that a roll-out tries: step_cost has 3 to 4, locate has 1."""
-POLISHED_LANDINGS = 12
-"""Landings that the golden section of a roll-out tries in each step, beyond the landings of the sweep."""
+DIVISIONS_PER_TRANSITION = 2
+"""Divisions that each transition has to itself, in das/solver/kernels/transitions.py: 1 for its cost, 1 for its place
+on the grid. Those that find the landing speeds of a state, and those of landings that are left out, come on top."""
 FLOP_PER_RELAXATION = 6
-"""Operations of a relaxation: three multiply-adds (kernels.backward_sweep)."""
+"""Operations of a relaxation: three multiply-adds (das/solver/kernels/sweep.py)."""
 MILLION, MEGA = 1e6, 1e6
 BUFFERS = (0.005, 0.3)
 """The trajectories that are timed have buffers from the first to the second value, as shares of the least time."""
@@ -45,7 +39,7 @@ VEHICLE = "re460-ic"
 EXACT_ROUTE, EXACT_LEVEL = "flat-6km", Level.L1
 SHORT_KM = 30.0
 """Fronts of lines up to this length are solved in many rounds, fronts of longer lines in few."""
-FRONT_BOUND = "its divisions and its vector arithmetic, or its result written to fresh memory"
+FRONT_BOUND = "the divisions of its transitions and the arithmetic of its sweep"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +113,8 @@ class Workload:
         return self.relaxations * FLOP_PER_RELAXATION
 
     def least_s(self, roofline: Roofline) -> float:
-        """Least time of the front: its arithmetic, or writing its result to fresh memory."""
-        return roofline.least_s(vector_divisions=self.divisions, flop=self.flop, fresh_bytes=self.result_bytes)
+        """Least time of the front: that of arithmetic which every front of this size does."""
+        return roofline.least_s(divisions=self.divisions, flop=self.flop)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -210,7 +204,7 @@ def transition_rate(reference: Reference) -> list[Figure]:
             )
 
     times = in_turns(lambda: fill(transitions), lambda: fill(plain_transitions), rounds=reference.effort.rounds)
-    least_s = reference.one_thread.least_s(vector_divisions=load.divisions)
+    least_s = reference.one_thread.least_s(divisions=load.divisions)
     return [
         times.figure(
             Subject(
@@ -218,7 +212,7 @@ def transition_rate(reference: Reference) -> list[Figure]:
                 what=f"transitions, {load.nodes} nodes × {load.states} speeds, one thread",
                 unit="million/s",
                 baseline="one speed after the other",
-                bound="their divisions, in vectors",
+                bound="their divisions",
             ),
             least_s,
             amount=load.landings / MILLION,
@@ -239,8 +233,7 @@ def sweep_rate(reference: Reference) -> list[Figure]:
         rounds=reference.effort.rounds,
         baseline_rounds=1,
     )
-    moved = sum(array.nbytes for array in vars(moves).values()) + 2 * load.result_bytes
-    least_s = reference.one_thread.least_s(flop=load.flop, moved_bytes=moved)
+    least_s = reference.one_thread.least_s(flop=load.flop)
     return [
         times.figure(
             Subject(
@@ -248,7 +241,7 @@ def sweep_rate(reference: Reference) -> list[Figure]:
                 what=f"relaxations of {LADDER_SIZE} multipliers, one thread",
                 unit="million/s",
                 baseline="the same in numpy",
-                bound="their arithmetic, or reading transitions and writing values",
+                bound="their arithmetic",
             ),
             least_s,
             amount=load.relaxations / MILLION,
@@ -258,7 +251,7 @@ def sweep_rate(reference: Reference) -> list[Figure]:
 
 def trajectory(reference: Reference) -> list[Figure]:
     """The time to get one trajectory from a front, over many trip times."""
-    front, load = reference.front, reference.workload
+    front = reference.front
     buffers = np.linspace(*BUFFERS, reference.effort.trajectories)
     wanted, wanted_plainly = (itertools.cycle(front.fastest().time_s * (1 + buffers)) for _ in range(2))
     times = in_turns(
@@ -266,8 +259,6 @@ def trajectory(reference: Reference) -> list[Figure]:
         lambda: bisected(front, next(wanted_plainly)),
         rounds=len(buffers),
     )
-    tried = load.nodes * (LANDINGS + POLISHED_LANDINGS)
-    least_s = reference.one_thread.least_s(divisions=tried * DIVISIONS_PER_LANDING_TRIED)
     return [
         times.figure(
             Subject(
@@ -276,9 +267,7 @@ def trajectory(reference: Reference) -> list[Figure]:
                 f"{BUFFERS[1]:.0%} above the least",
                 unit="ms",
                 baseline="bisection of λ from end to end of the ladder",
-                bound="the divisions of one roll-out",
-            ),
-            least_s,
+            )
         )
     ]
 
@@ -331,7 +320,6 @@ def exact(reference: Reference) -> list[Figure]:
         front.trajectory(front.fastest().time_s * (1 + buffer_ratio))
 
     times = in_turns(search, supported, rounds=reference.effort.slow_rounds)
-    moved = labels * 2 * (BYTES_PER_LABEL + BYTES_PER_OPEN_LABEL)
     return [
         times.figure(
             Subject(
@@ -340,9 +328,7 @@ def exact(reference: Reference) -> list[Figure]:
                 f"{labels / MILLION:.2f} million partial runs",
                 unit="ms",
                 baseline="the solver's front and one run",
-                bound="each partial run written and read once",
-            ),
-            reference.all_threads.least_s(moved_bytes=moved),
+            )
         )
     ]
 
@@ -382,9 +368,10 @@ def memory(reference: Reference) -> list[Figure]:
     load = Workload.of(section)
     return [
         Figure(
-            name="memory", what=f"memory for the front of {length_km:g} km", unit="MB", value=own / MEGA,
-            least=own / MEGA, most=own / MEGA, rounds=1, baseline="all transitions first", baseline_value=plain / MEGA,
-            bound="its result", bound_value=load.result_bytes / MEGA,
+            name="memory",
+            what=f"memory for the front of {length_km:g} km, whose result has {load.result_bytes / MEGA:.0f} MB",
+            unit="MB", value=own / MEGA, least=own / MEGA, most=own / MEGA, rounds=1,
+            baseline="all transitions first", baseline_value=plain / MEGA,
         )
     ]  # fmt: skip
 

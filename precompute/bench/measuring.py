@@ -10,7 +10,6 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,9 +17,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from das.solver.policy_store import in_parts
 from precompute.workers import available_cores
 
 STATUS = Path("/proc/self/status")
@@ -31,10 +28,11 @@ PACKAGES = ("numpy", "numba", "llvmlite")
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """One measured figure, a median over rounds, beside its baseline and its roofline.
+    """One measured figure, a median over rounds, beside its baseline and its bound.
 
     `value`, `least`, `most`, `baseline_value` and `bound_value` are in `unit`. `ratio`: how many times better than the
-    baseline; `bound_ratio`: the share of what the roofline allows.
+    baseline; `bound_ratio`: the share of the best that is possible. Where no bound is known, `bound`, `bound_value` and
+    `bound_ratio` are None.
     """
 
     name: str
@@ -46,8 +44,8 @@ class Figure:
     rounds: int
     baseline: str
     baseline_value: float
-    bound: str
-    bound_value: float
+    bound: str | None = None
+    bound_value: float | None = None
     more_is_better: bool = False
 
     @property
@@ -55,8 +53,8 @@ class Figure:
         return self._better(self.value, self.baseline_value)
 
     @property
-    def bound_ratio(self) -> float:
-        return self._better(self.value, self.bound_value)
+    def bound_ratio(self) -> float | None:
+        return None if self.bound_value is None else self._better(self.value, self.bound_value)
 
     def _better(self, value: float, other: float) -> float:
         return value / other if self.more_is_better else other / value
@@ -68,13 +66,16 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:
-    """What a figure is about: its name, what is measured, in which unit, and what it is compared with, in words."""
+    """What a figure is about: its name, what is measured, in which unit, and what it is compared with, in words.
+
+    `bound` says which part of the work nothing can be quicker than; None if no bound is known.
+    """
 
     name: str
     what: str
     unit: str
     baseline: str
-    bound: str
+    bound: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,15 +85,15 @@ class Times:
     seconds: list[float]
     baseline_seconds: list[float]
 
-    def figure(self, subject: Subject, bound_s: float, *, amount: float | None = None) -> Figure:
+    def figure(self, subject: Subject, bound_s: float | None = None, *, amount: float | None = None) -> Figure:
         """The times as a figure: a duration in ms, or with an `amount` (in the figure's unit) a rate per s.
 
-        `bound_s` is the least duration that the machine could reach (s).
+        `bound_s` is a duration that no run can go below (s); None if none is known.
         """
         times, typical = self.seconds, statistics.median(self.seconds)
         other = statistics.median(self.baseline_seconds)
-        scaled = [_scaled(s, amount) for s in (typical, min(times), max(times), other, bound_s)]
-        value, least, most, baseline_value, bound_value = scaled
+        value, least, most, baseline_value = (_scaled(s, amount) for s in (typical, min(times), max(times), other))
+        bound_value = None if bound_s is None else _scaled(bound_s, amount)
         return Figure(
             **asdict(subject), value=value, least=min(least, most), most=max(least, most), rounds=len(times),
             baseline_value=baseline_value, bound_value=bound_value, more_is_better=amount is not None,
@@ -189,64 +190,47 @@ def _cpu_model() -> str:
     return platform.processor() or "unknown"
 
 
-ROUNDS = 5
+ROUNDS = 100
+"""Rounds of about 1 ms: other work on the machine hardly interrupts all of them."""
 CACHED_NUMBERS = 1024
-"""Numbers that each thread multiplies over and over: they stay in the nearest cache."""
-REPEATS = 20_000
+"""Numbers that are computed over and over: they stay in the nearest cache."""
+REPEATS = 1000
 CHAIN = 16
 """Dependent multiplications and additions on each number per pass, unrolled by the compiler."""
-CHAINS = 4
-"""Independent chains of divisions, enough to keep the divider busy."""
-DIVISIONS = 1_000_000
-COPIED_BYTES = 64_000_000
-"""Number of bytes to copy: more than the caches hold."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Roofline:
-    """The best rates that `threads` threads reach in a few rounds.
+    """The best rates of arithmetic in vectors that this number of threads can reach.
 
-    `flops` floating-point operations per s in vectors (fused multiply-add = 2), `divisions_ps` divisions one at a time
-    per s, `vector_divisions_ps` divisions in vectors per s, `copy_bps` bytes read and written per s, `fresh_bps`
-    bytes per s written to memory that the process did not have before.
+    `flops` floating-point operations per s (fused multiply-add = 2), `divisions_ps` divisions per s. Memory is left
+    out: a front may take over memory that the process has, and caches may hold it, so that no rate of writing is a
+    bound.
     """
 
     threads: int
     flops: float
     divisions_ps: float
-    vector_divisions_ps: float
-    copy_bps: float
-    fresh_bps: float
 
     @classmethod
-    def measured(cls, threads: int) -> Roofline:
-        """Measure; takes about a second."""
-        with ThreadPoolExecutor(threads) as pool:
-            return cls(
-                threads=threads,
-                flops=_flops(pool, threads),
-                divisions_ps=_divisions_ps(pool, threads),
-                vector_divisions_ps=_vector_divisions_ps(pool, threads),
-                copy_bps=_copy_bps(pool, threads),
-                fresh_bps=_fresh_bps(pool, threads),
-            )
+    def measured(cls) -> Roofline:
+        """The best rates of one thread in many rounds; measuring takes a fraction of a second."""
+        numbers, passed = np.ones(CACHED_NUMBERS), REPEATS * CACHED_NUMBERS
+        added_s = min(timed(lambda: multiply_add(numbers, 0.999, 0.001, REPEATS), ROUNDS))
+        divided_s = min(timed(lambda: divide(numbers, 1.0, 1.0, REPEATS), ROUNDS))
+        return cls(threads=1, flops=2.0 * CHAIN * passed / added_s, divisions_ps=passed / divided_s)
 
-    def least_s(
-        self,
-        *,
-        divisions: float = 0.0,
-        vector_divisions: float = 0.0,
-        flop: float = 0.0,
-        moved_bytes: float = 0.0,
-        fresh_bytes: float = 0.0,
-    ) -> float:
-        """Least time of a computation: the time of its arithmetic or of its memory traffic, whichever is longer."""
-        divisions_s = divisions / self.divisions_ps + vector_divisions / self.vector_divisions_ps
-        arithmetic_s = divisions_s + flop / self.flops
-        return max(arithmetic_s, moved_bytes / self.copy_bps + fresh_bytes / self.fresh_bps)
+    def of_threads(self, threads: int) -> Roofline:
+        """The rates of this number of threads: at most so many times those of one."""
+        times = threads / self.threads
+        return Roofline(threads=threads, flops=times * self.flops, divisions_ps=times * self.divisions_ps)
+
+    def least_s(self, *, divisions: float = 0.0, flop: float = 0.0) -> float:
+        """Least time of a computation: that of the arithmetic that it cannot do without."""
+        return divisions / self.divisions_ps + flop / self.flops
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@njit(cache=True, fastmath={"contract"})
 def multiply_add(x, a, b, repeats):  # type: ignore[no-untyped-def]
     """x ← a·x + b, CHAIN times a pass, `repeats` passes over x."""
     for _ in range(repeats):
@@ -257,79 +241,9 @@ def multiply_add(x, a, b, repeats):  # type: ignore[no-untyped-def]
             x[i] = v
 
 
-@njit(cache=True, nogil=True)
-def divide(a, b, n):  # type: ignore[no-untyped-def]
-    """Chains of w ← a/(w + b), n passes."""
-    w, x, y, z = 1.0, 1.1, 1.2, 1.3
-    for _ in range(n):
-        w = a / (w + b)
-        x = a / (x + b)
-        y = a / (y + b)
-        z = a / (z + b)
-    return w + x + y + z
-
-
-def _flops(pool: ThreadPoolExecutor, threads: int) -> float:
-    numbers = np.ones((threads, CACHED_NUMBERS))
-
-    def multiply(first: int, _last: int, repeats: int) -> None:
-        multiply_add(numbers[first], 0.999, 0.001, repeats)
-
-    in_parts(pool, threads, threads, multiply, 1)  # compiles
-    seconds = _best_s(lambda: in_parts(pool, threads, threads, multiply, REPEATS))
-    return 2.0 * CHAIN * REPEATS * numbers.size / seconds
-
-
-def _divisions_ps(pool: ThreadPoolExecutor, threads: int) -> float:
-    def divide_all(_first: int, _last: int, passes: int) -> None:
-        divide(1.0, 1.0, passes)
-
-    in_parts(pool, threads, threads, divide_all, 1)  # compiles
-    seconds = _best_s(lambda: in_parts(pool, threads, threads, divide_all, DIVISIONS))
-    return CHAINS * DIVISIONS * threads / seconds
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def divide_all_of(x, a, b, repeats):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def divide(x, a, b, repeats):  # type: ignore[no-untyped-def]
     """x ← a/(x + b), `repeats` passes over x."""
     for _ in range(repeats):
         for i in range(x.size):
             x[i] = a / (x[i] + b)
-
-
-def _vector_divisions_ps(pool: ThreadPoolExecutor, threads: int) -> float:
-    numbers = np.ones((threads, CACHED_NUMBERS))
-
-    def divide_numbers(first: int, _last: int, repeats: int) -> None:
-        divide_all_of(numbers[first], 1.0, 1.0, repeats)
-
-    in_parts(pool, threads, threads, divide_numbers, 1)  # compiles
-    seconds = _best_s(lambda: in_parts(pool, threads, threads, divide_numbers, REPEATS))
-    return REPEATS * numbers.size / seconds
-
-
-def _copy_bps(pool: ThreadPoolExecutor, threads: int) -> float:
-    source, target = np.ones(COPIED_BYTES // 8), np.zeros(COPIED_BYTES // 8)
-    seconds = _best_s(lambda: in_parts(pool, threads, len(source), _copy, source, target))
-    return 2.0 * source.nbytes / seconds
-
-
-def _copy(first: int, last: int, source: NDArray[np.float64], target: NDArray[np.float64]) -> None:
-    target[first:last] = source[first:last]
-
-
-def _fresh_bps(pool: ThreadPoolExecutor, threads: int) -> float:
-    def touch() -> None:
-        fresh = np.empty(COPIED_BYTES // 8)
-        in_parts(pool, threads, len(fresh), lambda a, b: fresh[a:b].fill(1.0))
-
-    return COPIED_BYTES / _best_s(touch)
-
-
-def _best_s(work: Callable[[], object]) -> float:
-    times = []
-    for _ in range(ROUNDS):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return min(times)

@@ -16,11 +16,10 @@ from das.cab.warm_up import warm_up_tables
 from das.domain.files.load import load_vehicle
 from das.domain.route import Route, Stop
 from das.solver.front import Front
-from das.solver.kernels.landings import LANDINGS
 from das.solver.section import Section
 from das.table.hashes import Course
 from das.table.reading import Table
-from precompute.bench.figures import DIVISIONS_PER_LANDING_TRIED, MEGA, POLISHED_LANDINGS, VEHICLE, Reference
+from precompute.bench.figures import MEGA, VEHICLE, Reference
 from precompute.bench.measuring import Figure, Subject, Times, in_turns, seconds_of
 from precompute.tables.build import solve_jobs
 from precompute.tables.look_up import LookUp
@@ -28,9 +27,6 @@ from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings, make_table, write_table
 from precompute.workers import Workers, available_cores
 
-POLICIES_TRIED = 6
-"""Approximate number of first steps that a look-up tries: two neighbours of the ladder, then steps that narrow between
-them."""
 ROLLED_EVERY = 10
 """One look-up in this many is repeated as a roll-out, which is the baseline."""
 SEED = 1
@@ -51,20 +47,17 @@ def look_up(reference: Reference) -> list[Figure]:
         seconds_of(partial(reference.front.trajectory, left_s, s_m, v_mps))
         for s_m, v_mps, left_s in states[::ROLLED_EVERY]
     ]
-    tried = POLICIES_TRIED * (LANDINGS + POLISHED_LANDINGS)
-    least_s = reference.one_thread.least_s(divisions=tried * DIVISIONS_PER_LANDING_TRIED)
     slow, slow_rolled = (float(np.percentile(seconds, 99)) for seconds in (own, rolled))
     typical = Subject(
         name="look-up",
         what=f"advice looked up in a table, {len(states)} states",
         unit="ms",
         baseline="the whole run rolled out",
-        bound="the divisions of the landings it tries",
     )
     rare = replace(typical, name="look-up-p99", what=f"{typical.what}, 99 of 100", baseline="the same of the roll-outs")
     return [
-        Times(seconds=own, baseline_seconds=rolled).figure(typical, least_s),
-        Times(seconds=[slow], baseline_seconds=[slow_rolled]).figure(rare, least_s),
+        Times(seconds=own, baseline_seconds=rolled).figure(typical),
+        Times(seconds=[slow], baseline_seconds=[slow_rolled]).figure(rare),
     ]
 
 
@@ -121,9 +114,8 @@ def build(reference: Reference) -> list[Figure]:
         what=f"{len(jobs)} sections (synthetic, seed {SEED}) + {VEHICLE} into tables, {workers} workers",
         unit="sections/s",
         baseline="one worker",
-        bound="the baseline times the workers",
     )
-    return [times.figure(subject, alone_s / workers, amount=float(len(jobs)))]
+    return [times.figure(subject, amount=float(len(jobs)))]
 
 
 def _jobs(sections: int) -> list[Job]:

@@ -42,12 +42,6 @@ class Answer(Protocol):
     def feasible(self) -> bool: ...
 
 
-def balance_kwh(balance: EnergyBalance) -> dict[str, float]:
-    """Every term of the energy balance in kWh."""
-    names = ("resistance", "component_loss", "friction_brake", "unreturned", "kinetic", "potential", "input", "comfort")
-    return {name: kwh(getattr(balance, name)) for name in names}
-
-
 def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str, Any]:
     """One run as the commands' `--json` prints it; figures that a strategy does not have are null."""
     return {
@@ -59,7 +53,8 @@ def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str
         "feasible": answer.feasible,
         "energy_input_kwh": kwh(answer.balance.input),
         "energy_irreversible_kwh": kwh(answer.balance.irreversible),
-        "ledger_kwh": balance_kwh(answer.balance),
+        "energy_stored_kwh": kwh(answer.balance.stored),
+        "ledger_kwh": answer.balance.as_kwh(),
         "ledger_residual_ratio": answer.balance.residual_ratio,
         **_certificate(answer),
         **_parameters(answer),
@@ -140,8 +135,9 @@ def _altitude(section: Section, s_m: Any) -> Any:
 
 LEGEND = {
     "buffer": "time above the least possible",
-    "input": "net energy at the current collector",
-    "lost": "the part of it that never comes back",
+    "input": "net energy at the current collector = lost + stored",
+    "lost": "what never comes back",
+    "stored": "gained as speed and height, negative where they were used up",
     "saved": "energy below that of the first row",
     "λ": "price of time, what one second less would cost",
     "gap": "how far the energy can be above the least, at most; – where that is not proven",
@@ -153,7 +149,8 @@ LEGEND = {
 def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
     """Print runs, as `solution_json` gives them, one a row; savings are relative to the first."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    for name in ("time s", "buffer %", "input\nkWh", "lost\nkWh", "saved\n%", "λ kW", "gap %", "ms", "fit"):
+    energies = (f"{name}\nkWh" for name in ("input", "lost", "stored"))
+    for name in ("time s", "buffer %", *energies, "saved\n%", "λ kW", "gap %", "ms", "fit"):
         table.add_column(name, justify="right", no_wrap=True)
     first = results[0]["energy_input_kwh"]
     for result in results:
@@ -163,6 +160,7 @@ def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
             f"{buffer:.2f}",
             f"{result['energy_input_kwh']:.2f}",
             f"{result['energy_irreversible_kwh']:.2f}",
+            f"{result['energy_stored_kwh']:+z.2f}",
             f"{100 * (1 - result['energy_input_kwh'] / first):.1f}" if len(results) > 1 and first else "–",
             _price(result),
             f"{100 * result['gap_ratio']:.3f}" if result["gap_ratio"] is not None else "–",
@@ -227,7 +225,7 @@ def _section_json(section: SectionPlan) -> dict[str, Any]:
         "buffer_ratio": section.buffer_ratio,
         "lambda_kw": [_finite(price_w / KW) for price_w in section.lambda_w],
         "energy_input_kwh": kwh(section.balance.input),
-        "ledger_kwh": balance_kwh(section.balance),
+        "ledger_kwh": section.balance.as_kwh(),
         "feasible": section.feasible,
         "passings": [
             {"name": x.passing.name, "s_m": x.passing.position_m, "speed_mps": x.speed_mps, **_timing_json(x.timing)}

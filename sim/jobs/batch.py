@@ -214,7 +214,7 @@ FIGURES = (
     *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *(f"{name}_kwh" for name in SHARES),
     *(f"{name}_ratio" for name in SHARES),
-    *("potential_kwh", "ledger_residual_ratio", "beyond_signal_m", "over_limit_s", "over_limit_kmh"),
+    *("kinetic_kwh", "potential_kwh", "ledger_residual_ratio", "beyond_signal_m", "over_limit_s", "over_limit_kmh"),
     *("advice_changes_per_min", "shortest_mode_s", "shortest_instruction_s"),
     *("announced_ratio", "brakes_led_ratio", "effort_changes_per_brake", "promises_kept_ratio", "availability_ratio"),
 )

@@ -34,8 +34,8 @@ LEGEND: Final = {
     "late": "mean delay at the last stop (s)",
     "kWh": "mean energy of a run",
     "opt": "least energy (kWh) for the times as driven",
-    "loss, run, fric, lost, comf": "shares (%) of the energy that went to losses of the train, running resistance, "
-    "friction brakes, brake resistors, comfort systems",
+    "loss, run, fric, lost, comf": "shares (%) of what is lost for good: component losses, running resistance, "
+    "friction brakes, brake resistors, and comfort systems, which are not in kWh",
 }
 """The legend below the table."""
 SPLIT_LEGEND: Final = {

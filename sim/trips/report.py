@@ -12,6 +12,7 @@ from rich.table import Table
 from das.command_line.files import offscreen_pyplot, save_figure
 from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
+from das.domain.trajectory import PART_WORDS
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
 from das.solver.section import Section
 from sim.trips.cleaning import CleaningReport, FindingKind
@@ -21,15 +22,6 @@ from sim.trips.trip import Trip
 
 LEGEND: Final = {"from, to": "what the energy may have been at least and at most, whatever the unknowns are"}
 """Explanations that are printed below the table of energies."""
-BALANCE_WORDS = {
-    "resistance": "running resistance",
-    "component_loss": "losses of the train and auxiliaries",
-    "friction_brake": "friction brake",
-    "unreturned": "braked, but not taken back by the line",
-    "kinetic": "speed gained from start to end",
-    "potential": "height gained from start to end",
-}
-"""The shares of an energy balance in words; shares that round to 0 are not shown."""
 PANEL_HEIGHTS = (3, 1, 2)
 """Relative heights of the panels of speeds, distances from the smooth run, and forces."""
 FORCES_SHOWN_RATIO = 1.3
@@ -103,11 +95,10 @@ def _energy(trip: Trip, section: Section) -> dict[str, Any]:
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
     spread = energy_range(section, trip.matched)
     traction_n, braking_n = strongest_held_n(driven)
-    balance = {name: kwh(value) for name, value in vars(driven.balance).items()}
     return {
         "vehicle": section.vehicle.name,
         "level": str(section.level),
-        **{f"{name}_kwh": value for name, value in balance.items()},
+        **{f"{name}_kwh": value for name, value in driven.balance.as_kwh().items()},
         "input_low_kwh": kwh(spread.low_j),
         "input_high_kwh": kwh(spread.high_j),
         "unknowns": unknowns(spread),
@@ -261,9 +252,9 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     table.add_row("net input", f"{energy['input_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
     for u in energy["unknowns"]:
         table.add_row(f"  by {u['name']} ({u['assumed']})", "", f"{u['low_kwh']:.1f}", f"{u['high_kwh']:.1f}")
-    for name, words in BALANCE_WORDS.items():
+    for name, words in PART_WORDS.items():
         share = f"{energy[f'{name}_kwh']:z.1f}"
-        if float(share):
+        if float(share):  # A part that rounds to 0 is not shown.
             table.add_row(f"  of it {words}", share, "", "")
     table.add_row(
         f"strongest traction / braking held for {ESTIMATE.held_s} s, kN",

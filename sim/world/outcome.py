@@ -13,7 +13,7 @@ from rich.table import Table
 from das.command_line.printing import print_table, tell, typed
 from das.domain.braking import ServiceBraking
 from das.domain.conditions import Conditions
-from das.domain.trajectory import EnergyBalance
+from das.domain.trajectory import PART_WORDS, EnergyBalance
 from das.domain.units import kmh, kwh
 from das.solver.front import Front
 from das.solver.section import build_section, with_braking
@@ -88,8 +88,10 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
 
 
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
-"""The ways in which energy is lost for good, as in the paper's figure; `unreturned` is braking energy that the line did
-not take."""
+"""The ways in which energy is lost for good, comfort systems included, as in the paper's figure.
+
+`unreturned` is braking energy that the line did not take.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,11 +232,12 @@ def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
 
 
 def _parts(balance: EnergyBalance) -> dict[str, float]:
-    """Energy and share of each way in which energy is lost for good, and the potential energy."""
+    """Every term of the balance but the input (kWh), and the shares of what is lost for good."""
     parts = shares(balance)
     return {
         **{f"{name}_kwh": kwh(energy_j) for name, (energy_j, _) in parts.items()},
         **{f"{name}_ratio": ratio for name, (_, ratio) in parts.items()},
+        "kinetic_kwh": kwh(balance.kinetic),
         "potential_kwh": kwh(balance.potential),
     }
 
@@ -311,15 +314,6 @@ STOP_LEGEND: Final = {
 """The legend below the table of stops."""
 TIMES: Final = ("due", "arrived", "departed")
 """Columns of times in the table of stops."""
-LABELS: Final = {
-    "component_loss": "component losses",
-    "resistance": "running resistance",
-    "friction_brake": "friction brake",
-    "unreturned": "brake resistors",
-    "comfort": "comfort systems",
-}
-"""The names of `SHARES` as the table prints them."""
-
 UNCHANGED: Final = asdict(Conditions())
 """The conditions of a train and line that are as planned."""
 
@@ -370,8 +364,7 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         ("    speed profile", f"{kwh(energies.profile_j):+.1f} kWh"),
         (f"  optimum braking as {braking}", f"{kwh(energies.own_braking_j):.1f} kWh"),
     ]
-    parts = shares(found.balance)
-    rows += [(LABELS[name], f"{kwh(parts[name][0]):.1f} kWh  {100 * parts[name][1]:4.1f} %") for name in SHARES]
+    rows += _balance_rows(found)
     counts, recorded = found.counts, result.recorded
     rows.append(("advices", f"{counts.advised} given, {counts.withdrawn} withdrawn, {counts.unheard} not heard"))
     rows += found.drive.stability.rows() + found.drive.instructions.rows()
@@ -379,6 +372,17 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         rows.append(("messages recorded / lost", f"{recorded.messages_recorded} / {recorded.messages_lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
     return rows
+
+
+def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
+    """The energy with that at stops, the parts that sum to it, and the comfort systems beside it."""
+    parts = found.balance.parts.items()
+    return [
+        ("  at stops on the way", f"{kwh(found.energies.at_stops_j):+z.1f} kWh"),
+        ("energy, stops included: the sum of", f"{kwh(found.balance.input):.1f} kWh"),
+        *((f"  {PART_WORDS[name]}", f"{kwh(energy_j):+z.1f} kWh") for name, energy_j in parts),
+        ("comfort systems, not part of it", f"{kwh(found.balance.comfort):.1f} kWh"),
+    ]
 
 
 def _notes(result: DayResult) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from das.advice.settings import DEFAULT
 from das.cab.heard import RestrictionsHeard
 from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
+from das.domain.trajectory import PART_WORDS
 from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2, kwh
 from das.estimate.settings import STALE_AFTER_S
 from sim.drivers.drivers import make_driver
@@ -36,7 +38,7 @@ from sim.world.disturbances import (
 )
 from sim.world.drawn import Drawn
 from sim.world.loop import InProcess, Run, Tick, Told, World
-from sim.world.outcome import outcome
+from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import bundled_scenarios, load_scenario
 from sim.world.service import Day, Service, make_day
 from tests.support.flat_days import service_for, service_of
@@ -44,6 +46,8 @@ from tests.support.flat_days import service_for, service_of
 SEED = 1
 TRACKING_MPS = 0.4
 """A driver holds a speed to this."""
+ROUNDED_KWH = 0.05 + 1e-9
+"""A printed energy is rounded by at most this."""
 FASTEST_S = 6.0
 """A real train, whose forces build up, is behind the plan's fastest run by less than this a section."""
 
@@ -78,6 +82,7 @@ class Driven:
     run: Run
     said: Witness
     figures: dict[str, Any] = field(default_factory=dict)
+    found: DayOutcome | None = None
 
     def one(self, kind: type[Any]) -> Any:
         (found,) = self.day.of(kind)
@@ -105,7 +110,8 @@ def drive(name: str, driver: str = "perfect", advice: str = "vector", seed: int 
     day = make_day(service, seed)
     said = Witness(service, coach=advice == Presentation.COACH)
     run = World(day, make_driver(DriverKind(driver), service.line, seed=seed), Presentation(advice), said).run()
-    return Driven(day, run, said, outcome(day, run).as_dict())
+    found = outcome(day, run)
+    return Driven(day, run, said, found.as_dict(), found)
 
 
 def fastest_late_s(driven: Driven, section: int) -> float:
@@ -121,6 +127,29 @@ def test_all_bundled_scenarios_share_what_the_tests_solve_once() -> None:
         assert one.id == name
         assert planned().plans(one)
     assert not planned().plans(replace(load_scenario("clear-day"), dwell_s=61.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(bundled_scenarios()))
+def test_the_parts_of_the_end_table_sum_to_the_energy_that_it_prints(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    driven = drive(name)
+    assert driven.found is not None
+    how = {"driver": DriverKind.PERFECT, "advice": Presentation.VECTOR, "happens": "", "drawn": {"truth": {}}}
+    print_result(DayResult(outcome=driven.found, wall_s=1.0, **how))
+    rows = re.findall(r"^│( *\S.*?) *│ *([-+]?[\d.]+) kWh│$", capsys.readouterr().out, re.MULTILINE)
+    printed_kwh = {words.strip(): float(energy) for words, energy in rows}
+    whole_kwh = printed_kwh["energy, stops included: the sum of"]
+    parts_kwh = [printed_kwh[words] for words in PART_WORDS.values()]
+    assert sum(parts_kwh) == pytest.approx(whole_kwh, abs=ROUNDED_KWH * (len(parts_kwh) + 1))
+    sections_kwh = printed_kwh["energy, departures to arrivals"] + printed_kwh["at stops on the way"]
+    assert sections_kwh == pytest.approx(whole_kwh, abs=3 * ROUNDED_KWH)
+    # And in `--json`, to the rounding of numbers.
+    figures = driven.figures
+    assert figures["energy_kwh"] + figures["energy_at_stops_kwh"] == pytest.approx(
+        sum(figures[f"{part}_kwh"] for part in PART_WORDS), rel=1e-6
+    )
 
 
 # --- what every bundled scenario is about ------------------------------------------------------------------------

@@ -46,6 +46,7 @@ def test_solve_prints_one_json_object_and_draws_a_picture(solved: Solved) -> Non
     assert (result["fit"], result["feasible"]) == ("on-time", True)
     lost = balance["resistance"] + balance["component_loss"] + balance["friction_brake"]
     assert result["energy_irreversible_kwh"] == pytest.approx(lost)
+    assert result["energy_stored_kwh"] == balance["kinetic"] + balance["potential"]
     assert result["energy_input_kwh"] == balance["input"] == pytest.approx(lost + balance["kinetic"], rel=1e-6)
     assert balance["potential"] == 0
     assert balance["comfort"] == pytest.approx(250 * result["time_s"] / 3600)
@@ -114,6 +115,21 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
     assert points[2]["energy_input_kwh"] == pytest.approx(solved[0]["energy_input_kwh"], rel=1e-5)
     unrefined = json.loads(printed(tmp_path, *words[:3], "--buffers", "7", "--refine", "off", "--json"))
     assert unrefined["points"][0]["energy_input_kwh"] > points[2]["energy_input_kwh"]
+
+
+@pytest.mark.parametrize(
+    "section", [("flat-6km",), ("zurich-luzern", "--from", "Zug", "--to", "Luzern"), ("zurich-luzern", "--reverse")]
+)
+def test_what_is_lost_and_what_is_stored_sum_to_the_input_that_is_printed(
+    tmp_path: Path, section: tuple[str, ...]
+) -> None:
+    """Level, uphill and downhill."""
+    route, *ends = section
+    out = printed(tmp_path, "front", route, "re460-ic", *ends, "--buffers", "0,7", "--refine", "off")
+    rows = re.findall(r"^ +[\d.]+ +[\d.]+ +(-?[\d.]+) +([\d.]+) +([-+][\d.]+) ", out, re.MULTILINE)
+    assert len(rows) == 2
+    for input_kwh, lost_kwh, stored_kwh in rows:
+        assert float(input_kwh) == pytest.approx(float(lost_kwh) + float(stored_kwh), abs=0.015 + 1e-9)
 
 
 def test_refinement_saves_and_can_be_switched_off(tmp_path: Path, solved: Solved) -> None:

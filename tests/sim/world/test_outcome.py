@@ -30,7 +30,7 @@ KEYS = [
     *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *("component_loss_kwh", "resistance_kwh", "friction_brake_kwh", "unreturned_kwh", "comfort_kwh"),
     *("component_loss_ratio", "resistance_ratio", "friction_brake_ratio", "unreturned_ratio", "comfort_ratio"),
-    *("potential_kwh", "ledger_residual_ratio"),
+    *("kinetic_kwh", "potential_kwh", "ledger_residual_ratio"),
     *("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit"),
     *("advice_changes_per_min", "reversals", "shortest_mode_s", "advice_restless"),
     *("instructions", "shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),

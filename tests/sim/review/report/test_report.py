@@ -17,6 +17,8 @@ from das.bus.contents import Contents
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import KM
+from sim.drive.attribution.attribution import OTHER_TRAIN
+from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drivers.cab import Driver
@@ -39,7 +41,8 @@ from tests.support.making import das_sim, refusal
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 from tests.support.recordings import write_recording
 
-BUNDLED = Path(__file__).parents[4] / "recordings" / "zurich-zug-late.mcap"
+RECORDINGS = Path(__file__).parents[4] / "recordings"
+BUNDLED = RECORDINGS / "zurich-zug-late.mcap"
 
 
 @cache
@@ -65,6 +68,46 @@ def other(recording: Recording | None = None, **known: object) -> Drive:
     found = Drive(source=recording or fast().drive.recording, given=inputs_of_day(flat_day()))
     vars(found).update({"_any_attribution": fast().drive.any_attribution, **known})
     return found
+
+
+STEPS = (EnergyCause.RECOVERED.label, EnergyCause.ARRIVAL.label, OTHER_TRAIN)
+"""The steps from the optimum for the timetable to that for the same times."""
+
+
+def in_kwh(text: str) -> float:
+    """The number at the beginning of a printed energy."""
+    return float(text.split(maxsplit=1)[0].strip("*"))
+
+
+def assert_they_sum(parts: list[str], whole: str) -> None:
+    """Printed energies sum to another, but for the rounding of each to 0.1 kWh."""
+    rounding_kwh = 0.05 * (len(parts) + 1) + 1e-9
+    assert sum(map(in_kwh, parts)) == pytest.approx(in_kwh(whole), abs=rounding_kwh)
+
+
+@pytest.mark.slow
+def test_the_parts_that_report_and_view_print_sum_to_the_energy_that_they_print() -> None:
+    """Of every reference that holds a drive from stop to stop, and of the bundled replay."""
+    drives = [Drive.read(path) for path in (*sorted(RECORDINGS.glob("references/*.mcap")), BUNDLED)]
+    known = [drive for drive in drives if drive.attribution is not None]
+    assert len(known) >= 8
+    for drive in known:
+        assert drive.attribution is not None
+        figures = dict(tables.figures(drive))
+        driven, optimum, above = (
+            figures[name].removesuffix(" (estimated)")
+            for name in ("energy as driven", "optimum for the same times", "above that optimum")
+        )
+        assert_they_sum([optimum, above], driven)
+        assert_they_sum([row["kwh"] for row in tables.cause_rows(drive.attribution)], above)
+        steps = [figures[name] for name in STEPS if name in figures]
+        assert_they_sum([figures["optimum for the timetable"], *steps], optimum)
+        scene = ReviewScene.of(drive).with_attribution()
+        assert scene.attribution is not None
+        viewed = dict(re.findall(r"^\| (.+) \| (.+) \|$", scene.attribution.text, re.MULTILINE))
+        assert_they_sum(list(viewed.values())[:-1], viewed["**as driven**"])
+        assert in_kwh(viewed["**as driven**"]) == in_kwh(driven)
+        assert f" · {in_kwh(driven):.1f} kWh" in headline(drive)
 
 
 def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
