@@ -102,13 +102,19 @@ class FourModes(NamedTuple):
         if late or (too_fast and mode not in (Regime.CRUISE, Regime.COAST)):
             return Regime.FULL_BRAKE
         if pulls and (planner.brakes_late(state, v_mps + gained_mps, before_s) or too_fast):
-            return Regime.COAST
+            return Regime.CRUISE if self._may_creep() and not too_fast else Regime.COAST
         if pulls and self.excess_mps + gained_mps > OVERSPEED_MPS:
             return Regime.CRUISE  # Full traction would soon take the train above the limit.
         above = self.excess_mps + gained_mps > 0.0
         if rolls and above and gained_mps2 * COASTS_IN_S > -self.excess_mps:
             return Regime.CRUISE  # Coasting would not come down to the limit.
         return four
+
+    def _may_creep(self) -> bool:
+        """Whether a slow train may be told to hold a speed instead: it would stand short of its stop if it coasted."""
+        four = self.settings.four
+        before_s = max(four.before_m / max(self.held_mps, 0.1), four.least_s)
+        return self.state.v_mps <= four.slow_mps and not self.planner.brakes_late(self.state, self.held_mps, before_s)
 
     def full_brake_due_s(self, four: Regime) -> float:
         """In how many whole seconds full braking must follow the mode `four`.

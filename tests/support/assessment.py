@@ -114,6 +114,7 @@ def _count(verdict: Verdict, seen: Seen) -> None:
     careless = verdict.drawn.style is Style.CARELESS
     quiet = careless and seen.advice.cause.is_quiet  # He brakes on his own; one who obeys never does.
     passed = careless and seen.advice.cause is Cause.PAST_STOP  # The driver did not look in time.
+    quiet |= seen.advice.cause is Cause.MOVING_UP  # The train stood short of its stop.
     if seen.state.speed_mps > MOVES_MPS and not (passed or quiet):
         verdict.moving_s += 1
         shown = advised if careless else seen.obeyed
