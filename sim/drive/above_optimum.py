@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 NOT_COMPARABLE: Final = "not comparable"
 """Every command prints this if it cannot state the energy above the optimum."""
 SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum cannot be compared"
+"""Why, by a recording that is older than `Saving.not_comparable`."""
+NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
+"""Why, for a drive without a departure from one stop and an arrival at another."""
 
 
 class EnergyBand(NamedTuple):
@@ -109,7 +112,7 @@ class AboveOptimum:
                     for one in found.sections
                 ),
                 measured=found.measured,
-                why_not="" if found.comparable else SAID_BY_THE_RECORDING,
+                why_not="" if found.comparable else found.not_comparable or SAID_BY_THE_RECORDING,
                 likely=_band(found.likely_low_j, found.likely_high_j),
                 worst=_band(found.worst_low_j, found.worst_high_j),
             )
@@ -152,7 +155,7 @@ class AboveOptimum:
         above_j, ratio = self.above_j, self.ratio
         if above_j is None:
             return NOT_COMPARABLE
-        return f"{kwh(above_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
+        return energy_words(above_j, ratio)
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and texts for a table: the energy above the optimum, its bands, and this energy for each section."""
@@ -179,6 +182,7 @@ class AboveOptimum:
             time_ns=time_ns,
             measured=self.measured,
             comparable=not self.why_not,
+            not_comparable=self.why_not,
             driven_j=self.driven_j,
             optimum_j=self.optimum_j,
             likely_low_j=likely.low_j,
@@ -199,6 +203,11 @@ class AboveOptimum:
         )
 
 
+def energy_words(energy_j: float, ratio: float | None) -> str:
+    """An energy above the optimum, or one that advice saved, in kWh and in % of an energy driven (None: not known)."""
+    return f"{kwh(energy_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
+
+
 def _band(low_j: float, high_j: float) -> EnergyBand | None:
     return None if math.isnan(low_j + high_j) else EnergyBand(low_j, high_j)
 
@@ -214,5 +223,5 @@ def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True,
         by_s = math.fsum(late_s)
         return f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {by_s:.1f} s later"
     if not whole:
-        return "the trip does not run from standstill to standstill at the stops"
+        return NOT_WHOLE
     return "" if direction_known else "the direction of the trip is not known"

@@ -19,7 +19,7 @@ import numpy as np
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy, why_not_comparable
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
 from sim.drive.events.chronicle import events_of
@@ -34,7 +34,7 @@ from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # these import the solver, which events, notes and stops do not need
     from sim.drive.attribution.attribution import Attribution
-    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
+    from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
 
 _Found = TypeVar("_Found")
 
@@ -251,13 +251,22 @@ class Drive(DrivenWay):
         return tuple(leg_energies(section_of_leg(self.inputs, leg), leg) for leg in self.legs)
 
     @cached_property
+    def compared(self) -> tuple[ComparedLeg, ...]:
+        """The legs beside the planned train's optimum; DasError as for `energies`."""
+        from das.solver.solve import solve_front
+        from sim.drive.attribution.driven_legs import ComparedLeg, section_of_leg
+
+        pairs = zip(self.legs, self.energies, strict=True)
+        return tuple(ComparedLeg.of(leg, solve_front(section_of_leg(self.inputs, leg)), one) for leg, one in pairs)
+
+    @cached_property
     def driven_j(self) -> float | None:
         """Energy at the current collector (J), from each departure to the next arrival; None if not known.
 
         It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured.
         """
-        if self.run is not None:
-            return self.run.above.driven_j
+        if self._said_by_simulator is not None:
+            return self._said_by_simulator.driven_j
         found = _or_error(lambda: self.legs)
         if self.measured:
             motions = [self.motion] if isinstance(found, DasError) else [leg.motion for leg in found]
@@ -278,20 +287,61 @@ class Drive(DrivenWay):
         """The energy above the optimum that simulator or replay recorded; None if neither did."""
         return AboveOptimum.recorded(self.recording)
 
+    @cached_property
+    def _said_by_simulator(self) -> AboveOptimum | None:
+        """The energy above the optimum of the true train, which the simulator alone knows; None if it stated none.
+
+        A part of a recording has the sections that it still holds.
+        """
+        if self.run is not None or self.said is None or not self.said.measured:
+            return None if self.run is None else self.run.above
+        legs = _or_error(lambda: self.legs)
+        held = () if isinstance(legs, DasError) else [(one.start.name, one.end.name) for one in legs]
+        sections = tuple(one for one in self.said.sections if (one.start, one.end) in held)
+        return replace(self.said, sections=sections) if sections else self.said
+
+    @cached_property
+    def _above(self) -> AboveOptimum | DasError:
+        if self._said_by_simulator is not None:
+            return self._said_by_simulator
+        found = _or_error(lambda: self._beside_planned([one.section_energy for one in self.compared]))
+        return found if self.said is None or not isinstance(found, DasError) else self.said
+
+    def _beside_planned(self, sections: list[SectionEnergy]) -> AboveOptimum:
+        """The energy above the planned train's optimum; a replay knows more of its certainty, and of the trip."""
+        why_not, said = why_not_comparable(sections), self.said
+        above = AboveOptimum(sections=tuple(sections), measured=self.measured, why_not=why_not)
+        if said is None or said.measured:
+            return above
+        return replace(above, why_not=why_not or said.why_not, likely=said.likely, worst=said.worst)
+
     @property
     def above(self) -> AboveOptimum | None:
-        """The energy above the optimum: of the run just driven, else from the energy attribution, else as recorded;
-        None if none of them is known."""
-        if self.run is not None:
-            return self.run.above
-        return self.said if self.attribution is None else self.attribution.above
+        """The energy above the optimum: of the true train for a simulated run, else of the planned train; None if it is
+        not known, for the reason `not_comparable`."""
+        return None if isinstance(self._above, DasError) else self._above
+
+    @property
+    def not_comparable(self) -> str:
+        """Why the drive cannot be compared with its optimum; empty if it can."""
+        if not isinstance(self._above, DasError):
+            return self._above.why_not
+        return self._told(self._above).removeprefix(f"{NOT_COMPARABLE}: ")
+
+    @cached_property
+    def motors_first(self) -> AboveOptimum:
+        """The energy above the optimum if the planned train had driven this motion, and its motors had braked first.
+
+        Drives with other brakes can be compared by it. Raises DasError as `energies` does.
+        """
+        return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None, worst=None)
 
     @cached_property
     def _any_attribution(self) -> Attribution | DasError:
         from sim.drive.attribution.attribution import attribution_of
 
         return _or_error(
-            lambda: attribution_of(self.recording, self.inputs, self.legs, self.energies, self.shown, self.said)
+            lambda: attribution_of(self.recording, self.inputs, self.compared, _raised(self._above), self.shown)
         )
 
     @property
@@ -306,11 +356,11 @@ class Drive(DrivenWay):
     def known_attribution(self) -> Attribution:
         """Where the energy went, by cause and by place.
 
-        Raises DasError as `any_attribution` does, and if this analysis, or the replay that recorded the drive, finds
-        that drive and optimum cannot be compared.
+        Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is then that
+        of the true train, or of the planned train, by which the causes are told.
         """
         found = self.any_attribution
-        why = found.above.why_not or ("" if self.said is None else self.said.why_not)
+        why = self.not_comparable or why_not_comparable(leg.section_energy for leg in found.legs)
         if why:
             raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {why}")
         return found
@@ -325,9 +375,11 @@ class Drive(DrivenWay):
     def why_no_attribution(self) -> str:
         """Why it is not known where the energy went; empty if it is known."""
         found = _or_error(lambda: self.known_attribution)
-        if not isinstance(found, DasError):
-            return ""
-        return str(found) if self.source is None else str(found).removeprefix(f"{self.source.path}: ")
+        return self._told(found) if isinstance(found, DasError) else ""
+
+    def _told(self, error: DasError) -> str:
+        """An error without the name of the recording, which the reader knows."""
+        return str(error) if self.source is None else str(error).removeprefix(f"{self.source.path}: ")
 
     @cached_property
     def likely(self) -> LikelyRange | None:
@@ -337,12 +389,12 @@ class Drive(DrivenWay):
         """
         from sim.drive.attribution.driven_legs import likely_range
 
-        if self.attribution is None or self.attribution.measured:
+        if self.above is None or self.above.measured or self.not_comparable:
             return None
-        found = likely_range(self.attribution.legs)
-        if found is None or self.said is None or self.said.likely is None:
+        found = likely_range(self.compared)
+        if found is None or self.above.likely is None:
             return found
-        return replace(found, low_j=self.said.likely.low_j, high_j=self.said.likely.high_j)
+        return replace(found, low_j=self.above.likely.low_j, high_j=self.above.likely.high_j)
 
 
 def _or_error(find: Callable[[], _Found]) -> _Found | DasError:
