@@ -157,12 +157,21 @@ class AboveOptimum:
             return NOT_COMPARABLE
         return energy_words(above_j, ratio)
 
+    def as_dict(self) -> dict[str, float | str | None]:
+        """The figures by their names in the JSON of every command: kWh, and the share of the energy driven."""
+        above_j = self.above_j
+        return {
+            "above_optimum_kwh": None if above_j is None else kwh(above_j),
+            "above_optimum_ratio": self.ratio,
+            "not_comparable": self.why_not or None,
+        }
+
     def rows(self) -> list[tuple[str, str]]:
         """Names and texts for a table: the energy above the optimum, its bands, and this energy for each section."""
         name = "above the optimum" if self.measured else "above the optimum (estimated)"
-        rows = [(name, self.words)]
         if self.why_not:
-            return rows
+            return [(name, f"{NOT_COMPARABLE}: {self.why_not}")]
+        rows = [(name, self.words)]
         if not self.measured:
             rows += [
                 (f"{name}, {which}", "not known" if band is None else band.words)

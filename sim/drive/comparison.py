@@ -1,4 +1,8 @@
-"""Compares drives on one line at the same positions, a constant step apart."""
+"""Compares drives on one line at the same positions, a constant step apart.
+
+The energies are the drives' own if their sources and brakes are the same. Otherwise the energies of all drives are
+those of motors that brake first, so that other brakes do not look like other driving.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +22,10 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS, kmh, kwh
+from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
 from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.drive.drive import Drive
+from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
 from sim.drive.events.chronicle import place_text
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
@@ -29,11 +35,13 @@ from sim.recording.inputs import DriveInputs
 class DriveOnTrack:
     """A drive from its first departure to its last arrival, arrays of shape (samples,); positions never decrease.
 
-    `time_s` is on the drive's clock, `energy_j` since the first departure, estimated unless `measured`. `advised_mode`
-    and `advised_mps` are what the node advised at each sample (0 and NaN: nothing).
+    `time_s` is on the drive's clock. `energy_j` counts from the first departure, between departures and arrivals;
+    `motors_first_j` is the same for the planned train whose motors brake first. `advised_mode` and `advised_mps` are
+    what the node advised at each sample (0 and NaN: nothing).
     """
 
     label: str
+    drive: Drive
     recording: Recording
     inputs: DriveInputs
     legs: tuple[DrivenLeg, ...]
@@ -41,7 +49,7 @@ class DriveOnTrack:
     s_m: Floats
     speed_mps: Floats
     energy_j: Floats
-    measured: bool
+    motors_first_j: Floats
     advised_mode: Times
     advised_mps: Floats
 
@@ -89,14 +97,15 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
     mode, advised_mps = _advised(recording, time_ns)
     return DriveOnTrack(
         label=label,
+        drive=drive,
         recording=recording,
         inputs=inputs,
         legs=legs,
         time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
-        energy_j=_energy_j(drive, time_ns),
-        measured=motion.input_j is not None,
+        energy_j=_energy_j(drive, time_ns, "balance_j"),
+        motors_first_j=_energy_j(drive, time_ns, "motors_j"),
         advised_mode=mode,
         advised_mps=advised_mps,
     )
@@ -112,15 +121,11 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
 
 
-def _energy_j(drive: Drive, time_ns: Times) -> Floats:
-    """Energy since the first departure (J): measured, or estimated on the legs, with nothing drawn at stops."""
-    motion = drive.motion
-    if motion.input_j is not None:
-        energy_j = np.interp(time_ns, motion.time_ns, motion.input_j)
-        return np.asarray(energy_j - energy_j[0])
+def _energy_j(drive: Drive, time_ns: Times, name: str) -> Floats:
+    """Energy since the first departure (J), summed over the legs: what is drawn at stops in between is in none."""
     total_j = np.zeros(len(time_ns))
     for leg, energies in zip(drive.legs, drive.energies, strict=True):
-        total_j += np.interp(time_ns, leg.motion.time_ns, energies.balance_j)
+        total_j += np.interp(time_ns, leg.motion.time_ns, getattr(energies, name))
     return total_j
 
 
@@ -181,7 +186,8 @@ class AlignedDrives:
 
     `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
     before and after it. Times and energies count from the first row, at which the clock of each drive shows `start_s`
-    (drives,).
+    (drives,). `own_energies`: the energies are those that each drive states; otherwise its motors are taken to brake
+    first.
     """
 
     drives: tuple[DriveOnTrack, ...]
@@ -192,6 +198,7 @@ class AlignedDrives:
     speed_mps: Floats
     energy_j: Floats
     lost_j: Floats
+    own_energies: bool
 
     @classmethod
     def of(cls, drives: Sequence[DriveOnTrack], step_m: float = STEP_M) -> AlignedDrives:
@@ -205,7 +212,8 @@ class AlignedDrives:
             raise DasError("the drives have no way in common, so that there is nothing to compare")
         s_m, limit_mps = _rows(drives[0], low_m, high_m, step_m)
         speed = np.array([drive.at(s_m, drive.speed_mps) for drive in drives])
-        energy = np.array([drive.at(s_m, drive.energy_j) for drive in drives])
+        own = same_brakes([drive.drive for drive in drives])
+        energy = np.array([drive.at(s_m, drive.energy_j if own else drive.motors_first_j) for drive in drives])
         inertial_kg = np.array([[drive.inputs.vehicle.inertial_mass_kg] for drive in drives])
         lost = energy - 0.5 * inertial_kg * speed**2
         time = np.array([drive.at(s_m, drive.time_s) for drive in drives])
@@ -218,6 +226,7 @@ class AlignedDrives:
             speed_mps=speed,
             energy_j=energy - energy[:, :1],
             lost_j=lost - lost[:, :1],
+            own_energies=own,
         )
 
     @property
@@ -248,6 +257,14 @@ class AlignedDrives:
             return None
         at = int(places[0])
         return Advised(float(self.s_m[at]), *told_apart((mode[at], speed[at]), (modes[at], speeds[at])))
+
+    def equal_arrival(self, other: int) -> EqualArrival:
+        """How much more energy a drive took than the first at equal arrival."""
+        return EqualArrival.of(self.drives[0].drive, self.drives[other].drive, own=self.own_energies)
+
+    def saved_by_advice(self, other: int) -> SavedByAdvice:
+        """What advice saved, if a drive and the first tell."""
+        return SavedByAdvice.of(self.drives[0].drive, self.drives[other].drive)
 
     def stretches(self, other: int) -> list[PartedStretch]:
         """The stretches between stops and changes of the limit, and how much more the other drive needed there."""
@@ -325,8 +342,11 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
         "label": drive.label,
         "train": drive.train,
         "time_s": float(aligned.time_s[index, -1]),
-        "energy_kwh": kwh(float(aligned.energy_j[index, -1])),
-        "energy_measured": drive.measured,
+        "compared_energy_kwh": kwh(float(aligned.energy_j[index, -1])),
+        "motors_first": not aligned.own_energies,
+        "energy_kwh": None if drive.drive.driven_j is None else kwh(drive.drive.driven_j),
+        "energy_measured": drive.drive.measured,
+        **({} if drive.drive.above is None else drive.drive.above.as_dict()),
         "arrived_late_s": [_number(leg.end.arrived_late_s) for leg in drive.legs],
     }
     if index:
@@ -334,6 +354,8 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
             "same": aligned.is_same(index),
             "more_time_s": float(aligned.time_s[index, -1] - aligned.time_s[0, -1]),
             "more_energy_kwh": kwh(float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1])),
+            **_equal_arrival_dict(aligned.equal_arrival(index)),
+            **_saved_dict(aligned.saved_by_advice(index)),
             "first_different_advice": None if advised is None else advised._asdict(),
             "stretches": [
                 {
@@ -347,6 +369,24 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
             ],
         }
     return found
+
+
+def _equal_arrival_dict(found: EqualArrival) -> dict[str, Any]:
+    return {
+        "more_energy_equal_arrival_kwh": None if found.more_j is None else kwh(found.more_j),
+        "more_energy_equal_arrival_ratio": found.ratio,
+        "times_worth_kwh": None if found.times_j is None else kwh(found.times_j),
+        "equal_arrival_not_comparable": found.why_not or None,
+        "hangs_on": found.hangs_on,
+    }
+
+
+def _saved_dict(found: SavedByAdvice) -> dict[str, Any]:
+    return {
+        "saved_by_advice_kwh": None if found.saved_j is None else kwh(found.saved_j),
+        "saved_by_advice_ratio": found.ratio,
+        "saved_by_advice_not_comparable": found.why_not or None,
+    }
 
 
 def _number(value: float) -> float | None:
@@ -399,8 +439,7 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
         told.append(f"They are different trains: {first.train} and {other.train}.")
     elif other.inputs.vehicle.mass_kg != first.inputs.vehicle.mass_kg:
         told.append("They have the same train, but of another mass.")
-    if not (first.measured and other.measured):
-        told.append("Energies are estimated where no train measured them.")
+    told += energy_sentences(aligned, index)
     advised = aligned.first_different_advice(index)
     if advised is None:
         told.append("The advice was the same everywhere.")
@@ -410,3 +449,19 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
             f"{advised.other} in {other.label}."
         )
     return told
+
+
+def energy_sentences(aligned: AlignedDrives, index: int) -> list[str]:
+    """How much more energy a drive took than the first at equal arrival, what advice saved, and what that hangs on."""
+    found, saved, first = aligned.equal_arrival(index), aligned.saved_by_advice(index), aligned.drives[0].label
+    if found.more_j is None or found.times_j is None:
+        told = [f"At equal arrival: {NOT_COMPARABLE}: {found.why_not}."]
+    else:
+        told = [
+            f"At equal arrival: {energy_words(found.more_j, found.ratio)}, in % of the energy of {first}; the time "
+            f"difference is worth {kwh(found.times_j):+.1f} kWh at the optimum's price of time."
+        ]
+    if saved.saved_j is None:
+        return [*told, found.hangs_on, f"Saved by advice: {NOT_COMPARABLE}: {saved.why_not}."]
+    words = f"{energy_words(saved.saved_j, saved.ratio)}, at equal arrival, in % of the energy driven without advice"
+    return [*told, found.hangs_on, f"Saved by advice: {words}."]

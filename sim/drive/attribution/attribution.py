@@ -305,9 +305,7 @@ def as_dict(attribution: Attribution) -> dict[str, Any]:
     return {
         "driven_kwh": kwh(attribution.driven_j),
         "optimum_same_times_kwh": kwh(attribution.optimum_j),
-        "above_optimum_kwh": kwh(attribution.difference_j),
-        "above_optimum_ratio": attribution.above.ratio,
-        "not_comparable": attribution.above.why_not or None,
+        **attribution.above.as_dict(),
         "measured": attribution.measured,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in attribution.by_cause.items()},
         "optimum_timetable_kwh": None if attribution.timetable_j is None else kwh(attribution.timetable_j),

@@ -26,7 +26,7 @@ from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.attribution.causes import EnergyCause, Judge, Moment, ShownAdvice, coasts_to_brake, effort_ratio
-from sim.drive.attribution.driven_legs import ComparedLeg, LegEnergies, section_of_leg
+from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LegEnergies, section_of_leg
 from sim.drive.happenings import Signal
 from sim.drive.limits import told_lists
 from sim.recording.course import Floats

@@ -167,6 +167,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         if drive.likely is None
         else [kwh(drive.likely.low_j), kwh(drive.likely.high_j)],
         "energy": None if drive.attribution is None else energy_dict(drive.attribution),
+        "not_comparable": drive.not_comparable or None,
         "no_energy_because": drive.why_no_attribution or None,
         "events": as_rows(drive.events, drive.clock),
         "health": subject.checked.as_dict(),
