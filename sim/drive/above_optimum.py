@@ -224,13 +224,13 @@ def _band(low_j: float, high_j: float) -> EnergyBand | None:
 def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True, direction_known: bool = True) -> str:
     """Why a drive cannot be compared with its optimum, in words; empty if it can.
 
-    It cannot if it was faster than the assumed train can be, did not run from standstill to standstill at stops, or ran
+    It cannot if it did not run from standstill to standstill at stops, was faster than the assumed train can be, or ran
     in an unknown direction.
     """
+    if not whole:
+        return NOT_WHOLE
     late_s = [one.late_s for one in sections if one.too_fast]
     if late_s:
         by_s = math.fsum(late_s)
         return f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {by_s:.1f} s later"
-    if not whole:
-        return NOT_WHOLE
     return "" if direction_known else "the direction of the trip is not known"

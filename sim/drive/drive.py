@@ -19,7 +19,13 @@ import numpy as np
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy, why_not_comparable
+from sim.drive.above_optimum import (
+    NOT_COMPARABLE,
+    SAID_BY_THE_RECORDING,
+    AboveOptimum,
+    SectionEnergy,
+    why_not_comparable,
+)
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
 from sim.drive.events.chronicle import events_of
@@ -313,7 +319,8 @@ class Drive(DrivenWay):
         above = AboveOptimum(sections=tuple(sections), measured=self.measured, why_not=why_not)
         if said is None or said.measured:
             return above
-        return replace(above, why_not=why_not or said.why_not, likely=said.likely, worst=said.worst)
+        known = said.why_not if said.why_not != SAID_BY_THE_RECORDING else why_not or said.why_not
+        return replace(above, why_not=known or why_not, likely=said.likely, worst=said.worst)
 
     @property
     def above(self) -> AboveOptimum | None:
@@ -359,10 +366,12 @@ class Drive(DrivenWay):
         Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is then that
         of the true train, or of the planned train, by which the causes are told.
         """
+        if not isinstance(self._above, DasError) and self._above.why_not:
+            raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {self._above.why_not}")
         found = self.any_attribution
-        why = self.not_comparable or why_not_comparable(leg.section_energy for leg in found.legs)
-        if why:
-            raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {why}")
+        why_not = why_not_comparable(leg.section_energy for leg in found.legs)
+        if why_not:
+            raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {why_not}")
         return found
 
     @property
