@@ -22,7 +22,6 @@ from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS, kmh, kwh
-from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
 from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
@@ -354,8 +353,8 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
             "same": aligned.is_same(index),
             "more_time_s": float(aligned.time_s[index, -1] - aligned.time_s[0, -1]),
             "more_energy_kwh": kwh(float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1])),
-            **_equal_arrival_dict(aligned.equal_arrival(index)),
-            **_saved_dict(aligned.saved_by_advice(index)),
+            **aligned.equal_arrival(index).as_dict(),
+            **aligned.saved_by_advice(index).as_dict(),
             "first_different_advice": None if advised is None else advised._asdict(),
             "stretches": [
                 {
@@ -369,24 +368,6 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
             ],
         }
     return found
-
-
-def _equal_arrival_dict(found: EqualArrival) -> dict[str, Any]:
-    return {
-        "more_energy_equal_arrival_kwh": None if found.more_j is None else kwh(found.more_j),
-        "more_energy_equal_arrival_ratio": found.ratio,
-        "times_worth_kwh": None if found.times_j is None else kwh(found.times_j),
-        "equal_arrival_not_comparable": found.why_not or None,
-        "hangs_on": found.hangs_on,
-    }
-
-
-def _saved_dict(found: SavedByAdvice) -> dict[str, Any]:
-    return {
-        "saved_by_advice_kwh": None if found.saved_j is None else kwh(found.saved_j),
-        "saved_by_advice_ratio": found.ratio,
-        "saved_by_advice_not_comparable": found.why_not or None,
-    }
 
 
 def _number(value: float) -> float | None:
@@ -452,16 +433,6 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
 
 
 def energy_sentences(aligned: AlignedDrives, index: int) -> list[str]:
-    """How much more energy a drive took than the first at equal arrival, what advice saved, and what that hangs on."""
-    found, saved, first = aligned.equal_arrival(index), aligned.saved_by_advice(index), aligned.drives[0].label
-    if found.more_j is None or found.times_j is None:
-        told = [f"At equal arrival: {NOT_COMPARABLE}: {found.why_not}."]
-    else:
-        told = [
-            f"At equal arrival: {energy_words(found.more_j, found.ratio)}, in % of the energy of {first}; the time "
-            f"difference is worth {kwh(found.times_j):+.1f} kWh at the optimum's price of time."
-        ]
-    if saved.saved_j is None:
-        return [*told, found.hangs_on, f"Saved by advice: {NOT_COMPARABLE}: {saved.why_not}."]
-    words = f"{energy_words(saved.saved_j, saved.ratio)}, at equal arrival, in % of the energy driven without advice"
-    return [*told, found.hangs_on, f"Saved by advice: {words}."]
+    """How much more energy a drive took than the first at equal arrival, what that hangs on, and what advice saved."""
+    found = aligned.equal_arrival(index)
+    return [found.sentence(aligned.drives[0].label), found.hangs_on, aligned.saved_by_advice(index).sentence]

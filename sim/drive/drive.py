@@ -188,42 +188,8 @@ class DrivenWay:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drive(DrivenWay):
-    """A drive with all its figures: its course, the advice, what happened, and where its energy went.
-
-    It is made from any recording, or from the figures of a run that was just driven.
-    """
-
-    @classmethod
-    def read(cls, path: Path) -> Drive:
-        """The drive in a recording; DasError if the file cannot be used."""
-        return cls(source=open_recording(path))
-
-    @cached_property
-    def silences(self) -> tuple[Span, ...]:
-        """The times without advice."""
-        return silences(self.recording, self.course)
-
-    @cached_property
-    def shown(self) -> ShownAdvice:
-        """What the driver was shown."""
-        return ShownAdvice.of(self.recording)
-
-    @cached_property
-    def stability(self) -> AdviceStability:
-        """How stable the displayed advice was."""
-        return recorded_stability(self.recording) if self.run is None else self.run.stability
-
-    @cached_property
-    def instructions(self) -> InstructionFigures:
-        """How well the coach's instructions kept to their grammar."""
-        return recorded_instructions(self.recording) if self.run is None else self.run.instructions
-
-    @cached_property
-    def events(self) -> tuple[DriveEvent, ...]:
-        """Everything that happened, in order of time."""
-        top_mps = math.inf if isinstance(self._inputs, DasError) else self._inputs.vehicle.max_speed_mps
-        return events_of(self.recording, self.course, self.calls, self.silences, self.limit_mps, top_mps)
+class DrivenEnergy(DrivenWay):
+    """The energy of a drive, leg by leg, and how far it is above the optimum."""
 
     @cached_property
     def motion(self) -> DrivenMotion:
@@ -335,6 +301,10 @@ class Drive(DrivenWay):
             return self._above.why_not
         return self._told(self._above).removeprefix(f"{NOT_COMPARABLE}: ")
 
+    def _told(self, error: DasError) -> str:
+        """An error without the name of the recording, which the reader knows."""
+        return str(error) if self.source is None else str(error).removeprefix(f"{self.source.path}: ")
+
     @cached_property
     def motors_first(self) -> AboveOptimum:
         """The energy above the optimum if the planned train had driven this motion, and its motors had braked first.
@@ -342,6 +312,45 @@ class Drive(DrivenWay):
         Drives with other brakes can be compared by it. Raises DasError as `energies` does.
         """
         return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None, worst=None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drive(DrivenEnergy):
+    """A drive with all its figures: its course, the advice, what happened, and where its energy went.
+
+    It is made from any recording, or from the figures of a run that was just driven.
+    """
+
+    @classmethod
+    def read(cls, path: Path) -> Drive:
+        """The drive in a recording; DasError if the file cannot be used."""
+        return cls(source=open_recording(path))
+
+    @cached_property
+    def silences(self) -> tuple[Span, ...]:
+        """The times without advice."""
+        return silences(self.recording, self.course)
+
+    @cached_property
+    def shown(self) -> ShownAdvice:
+        """What the driver was shown."""
+        return ShownAdvice.of(self.recording)
+
+    @cached_property
+    def stability(self) -> AdviceStability:
+        """How stable the displayed advice was."""
+        return recorded_stability(self.recording) if self.run is None else self.run.stability
+
+    @cached_property
+    def instructions(self) -> InstructionFigures:
+        """How well the coach's instructions kept to their grammar."""
+        return recorded_instructions(self.recording) if self.run is None else self.run.instructions
+
+    @cached_property
+    def events(self) -> tuple[DriveEvent, ...]:
+        """Everything that happened, in order of time."""
+        top_mps = math.inf if isinstance(self._inputs, DasError) else self._inputs.vehicle.max_speed_mps
+        return events_of(self.recording, self.course, self.calls, self.silences, self.limit_mps, top_mps)
 
     @cached_property
     def _any_attribution(self) -> Attribution | DasError:
@@ -385,10 +394,6 @@ class Drive(DrivenWay):
         """Why it is not known where the energy went; empty if it is known."""
         found = _or_error(lambda: self.known_attribution)
         return self._told(found) if isinstance(found, DasError) else ""
-
-    def _told(self, error: DasError) -> str:
-        """An error without the name of the recording, which the reader knows."""
-        return str(error) if self.source is None else str(error).removeprefix(f"{self.source.path}: ")
 
     @cached_property
     def likely(self) -> LikelyRange | None:

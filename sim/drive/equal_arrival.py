@@ -15,7 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from sim.drive.above_optimum import AboveOptimum
+from das.domain.units import kwh
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, energy_words
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 
@@ -90,6 +91,29 @@ class EqualArrival:
         ratio = more_j / before.driven_j if before.driven_j > 0 else None
         return cls(more_j=more_j, times_j=times_j, ratio=ratio, hangs_on=hangs_on)
 
+    def as_dict(self) -> dict[str, float | str | None]:
+        """The figures for programs (kWh, share of the energy of the first drive)."""
+        return {
+            "more_energy_equal_arrival_kwh": _kwh(self.more_j),
+            "more_energy_equal_arrival_ratio": self.ratio,
+            "times_worth_kwh": _kwh(self.times_j),
+            "equal_arrival_not_comparable": self.why_not or None,
+            "hangs_on": self.hangs_on,
+        }
+
+    def sentence(self, first: str) -> str:
+        """The figures in words; `first` is the name of the first drive."""
+        if self.more_j is None or self.times_j is None:
+            return f"At equal arrival: {NOT_COMPARABLE}: {self.why_not}."
+        return (
+            f"At equal arrival: {energy_words(self.more_j, self.ratio)}, in % of the energy of {first}; the time "
+            f"difference is worth {kwh(self.times_j):+.1f} kWh at the optimum's price of time."
+        )
+
+
+def _kwh(energy_j: float | None) -> float | None:
+    return None if energy_j is None else kwh(energy_j)
+
 
 def _trains_differ(first: Drive, other: Drive, *, own: bool) -> str:
     trains = [(one.inputs.vehicle.id, one.inputs.vehicle.mass_kg, one.inputs.level) for one in (first, other)]
@@ -161,3 +185,19 @@ class SavedByAdvice:
                 return cls(saved_j=-found.more_j, ratio=None if found.ratio is None else -found.ratio, why_not="")
             why_not = found.why_not
         return cls(saved_j=None, ratio=None, why_not=why_not)
+
+    def as_dict(self) -> dict[str, float | str | None]:
+        """The figures for programs (kWh, share of the energy driven without advice)."""
+        return {
+            "saved_by_advice_kwh": _kwh(self.saved_j),
+            "saved_by_advice_ratio": self.ratio,
+            "saved_by_advice_not_comparable": self.why_not or None,
+        }
+
+    @property
+    def sentence(self) -> str:
+        """The figures in words."""
+        if self.saved_j is None:
+            return f"Saved by advice: {NOT_COMPARABLE}: {self.why_not}."
+        words = energy_words(self.saved_j, self.ratio)
+        return f"Saved by advice: {words}, at equal arrival, in % of the energy driven without advice."
