@@ -53,11 +53,11 @@ def driven_rows(
 def own_drivers_table(rows: Sequence[Row]) -> Iterator[str]:
     """The lines of the table: a driver, a day and what was shown, as means over the seeds.
 
-    Of what is saved, `energy_hindsight_kwh` is due to other running times, `energy_blending_kwh` to less friction
-    braking where the motors could brake; the rest is the speed profile.
+    Of what a driver takes less with advice, `energy_hindsight_kwh` is due to other running times; the rest is saved by
+    advice, `energy_blending_kwh` of it by less friction braking where the motors could brake.
     """
     yield (
-        "| driver | day | shown | kWh | saved, kWh | % | by running times | by less friction | late, s | "
+        "| driver | day | shown | kWh | less, kWh | % | by running times | by less friction | late, s | "
         "changes a minute | above limits, s |"
     )
     yield "|---|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 NOT_COMPARABLE: Final = "not comparable"
 """Every command prints this if it cannot state the energy above the optimum."""
 SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum cannot be compared"
+"""Why, by a recording that is older than `Saving.not_comparable`."""
+NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
+"""Why, for a drive without a departure from one stop and an arrival at another."""
 
 
 class EnergyBand(NamedTuple):
@@ -109,7 +112,7 @@ class AboveOptimum:
                     for one in found.sections
                 ),
                 measured=found.measured,
-                why_not="" if found.comparable else SAID_BY_THE_RECORDING,
+                why_not="" if found.comparable else found.not_comparable or SAID_BY_THE_RECORDING,
                 likely=_band(found.likely_low_j, found.likely_high_j),
                 worst=_band(found.worst_low_j, found.worst_high_j),
             )
@@ -152,14 +155,23 @@ class AboveOptimum:
         above_j, ratio = self.above_j, self.ratio
         if above_j is None:
             return NOT_COMPARABLE
-        return f"{kwh(above_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
+        return energy_words(above_j, ratio)
+
+    def as_dict(self) -> dict[str, float | str | None]:
+        """The figures by their names in the JSON of every command: kWh, and the share of the energy driven."""
+        above_j = self.above_j
+        return {
+            "above_optimum_kwh": None if above_j is None else kwh(above_j),
+            "above_optimum_ratio": self.ratio,
+            "not_comparable": self.why_not or None,
+        }
 
     def rows(self) -> list[tuple[str, str]]:
         """Names and texts for a table: the energy above the optimum, its bands, and this energy for each section."""
         name = "above the optimum" if self.measured else "above the optimum (estimated)"
-        rows = [(name, self.words)]
         if self.why_not:
-            return rows
+            return [(name, f"{NOT_COMPARABLE}: {self.why_not}")]
+        rows = [(name, self.words)]
         if not self.measured:
             rows += [
                 (f"{name}, {which}", "not known" if band is None else band.words)
@@ -179,6 +191,7 @@ class AboveOptimum:
             time_ns=time_ns,
             measured=self.measured,
             comparable=not self.why_not,
+            not_comparable=self.why_not,
             driven_j=self.driven_j,
             optimum_j=self.optimum_j,
             likely_low_j=likely.low_j,
@@ -199,6 +212,11 @@ class AboveOptimum:
         )
 
 
+def energy_words(energy_j: float, ratio: float | None) -> str:
+    """An energy above the optimum, or one that advice saved, in kWh and in % of an energy driven (None: not known)."""
+    return f"{kwh(energy_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
+
+
 def _band(low_j: float, high_j: float) -> EnergyBand | None:
     return None if math.isnan(low_j + high_j) else EnergyBand(low_j, high_j)
 
@@ -206,13 +224,13 @@ def _band(low_j: float, high_j: float) -> EnergyBand | None:
 def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True, direction_known: bool = True) -> str:
     """Why a drive cannot be compared with its optimum, in words; empty if it can.
 
-    It cannot if it was faster than the assumed train can be, did not run from standstill to standstill at stops, or ran
+    It cannot if it did not run from standstill to standstill at stops, was faster than the assumed train can be, or ran
     in an unknown direction.
     """
+    if not whole:
+        return NOT_WHOLE
     late_s = [one.late_s for one in sections if one.too_fast]
     if late_s:
         by_s = math.fsum(late_s)
         return f"this train cannot arrive as early as the trip did: the optimum is its fastest run, {by_s:.1f} s later"
-    if not whole:
-        return "the trip does not run from standstill to standstill at the stops"
     return "" if direction_known else "the direction of the trip is not known"

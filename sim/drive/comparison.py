@@ -1,4 +1,8 @@
-"""Compares drives on one line at the same positions, a constant step apart."""
+"""Compares drives on one line at the same positions, a constant step apart.
+
+The energies are the drives' own if their sources and brakes are the same. Otherwise the energies of all drives are
+those of motors that brake first, so that other brakes do not look like other driving.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,7 @@ from das.domain.errors import DasError
 from das.domain.units import NS, kmh, kwh
 from sim.drive.attribution.driven_legs import DrivenLeg
 from sim.drive.drive import Drive
+from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
 from sim.drive.events.chronicle import place_text
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
@@ -29,11 +34,13 @@ from sim.recording.inputs import DriveInputs
 class DriveOnTrack:
     """A drive from its first departure to its last arrival, arrays of shape (samples,); positions never decrease.
 
-    `time_s` is on the drive's clock, `energy_j` since the first departure, estimated unless `measured`. `advised_mode`
-    and `advised_mps` are what the node advised at each sample (0 and NaN: nothing).
+    `time_s` is on the drive's clock. `energy_j` counts from the first departure, between departures and arrivals;
+    `motors_first_j` is the same for the planned train whose motors brake first. `advised_mode` and `advised_mps` are
+    what the node advised at each sample (0 and NaN: nothing).
     """
 
     label: str
+    drive: Drive
     recording: Recording
     inputs: DriveInputs
     legs: tuple[DrivenLeg, ...]
@@ -41,7 +48,7 @@ class DriveOnTrack:
     s_m: Floats
     speed_mps: Floats
     energy_j: Floats
-    measured: bool
+    motors_first_j: Floats
     advised_mode: Times
     advised_mps: Floats
 
@@ -89,14 +96,15 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
     mode, advised_mps = _advised(recording, time_ns)
     return DriveOnTrack(
         label=label,
+        drive=drive,
         recording=recording,
         inputs=inputs,
         legs=legs,
         time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
-        energy_j=_energy_j(drive, time_ns),
-        measured=motion.input_j is not None,
+        energy_j=_energy_j(drive, time_ns, "balance_j"),
+        motors_first_j=_energy_j(drive, time_ns, "motors_j"),
         advised_mode=mode,
         advised_mps=advised_mps,
     )
@@ -112,15 +120,11 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
 
 
-def _energy_j(drive: Drive, time_ns: Times) -> Floats:
-    """Energy since the first departure (J): measured, or estimated on the legs, with nothing drawn at stops."""
-    motion = drive.motion
-    if motion.input_j is not None:
-        energy_j = np.interp(time_ns, motion.time_ns, motion.input_j)
-        return np.asarray(energy_j - energy_j[0])
+def _energy_j(drive: Drive, time_ns: Times, name: str) -> Floats:
+    """Energy since the first departure (J), summed over the legs: what is drawn at stops in between is in none."""
     total_j = np.zeros(len(time_ns))
     for leg, energies in zip(drive.legs, drive.energies, strict=True):
-        total_j += np.interp(time_ns, leg.motion.time_ns, energies.balance_j)
+        total_j += np.interp(time_ns, leg.motion.time_ns, getattr(energies, name))
     return total_j
 
 
@@ -181,7 +185,8 @@ class AlignedDrives:
 
     `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
     before and after it. Times and energies count from the first row, at which the clock of each drive shows `start_s`
-    (drives,).
+    (drives,). `own_energies`: the energies are those that each drive states; otherwise its motors are taken to brake
+    first.
     """
 
     drives: tuple[DriveOnTrack, ...]
@@ -192,6 +197,7 @@ class AlignedDrives:
     speed_mps: Floats
     energy_j: Floats
     lost_j: Floats
+    own_energies: bool
 
     @classmethod
     def of(cls, drives: Sequence[DriveOnTrack], step_m: float = STEP_M) -> AlignedDrives:
@@ -205,7 +211,8 @@ class AlignedDrives:
             raise DasError("the drives have no way in common, so that there is nothing to compare")
         s_m, limit_mps = _rows(drives[0], low_m, high_m, step_m)
         speed = np.array([drive.at(s_m, drive.speed_mps) for drive in drives])
-        energy = np.array([drive.at(s_m, drive.energy_j) for drive in drives])
+        own = same_brakes([drive.drive for drive in drives])
+        energy = np.array([drive.at(s_m, drive.energy_j if own else drive.motors_first_j) for drive in drives])
         inertial_kg = np.array([[drive.inputs.vehicle.inertial_mass_kg] for drive in drives])
         lost = energy - 0.5 * inertial_kg * speed**2
         time = np.array([drive.at(s_m, drive.time_s) for drive in drives])
@@ -218,6 +225,7 @@ class AlignedDrives:
             speed_mps=speed,
             energy_j=energy - energy[:, :1],
             lost_j=lost - lost[:, :1],
+            own_energies=own,
         )
 
     @property
@@ -248,6 +256,14 @@ class AlignedDrives:
             return None
         at = int(places[0])
         return Advised(float(self.s_m[at]), *told_apart((mode[at], speed[at]), (modes[at], speeds[at])))
+
+    def equal_arrival(self, other: int) -> EqualArrival:
+        """How much more energy a drive took than the first at equal arrival."""
+        return EqualArrival.of(self.drives[0].drive, self.drives[other].drive, own=self.own_energies)
+
+    def saved_by_advice(self, other: int) -> SavedByAdvice:
+        """What advice saved, if a drive and the first tell."""
+        return SavedByAdvice.of(self.drives[0].drive, self.drives[other].drive)
 
     def stretches(self, other: int) -> list[PartedStretch]:
         """The stretches between stops and changes of the limit, and how much more the other drive needed there."""
@@ -325,8 +341,11 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
         "label": drive.label,
         "train": drive.train,
         "time_s": float(aligned.time_s[index, -1]),
-        "energy_kwh": kwh(float(aligned.energy_j[index, -1])),
-        "energy_measured": drive.measured,
+        "compared_energy_kwh": kwh(float(aligned.energy_j[index, -1])),
+        "motors_first": not aligned.own_energies,
+        "energy_kwh": None if drive.drive.driven_j is None else kwh(drive.drive.driven_j),
+        "energy_measured": drive.drive.measured,
+        **({} if drive.drive.above is None else drive.drive.above.as_dict()),
         "arrived_late_s": [_number(leg.end.arrived_late_s) for leg in drive.legs],
     }
     if index:
@@ -334,6 +353,8 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
             "same": aligned.is_same(index),
             "more_time_s": float(aligned.time_s[index, -1] - aligned.time_s[0, -1]),
             "more_energy_kwh": kwh(float(aligned.energy_j[index, -1] - aligned.energy_j[0, -1])),
+            **aligned.equal_arrival(index).as_dict(),
+            **aligned.saved_by_advice(index).as_dict(),
             "first_different_advice": None if advised is None else advised._asdict(),
             "stretches": [
                 {
@@ -399,8 +420,7 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
         told.append(f"They are different trains: {first.train} and {other.train}.")
     elif other.inputs.vehicle.mass_kg != first.inputs.vehicle.mass_kg:
         told.append("They have the same train, but of another mass.")
-    if not (first.measured and other.measured):
-        told.append("Energies are estimated where no train measured them.")
+    told += energy_sentences(aligned, index)
     advised = aligned.first_different_advice(index)
     if advised is None:
         told.append("The advice was the same everywhere.")
@@ -410,3 +430,9 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
             f"{advised.other} in {other.label}."
         )
     return told
+
+
+def energy_sentences(aligned: AlignedDrives, index: int) -> list[str]:
+    """How much more energy a drive took than the first at equal arrival, what that hangs on, and what advice saved."""
+    found = aligned.equal_arrival(index)
+    return [found.sentence(aligned.drives[0].label), found.hangs_on, aligned.saved_by_advice(index).sentence]

@@ -19,7 +19,13 @@ import numpy as np
 from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum
+from sim.drive.above_optimum import (
+    NOT_COMPARABLE,
+    SAID_BY_THE_RECORDING,
+    AboveOptimum,
+    SectionEnergy,
+    why_not_comparable,
+)
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
 from sim.drive.events.chronicle import events_of
@@ -34,7 +40,7 @@ from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # these import the solver, which events, notes and stops do not need
     from sim.drive.attribution.attribution import Attribution
-    from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
+    from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
 
 _Found = TypeVar("_Found")
 
@@ -182,7 +188,134 @@ class DrivenWay:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drive(DrivenWay):
+class DrivenEnergy(DrivenWay):
+    """The energy of a drive, leg by leg, and how far it is above the optimum."""
+
+    @cached_property
+    def motion(self) -> DrivenMotion:
+        """The motion, with its energy if that was measured; DasError if the motion is not known."""
+        from sim.drive.attribution.driven_legs import motion_of
+
+        return motion_of(self.recording, lambda: self.inputs.route)
+
+    @cached_property
+    def legs(self) -> tuple[DrivenLeg, ...]:
+        """The motion between the stops that were served; DasError if the train served fewer than two.
+
+        Stops of a replayed trip count even if its journey does not name them.
+        """
+        from sim.drive.attribution.driven_legs import legs_of
+
+        names = [] if self.said is None else [one.start for one in self.said.sections[1:]]
+        on_the_way = [name for name in names if name not in {one.name for one in self.calls}]
+        calls = self.calls
+        if on_the_way:
+            stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
+            more = calls_on_the_way(stops, self.course, reported_course(self.recording))
+            calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
+        return legs_of(self.recording.path, self.motion, calls)
+
+    @cached_property
+    def energies(self) -> tuple[LegEnergies, ...]:
+        """The energies of each leg; DasError if fewer than two stops were served, or line or train are not known."""
+        from sim.drive.attribution.driven_legs import leg_energies, section_of_leg
+
+        return tuple(leg_energies(section_of_leg(self.inputs, leg), leg) for leg in self.legs)
+
+    @cached_property
+    def compared(self) -> tuple[ComparedLeg, ...]:
+        """The legs beside the planned train's optimum; DasError as for `energies`."""
+        from das.solver.solve import solve_front
+        from sim.drive.attribution.driven_legs import ComparedLeg, section_of_leg
+
+        pairs = zip(self.legs, self.energies, strict=True)
+        return tuple(ComparedLeg.of(leg, solve_front(section_of_leg(self.inputs, leg)), one) for leg, one in pairs)
+
+    @cached_property
+    def driven_j(self) -> float | None:
+        """Energy at the current collector (J), from each departure to the next arrival; None if not known.
+
+        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured.
+        """
+        if self._said_by_simulator is not None:
+            return self._said_by_simulator.driven_j
+        found = _or_error(lambda: self.legs)
+        if self.measured:
+            motions = [self.motion] if isinstance(found, DasError) else [leg.motion for leg in found]
+            return math.fsum(one.drawn_j for one in motions)
+        energies = found if isinstance(found, DasError) else _or_error(lambda: self.energies)
+        return None if isinstance(energies, DasError) else math.fsum(one.driven_j for one in energies)
+
+    @property
+    def measured(self) -> bool:
+        """Whether a simulator measured the energy; otherwise it is estimated from positions."""
+        if self.run is not None:
+            return self.run.above.measured
+        motion = _or_error(lambda: self.motion)
+        return not isinstance(motion, DasError) and motion.input_j is not None
+
+    @cached_property
+    def said(self) -> AboveOptimum | None:
+        """The energy above the optimum that simulator or replay recorded; None if neither did."""
+        return AboveOptimum.recorded(self.recording)
+
+    @cached_property
+    def _said_by_simulator(self) -> AboveOptimum | None:
+        """The energy above the optimum of the true train, which the simulator alone knows; None if it stated none.
+
+        A part of a recording has the sections that it still holds.
+        """
+        if self.run is not None or self.said is None or not self.said.measured:
+            return None if self.run is None else self.run.above
+        legs = _or_error(lambda: self.legs)
+        held = () if isinstance(legs, DasError) else [(one.start.name, one.end.name) for one in legs]
+        sections = tuple(one for one in self.said.sections if (one.start, one.end) in held)
+        return replace(self.said, sections=sections) if sections else self.said
+
+    @cached_property
+    def _above(self) -> AboveOptimum | DasError:
+        if self._said_by_simulator is not None:
+            return self._said_by_simulator
+        found = _or_error(lambda: self._beside_planned([one.section_energy for one in self.compared]))
+        return found if self.said is None or not isinstance(found, DasError) else self.said
+
+    def _beside_planned(self, sections: list[SectionEnergy]) -> AboveOptimum:
+        """The energy above the planned train's optimum; a replay knows more of its certainty, and of the trip."""
+        why_not, said = why_not_comparable(sections), self.said
+        above = AboveOptimum(sections=tuple(sections), measured=self.measured, why_not=why_not)
+        if said is None or said.measured:
+            return above
+        known = said.why_not if said.why_not != SAID_BY_THE_RECORDING else why_not or said.why_not
+        return replace(above, why_not=known or why_not, likely=said.likely, worst=said.worst)
+
+    @property
+    def above(self) -> AboveOptimum | None:
+        """The energy above the optimum: of the true train for a simulated run, else of the planned train; None if it is
+        not known, for the reason `not_comparable`."""
+        return None if isinstance(self._above, DasError) else self._above
+
+    @property
+    def not_comparable(self) -> str:
+        """Why the drive cannot be compared with its optimum; empty if it can."""
+        if not isinstance(self._above, DasError):
+            return self._above.why_not
+        return self._told(self._above).removeprefix(f"{NOT_COMPARABLE}: ")
+
+    def _told(self, error: DasError) -> str:
+        """An error without the name of the recording, which the reader knows."""
+        return str(error) if self.source is None else str(error).removeprefix(f"{self.source.path}: ")
+
+    @cached_property
+    def motors_first(self) -> AboveOptimum:
+        """The energy above the optimum if the planned train had driven this motion, and its motors had braked first.
+
+        Drives with other brakes can be compared by it. Raises DasError as `energies` does.
+        """
+        return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None, worst=None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drive(DrivenEnergy):
     """A drive with all its figures: its course, the advice, what happened, and where its energy went.
 
     It is made from any recording, or from the figures of a run that was just driven.
@@ -220,78 +353,11 @@ class Drive(DrivenWay):
         return events_of(self.recording, self.course, self.calls, self.silences, self.limit_mps, top_mps)
 
     @cached_property
-    def motion(self) -> DrivenMotion:
-        """The motion, with its energy if that was measured; DasError if the motion is not known."""
-        from sim.drive.attribution.driven_legs import motion_of
-
-        return motion_of(self.recording, lambda: self.inputs.route)
-
-    @cached_property
-    def legs(self) -> tuple[DrivenLeg, ...]:
-        """The motion between the stops that were served; DasError if the train served fewer than two.
-
-        Stops of a replayed trip count even if its journey does not name them.
-        """
-        from sim.drive.attribution.driven_legs import legs_of
-
-        names = [] if self.said is None else [one.start for one in self.said.sections[1:]]
-        on_the_way = [name for name in names if name not in {one.name for one in self.calls}]
-        calls = self.calls
-        if on_the_way:
-            stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
-            more = calls_on_the_way(stops, self.course, reported_course(self.recording))
-            calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
-        return legs_of(self.recording.path, self.motion, calls)
-
-    @cached_property
-    def energies(self) -> tuple[LegEnergies, ...]:
-        """The energies of each leg; DasError if fewer than two stops were served, or line or train are not known."""
-        from sim.drive.attribution.driven_legs import leg_energies, section_of_leg
-
-        return tuple(leg_energies(section_of_leg(self.inputs, leg), leg) for leg in self.legs)
-
-    @cached_property
-    def driven_j(self) -> float | None:
-        """Energy at the current collector (J), from each departure to the next arrival; None if not known.
-
-        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured.
-        """
-        if self.run is not None:
-            return self.run.above.driven_j
-        found = _or_error(lambda: self.legs)
-        if self.measured:
-            motions = [self.motion] if isinstance(found, DasError) else [leg.motion for leg in found]
-            return math.fsum(one.drawn_j for one in motions)
-        energies = found if isinstance(found, DasError) else _or_error(lambda: self.energies)
-        return None if isinstance(energies, DasError) else math.fsum(one.driven_j for one in energies)
-
-    @property
-    def measured(self) -> bool:
-        """Whether a simulator measured the energy; otherwise it is estimated from positions."""
-        if self.run is not None:
-            return self.run.above.measured
-        motion = _or_error(lambda: self.motion)
-        return not isinstance(motion, DasError) and motion.input_j is not None
-
-    @cached_property
-    def said(self) -> AboveOptimum | None:
-        """The energy above the optimum that simulator or replay recorded; None if neither did."""
-        return AboveOptimum.recorded(self.recording)
-
-    @property
-    def above(self) -> AboveOptimum | None:
-        """The energy above the optimum: of the run just driven, else from the energy attribution, else as recorded;
-        None if none of them is known."""
-        if self.run is not None:
-            return self.run.above
-        return self.said if self.attribution is None else self.attribution.above
-
-    @cached_property
     def _any_attribution(self) -> Attribution | DasError:
         from sim.drive.attribution.attribution import attribution_of
 
         return _or_error(
-            lambda: attribution_of(self.recording, self.inputs, self.legs, self.energies, self.shown, self.said)
+            lambda: attribution_of(self.recording, self.inputs, self.compared, _raised(self._above), self.shown)
         )
 
     @property
@@ -306,13 +372,15 @@ class Drive(DrivenWay):
     def known_attribution(self) -> Attribution:
         """Where the energy went, by cause and by place.
 
-        Raises DasError as `any_attribution` does, and if this analysis, or the replay that recorded the drive, finds
-        that drive and optimum cannot be compared.
+        Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is then that
+        of the true train, or of the planned train, by which the causes are told.
         """
+        if not isinstance(self._above, DasError) and self._above.why_not:
+            raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {self._above.why_not}")
         found = self.any_attribution
-        why = found.above.why_not or ("" if self.said is None else self.said.why_not)
-        if why:
-            raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {why}")
+        why_not = why_not_comparable(leg.section_energy for leg in found.legs)
+        if why_not:
+            raise DasError(f"{self.recording.path}: {NOT_COMPARABLE}: {why_not}")
         return found
 
     @property
@@ -325,9 +393,7 @@ class Drive(DrivenWay):
     def why_no_attribution(self) -> str:
         """Why it is not known where the energy went; empty if it is known."""
         found = _or_error(lambda: self.known_attribution)
-        if not isinstance(found, DasError):
-            return ""
-        return str(found) if self.source is None else str(found).removeprefix(f"{self.source.path}: ")
+        return self._told(found) if isinstance(found, DasError) else ""
 
     @cached_property
     def likely(self) -> LikelyRange | None:
@@ -337,12 +403,12 @@ class Drive(DrivenWay):
         """
         from sim.drive.attribution.driven_legs import likely_range
 
-        if self.attribution is None or self.attribution.measured:
+        if self.above is None or self.above.measured or self.not_comparable:
             return None
-        found = likely_range(self.attribution.legs)
-        if found is None or self.said is None or self.said.likely is None:
+        found = likely_range(self.compared)
+        if found is None or self.above.likely is None:
             return found
-        return replace(found, low_j=self.said.likely.low_j, high_j=self.said.likely.high_j)
+        return replace(found, low_j=self.above.likely.low_j, high_j=self.above.likely.high_j)
 
 
 def _or_error(find: Callable[[], _Found]) -> _Found | DasError:

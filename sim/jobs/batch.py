@@ -190,7 +190,18 @@ def make_run(job: BatchJob) -> JobResult:
 
 
 TEXTS = (
-    *("scenario", "driver", "friction_policy", "population", "advice", "level", "error", "happens", "drawn"),
+    *(
+        "scenario",
+        "driver",
+        "friction_policy",
+        "population",
+        "advice",
+        "level",
+        "error",
+        "not_comparable",
+        "happens",
+        "drawn",
+    ),
     *("recording", "version"),
     *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
     *("true_vehicle_sha256", "true_loss_map_sha256", "driver_sha256", "population_sha256", "inputs_sha256"),
@@ -207,10 +218,11 @@ COUNTS = (
     "signals_passed",
     "simulated_s",
 )
-TRUTHS = ("advice_restless", "hindsight_faster_than_possible")
+TRUTHS = ("advice_restless",)
 FIGURES = (
     *("late_s", "running_time_s"),
-    *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh", "above_optimum_ratio"),
+    *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh", "above_optimum_kwh"),
+    "above_optimum_ratio",
     *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *(f"{name}_kwh" for name in SHARES),
     *(f"{name}_ratio" for name in SHARES),

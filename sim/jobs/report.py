@@ -1,6 +1,7 @@
-"""The results of a batch by scenario, driver and presentation: means over the seeds, and what advice saves.
+"""The results of a batch by scenario, driver and presentation: means over the seeds, and what advice saved.
 
-A saving is split into its causes: parts of the differences between paired runs, which sum to the saving.
+Saved by advice is defined in `sim.drive.equal_arrival`. It is split into its causes: parts of the differences between
+paired runs, which sum to what was saved.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from rich import box
 from rich.table import Table
 
 from das.command_line.printing import print_table, tell
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.world.outcome import SHARES
 
@@ -39,8 +40,10 @@ LEGEND: Final = {
 }
 """The legend below the table."""
 SPLIT_LEGEND: Final = {
-    "saved": "energy saved against the same driver without advice on the same days, with its 95 % interval",
-    "times": "because other running times have another optimum",
+    "saved": "energy saved by advice at equal arrival, against the same driver without advice on the same days, with "
+    "its 95 % interval",
+    "%": "that in % of the energy driven without advice",
+    "times": "what the time difference was worth beside it, at the optimum's price of time",
     "blend": "by less friction where the motors could brake",
     "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
     "track": "by keeping to that profile (–: no perfect driver in this batch, or none who follows this advice)",
@@ -50,13 +53,13 @@ SPLIT_LEGEND: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class SplitSaving:
-    """What a presentation saves against no advice, in kWh: means over the seeds that have runs with both.
+    """What a presentation saves at equal arrival against no advice, in kWh: means over the comparable pairs of runs.
 
-    `time_shift`: the optimum for the baseline's running times is higher. `blending`: less friction braking where the
-    motors could brake. `profile`: a better speed profile, as it was driven. If a perfect driver followed the same
-    advice on the same days (vector and coach only), `profile` is what that driver saved by it, and `tracking` (mostly
-    < 0) is what this driver lost by not keeping to the advice. The parts sum to `saved`, whose 95 % interval over the
-    pairs is ± `interval` (normal).
+    `blending`: less friction braking where the motors could brake. `profile`: a better speed profile, as it was driven.
+    If a perfect driver followed the same advice on the same days (vector and coach only), `profile` is what that driver
+    saved by it, and `tracking` (mostly < 0) is what this driver lost by not keeping to the advice. The parts sum to
+    `saved`, whose 95 % interval over the pairs is ± `interval` (normal); `ratio` is its share of the energy driven
+    without advice, `baseline`. `time_shift` is no part of it: what the time difference was worth.
     """
 
     scenario: str
@@ -65,6 +68,7 @@ class SplitSaving:
     pairs: int
     baseline_kwh: float
     saved_kwh: float
+    saved_ratio: float
     interval_kwh: float
     time_shift_kwh: float
     blending_kwh: float
@@ -79,15 +83,21 @@ class SplitSaving:
 def savings(rows: Sequence[Row]) -> list[SplitSaving]:
     """The savings of every presentation against no advice, by scenario and driver; failed runs are left out.
 
-    A pair is the same day with the same person (column `participant`, if there is one).
+    A pair is the same day with the same person (column `participant`, if there is one). Runs that are not comparable
+    with their optimum are left out, and so are those of a driver whose brakes depend on the advice.
     """
     good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
     for row in rows:
-        if row.get("error") is None:
+        if row.get("error") is None and row.get("not_comparable") is None and _brakes_alike(row):
             runs = good.setdefault((row["scenario"], row["driver"], row["advice"]), {})
             runs[_Pair(row["seed"], row.get("participant"))] = row
     found = (_saving(good, *kind) for kind in good if kind[2] != Presentation.NONE)
     return [one for one in found if one is not None]
+
+
+def _brakes_alike(row: Row) -> bool:
+    """Whether the driver brakes alike with and without advice."""
+    return row["driver"] != DriverKind.HUMAN or row.get("friction_policy") != FrictionPolicy.BY_ADVICE
 
 
 class _Pair(NamedTuple):
@@ -109,7 +119,8 @@ def _saving(
     def less(name: str) -> Any:
         return np.array([alone[pair][name] - advised[pair][name] for pair in pairs])
 
-    saved = less("energy_kwh")
+    saved = less("energy_kwh") - less("energy_hindsight_kwh")
+    baseline_kwh = float(np.mean([alone[pair]["energy_kwh"] for pair in pairs]))
     spread = float(saved.std(ddof=1)) if len(pairs) > 1 else float("nan")
     profile, tracking = float(less("energy_profile_kwh").mean()), None
     followable = presenter_of(Presentation(advice)).follower() is not None
@@ -121,8 +132,9 @@ def _saving(
         profile -= tracking
     return SplitSaving(
         scenario=scenario, driver=driver, advice=advice, pairs=len(pairs),
-        baseline_kwh=float(np.mean([alone[pair]["energy_kwh"] for pair in pairs])),
+        baseline_kwh=baseline_kwh,
         saved_kwh=float(saved.mean()),
+        saved_ratio=float(saved.mean()) / baseline_kwh,
         interval_kwh=NORMAL_95 * spread / len(pairs) ** 0.5,
         time_shift_kwh=float(less("energy_hindsight_kwh").mean()),
         blending_kwh=float(less("energy_blending_kwh").mean()),
@@ -179,15 +191,16 @@ def _table(title: str, names: Sequence[str]) -> Table:
 
 
 def print_savings(found: Sequence[SplitSaving]) -> None:
-    """Print what advice saved, split into its causes; nothing if no run was without advice."""
+    """Print what advice saved, split into its causes; nothing if no pair of runs tells."""
     if not found:
         return
-    table = _table("saved against no advice, split (kWh)", ("n", *SPLIT_LEGEND))
+    table = _table("saved by advice, split (kWh)", ("n", *SPLIT_LEGEND))
     for one in found:
         table.add_row(
             f"{one.scenario}, {one.driver}, {one.advice}",
             str(one.pairs),
             f"{one.saved_kwh:+.1f} ± {one.interval_kwh:.1f}" if one.pairs > 1 else f"{one.saved_kwh:+.1f}",
+            f"{100 * one.saved_ratio:+.1f}",
             *(f"{part:+.1f}" for part in (one.time_shift_kwh, one.blending_kwh, one.profile_kwh)),
             "–" if one.tracking_kwh is None else f"{one.tracking_kwh:+.1f}",
         )

@@ -19,7 +19,7 @@ from das.bus.recording import Recording
 from das.domain.units import KM, NS, kwh
 from das.solver.section import Section
 from das.solver.solution import Solution
-from sim.drive.above_optimum import AboveOptimum, why_not_comparable
+from sim.drive.above_optimum import AboveOptimum
 from sim.drive.attribution.causes import EnergyCause, ShownAdvice
 from sim.drive.attribution.committed import Committed, Knowledge, committed, epochs_of, spacing
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LegEnergies
@@ -48,15 +48,15 @@ class Places:
     lost_more_j: Floats
 
 
-def drawn_by_optimum(optimum: Solution, true_optimum_j: float | None) -> Floats:
+def drawn_by_optimum(optimum: Solution, optimum_j: float) -> Floats:
     """Energy drawn by the optimum up to each of its nodes (J), shape (nodes,).
 
-    `optimum` is that of the planned train. Of the true train's optimum, at most the total energy is known; if it is,
+    `optimum` is that of the planned train. Of the true train's optimum, at most the total energy is known, `optimum_j`;
     the planned train's energies are scaled to it, so that the energies of places sum to those of the drive.
     """
     run = optimum.trajectory
     drawn_j = np.concatenate(([0.0], np.cumsum(run.input_j(run.loss_j(optimum.section.loss)))))
-    return drawn_j if true_optimum_j is None or not drawn_j[-1] > 0.0 else drawn_j * (true_optimum_j / drawn_j[-1])
+    return drawn_j * (optimum_j / drawn_j[-1]) if drawn_j[-1] > 0.0 else drawn_j
 
 
 def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optimum: Solution, best_j: Floats) -> Places:
@@ -118,24 +118,20 @@ OTHER_TRAIN: Final = "the true train, wind and rail"
 class LegAttribution(ComparedLeg):
     """The energy attribution of one leg.
 
-    `true_optimum_j` is the optimum of the true train (J) if a simulator recorded it, else None.
+    `optimum_j` is the least energy for the same trip time (J): of the true train if a simulator recorded it, else of
+    the planned train.
     `timetable_j` and `left_j` are the least energies for the timetable's trip time and for the time that was left from
     the departure to the timetable's arrival; the fastest trajectory's if that time is too short, None without a
     timetable. `best_drawn_j` is the energy drawn by the optimum up to each of its nodes (J), see `drawn_by_optimum`.
     """
 
-    true_optimum_j: float | None
+    optimum_j: float
     committed: Committed
     timetable_j: float | None
     left_j: float | None
     best_drawn_j: Floats
     even: Places
     by_limit: Places
-
-    @property
-    def optimum_j(self) -> float:
-        """Least energy for the same trip time (J): of the true train if it is known, else of the planned train."""
-        return self.optimum.balance.input if self.true_optimum_j is None else self.true_optimum_j
 
     @property
     def other_train_j(self) -> float:
@@ -198,18 +194,17 @@ def _between(sum_j: Floats, first: int, last: int) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attribution:
-    """The energy attributions of all legs of a drive; the properties are their sums."""
+    """The energy attributions of all legs of a drive; `above` is the energy that they attribute."""
 
     inputs: DriveInputs
+    above: AboveOptimum
     legs: tuple[LegAttribution, ...]
-    measured: bool
     advice_shown: bool
 
     @property
-    def above(self) -> AboveOptimum:
-        """The energy above the optimum of the same train, leg by leg."""
-        sections = tuple(leg.section_energy for leg in self.legs)
-        return AboveOptimum(sections=sections, measured=self.measured, why_not=why_not_comparable(sections))
+    def measured(self) -> bool:
+        """Whether the energy was measured; otherwise it is estimated from positions."""
+        return self.above.measured
 
     @property
     def other_train_j(self) -> float:
@@ -219,12 +214,12 @@ class Attribution:
     @property
     def driven_j(self) -> float:
         """Energy at the current collector as driven, from departures to arrivals (J)."""
-        return sum(leg.driven_j for leg in self.legs)
+        return self.above.driven_j
 
     @property
     def optimum_j(self) -> float:
         """Energy of the optimum for the same times (J)."""
-        return sum(leg.optimum_j for leg in self.legs)
+        return self.above.optimum_j
 
     @property
     def difference_j(self) -> float:
@@ -258,50 +253,43 @@ def _summed(parts: Sequence[Mapping[EnergyCause, float]]) -> dict[EnergyCause, f
 
 
 def attribution_of(
-    recording: Recording,
-    inputs: DriveInputs,
-    driven: Sequence[DrivenLeg],
-    energies: Sequence[LegEnergies],
-    shown: ShownAdvice,
-    said: AboveOptimum | None,
+    recording: Recording, inputs: DriveInputs, compared: Sequence[ComparedLeg], above: AboveOptimum, shown: ShownAdvice
 ) -> Attribution:
-    """The energy attribution of a recorded drive, from its line and train, its legs with their energies, and what the
-    driver was shown.
+    """The energy attribution of a recorded drive, from its line and train, its legs beside the planned train's optimum,
+    its energy above the optimum, and what the driver was shown.
 
-    It is made even if drive and optimum are not comparable. `said` is the energy above the optimum that the recording
-    states; None if it states none.
+    It is made even if drive and optimum are not comparable.
     """
-    epochs, seen, every = epochs_of(recording), signals(recording), spacing(driven)
-    measured = () if said is None or not said.measured else said.sections
-    true_j = {(one.start, one.end): one.optimum_j for one in measured}
+    epochs, seen, every = epochs_of(recording), signals(recording), spacing([one.leg for one in compared])
+    optima_j = {(one.start, one.end): one.optimum_j for one in above.sections}
     legs = tuple(
         _leg_attribution(
-            Knowledge(inputs, leg, epochs), one, true_j.get((leg.start.name, leg.end.name)), shown, seen, every
+            one, Knowledge(inputs, one, epochs),
+            optima_j.get((one.leg.start.name, one.leg.end.name), one.optimum.balance.input), shown, seen, every,
         )
-        for leg, one in zip(driven, energies, strict=True)
-    )
-    return Attribution(inputs=inputs, legs=legs, measured=energies[0].measured, advice_shown=shown.any_shown)
+        for one in compared
+    )  # fmt: skip
+    return Attribution(inputs=inputs, above=above, legs=legs, advice_shown=shown.any_shown)
 
 
 def _leg_attribution(
+    found: ComparedLeg,
     knowledge: Knowledge,
-    energies: LegEnergies,
-    true_optimum_j: float | None,
+    optimum_j: float,
     shown: ShownAdvice,
     seen: tuple[Signal, ...],
     every: int,
 ) -> LegAttribution:
-    found = ComparedLeg.of(knowledge.leg, knowledge.front(), energies)
-    leg, front, optimum = found.leg, found.front, found.optimum
+    leg, front, optimum, energies = found.leg, found.front, found.optimum, found.energies
     section, least_s = front.section, optimum.least_time_s
-    best_j = drawn_by_optimum(optimum, true_optimum_j)
+    best_j = drawn_by_optimum(optimum, optimum_j)
 
     def least_j(time_s: float | None) -> float | None:
         return None if time_s is None else front.trajectory(max(time_s, least_s)).balance.input
 
     return LegAttribution(
         **vars(found),
-        true_optimum_j=true_optimum_j,
+        optimum_j=optimum_j,
         committed=committed(knowledge, energies, shown, seen, every),
         timetable_j=least_j(leg.timetable_s),
         left_j=least_j(leg.left_s),
@@ -317,8 +305,7 @@ def as_dict(attribution: Attribution) -> dict[str, Any]:
     return {
         "driven_kwh": kwh(attribution.driven_j),
         "optimum_same_times_kwh": kwh(attribution.optimum_j),
-        "above_optimum_kwh": kwh(attribution.difference_j),
-        "above_optimum_ratio": attribution.above.ratio,
+        **attribution.above.as_dict(),
         "measured": attribution.measured,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in attribution.by_cause.items()},
         "optimum_timetable_kwh": None if attribution.timetable_j is None else kwh(attribution.timetable_j),

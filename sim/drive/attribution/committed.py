@@ -26,7 +26,7 @@ from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.attribution.causes import EnergyCause, Judge, Moment, ShownAdvice, coasts_to_brake, effort_ratio
-from sim.drive.attribution.driven_legs import DrivenLeg, LegEnergies, section_of_leg
+from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LegEnergies, section_of_leg
 from sim.drive.happenings import Signal
 from sim.drive.limits import told_lists
 from sim.recording.course import Floats
@@ -78,8 +78,8 @@ class Knowledge:
     Each set of restrictions is solved once, on demand.
     """
 
-    def __init__(self, inputs: DriveInputs, leg: DrivenLeg, epochs: tuple[Epoch, ...]) -> None:
-        self.inputs, self.leg = inputs, leg
+    def __init__(self, inputs: DriveInputs, compared: ComparedLeg, epochs: tuple[Epoch, ...]) -> None:
+        self.inputs, self.leg, self._untold = inputs, compared.leg, compared.front
         self.nothing_told: Told = frozenset()
         self._changes_ns = np.array([epoch.since_ns for epoch in epochs])
         self._told = tuple(self._here(epoch.told) for epoch in epochs)
@@ -108,7 +108,7 @@ class Knowledge:
         return Remaining(energy_j=run.balance.input, run=run)
 
     def _solved(self, told: Told) -> Front:
-        return solve_front(self.section(told))
+        return solve_front(self.section(told)) if told else self._untold
 
     def _here(self, told: Told) -> Told:
         """Those of the restrictions that the train meets on this leg."""

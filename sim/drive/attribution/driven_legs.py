@@ -25,7 +25,7 @@ from das.solver.front import Front
 from das.solver.section import Section, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import EnergyBand, SectionEnergy
+from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy
 from sim.drive.calls import KeptCall, knows_truth
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
@@ -135,7 +135,7 @@ def legs_of(path: Path, motion: DrivenMotion, made: Sequence[KeptCall]) -> tuple
     """The legs of a drive between the stops that were served; DasError if the train served fewer than two stops."""
     found = tuple(_legs(motion, [call for call in made if call.served]))
     if not found:
-        raise DasError(f"{path}: the train did not drive from one stop of its journey to another")
+        raise DasError(f"{path}: {NOT_COMPARABLE}: {NOT_WHOLE}")
     return found
 
 
@@ -261,16 +261,17 @@ class ComparedLeg:
         return self.energies.driven_j
 
     @property
-    def optimum_j(self) -> float:
-        """Least energy for the same trip time (J)."""
-        return self.optimum.balance.input
-
-    @property
     def section_energy(self) -> SectionEnergy:
         """The energies of the leg as driven and of its optimum."""
-        names = self.leg.start.name, self.leg.end.name
-        found = SectionEnergy.of(*names, self.leg.trip_s, self.driven_j, self.optimum)
-        return replace(found, optimum_j=self.optimum_j)
+        return self._beside_optimum(self.driven_j)
+
+    @property
+    def motors_first(self) -> SectionEnergy:
+        """The same for this motion of the planned train with motors that brake first, whatever was measured."""
+        return self._beside_optimum(float(self.energies.motors_j[-1]))
+
+    def _beside_optimum(self, driven_j: float) -> SectionEnergy:
+        return SectionEnergy.of(self.leg.start.name, self.leg.end.name, self.leg.trip_s, driven_j, self.optimum)
 
 
 def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
@@ -317,7 +318,7 @@ def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
         return None
     above_j = _above_in_cases(legs)
     unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
-    likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum_j for one in legs), unknowns)
+    likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum.balance.input for one in legs), unknowns)
     known = any(leg.leg.motion.friction_j is not None for leg in legs)
     friction_j = None if known else above_j(DrivenCase(all_friction=True))
     return LikelyRange(

@@ -163,10 +163,10 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "zero_ns": drive.clock.zero_ns,
         "within_shown_speed_ratio": compliance(drive),
         "stops": tables.stop_rows(drive),
-        "likely_above_optimum_kwh": None
-        if drive.likely is None
-        else [kwh(drive.likely.low_j), kwh(drive.likely.high_j)],
+        "above_optimum_likely_low_kwh": None if drive.likely is None else kwh(drive.likely.low_j),
+        "above_optimum_likely_high_kwh": None if drive.likely is None else kwh(drive.likely.high_j),
         "energy": None if drive.attribution is None else energy_dict(drive.attribution),
+        "not_comparable": drive.not_comparable or None,
         "no_energy_because": drive.why_no_attribution or None,
         "events": as_rows(drive.events, drive.clock),
         "health": subject.checked.as_dict(),

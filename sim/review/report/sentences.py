@@ -12,6 +12,7 @@ import numpy as np
 
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
+from sim.drive.above_optimum import EnergyBand
 from sim.drive.attribution.attribution import Attribution, worst_places
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.calls import KeptCall
@@ -125,10 +126,8 @@ def _took(drive: Drive) -> list[str]:
         "signal and no temporary restriction."
     ]
     if drive.likely is not None:
-        low, high = kwh(drive.likely.low_j), kwh(drive.likely.high_j)
-        told.append(
-            f"Mass, resistance and wind are not known; by these alone it is likely {low:.1f} to {high:.1f} kWh."
-        )
+        band = EnergyBand(drive.likely.low_j, drive.likely.high_j).words
+        told.append(f"It is likely {band}, as mass, resistance and wind are not known exactly.")
         if not math.isnan(drive.likely.by_friction_j):
             told.append(f"If the train braked by friction alone, it is {kwh(drive.likely.by_friction_j):.0f} kWh.")
     named = told_causes(attribution)[:MAIN_CAUSES]

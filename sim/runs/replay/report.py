@@ -107,7 +107,7 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
 def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
     """Energy as driven, that of the optimum with the same arrivals, and what is above it."""
     energy, above, spread = found.energy, found.above, found.above_range
-    likely, above_j = above.likely, above.above_j
+    likely = above.likely
     return {
         "min_time_s": sum(one.optimum.least_time_s for one in found.legs),
         "energy_driven_kwh": kwh(above.driven_j),
@@ -118,13 +118,11 @@ def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
         "optimum_time_s": sum(one.optimum.time_s for one in found.legs),
         "driving_time_s": sum(one.leg.trip_s for one in found.legs),
         "optimum_fit": str(Fit.LATE if above.too_fast else found.legs[0].optimum.fit),
-        "above_optimum_kwh": None if above_j is None else kwh(above_j),
-        "above_optimum_ratio": above.ratio,
+        **above.as_dict(),
         "above_optimum_likely_low_kwh": None if likely is None else kwh(likely.low_j),
         "above_optimum_likely_high_kwh": None if likely is None else kwh(likely.high_j),
         "above_optimum_low_kwh": None if spread is None else kwh(spread.low_j),
         "above_optimum_high_kwh": None if spread is None else kwh(spread.high_j),
-        "not_comparable": above.why_not or None,
         "above_optimum_certain": spread is not None and certainly_above(spread, above.driven_j),
         "above_optimum_unknowns": [] if spread is None else unknowns(spread),
         "above_optimum_cases_left_out": 0 if spread is None else spread.left_out,
@@ -265,16 +263,13 @@ def notes(found: dict[str, Any]) -> list[str]:
 
 def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     notes = []
-    if found["optimum_fit"] == Fit.LATE:
+    if found["not_comparable"] is not None:
         notes.append(f"{NOT_COMPARABLE}: {found['not_comparable']}")
     if found["timetable_fit"] == Fit.LATE:
         late = found["timetable_late_s"]
         notes.append(f"the timetable's arrival is earlier than possible: the fastest run is {late:.1f} s late")
-    if not found["whole_section"]:
-        better = f" (try {found['better_stops']})" if found["better_stops"] else ""
-        notes.append(
-            f"the trip does not run from standstill to standstill at the stops{better}: it is {NOT_COMPARABLE}"
-        )
+    if not found["whole_section"] and found["better_stops"]:
+        notes.append(f"other stops may fit the trip: try {found['better_stops']}")
     if found["stops_on_the_way"]:
         names = ", ".join(found["stops_on_the_way"])
         notes.append(f"the train stood at {names} on the way: it is compared section by section with the same stands")
@@ -284,7 +279,7 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:
         notes.append("with the unknowns at their worst it took no more than the optimum, or hardly more")
     if found["direction_note"]:
-        notes.append(f"{found['direction_note']}: before that is known it is {NOT_COMPARABLE}")
+        notes.append(found["direction_note"])
     if found["above_optimum_cases_left_out"]:
         notes.append("a train heavier or more resisted could not have driven so: the range is without it")
     if found["advices_above_limit"]:

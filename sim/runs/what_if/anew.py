@@ -294,7 +294,8 @@ def _how(origin: Origin, new: Otherwise) -> How:
             raise DasError(f"--driver {driver}: expected a driver who drives within this process")
         raise DasError(f"{origin.path}: was driven by a process of its own: say who drives it anew (--driver)")
     shown = Presentation.COACH if origin.has_coach else Presentation.VECTOR
-    missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.AS_MEASURED
+    # Of a real drive the energy is an estimate with motors that brake first; the day driven anew keeps these brakes.
+    missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
     try:
         return How(
             driver=driver,

@@ -14,7 +14,15 @@ from das.bus import topics
 from das.bus.recording import Recording, recording_of
 from das.domain.errors import DasError
 from das.domain.units import kmh, kwh
-from sim.drive.comparison import SAME_ADVICE_MPS, Advised, AlignedDrives, as_dict, on_track, told_apart
+from sim.drive.comparison import (
+    SAME_ADVICE_MPS,
+    Advised,
+    AlignedDrives,
+    as_dict,
+    energy_sentences,
+    on_track,
+    told_apart,
+)
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.options import WhatIfKind
@@ -117,8 +125,8 @@ class Changed:
             told.append(f"The advice differs at {advice.differing} of {advice.moments} moments{by}.")
         if first is not None:
             told.append(f"It differs first at {place_text(first.s_m)}: {first.first}, and now {first.other}.")
-        if self.kind is WhatIfKind.DRIVEN_ANEW and self.aligned is not None and not self.aligned.drives[0].measured:
-            told.append("The recorded energy is an estimate, with motors that brake first; the new one is measured.")
+        if self.kind is WhatIfKind.DRIVEN_ANEW and self.aligned is not None:
+            told += energy_sentences(self.aligned, 1)
         if self.aligned is None:
             told.append(f"The drives cannot be put beside each other: {self.why_not}.")
         return told
@@ -186,10 +194,16 @@ def _coached(said: dict[int, AdviceThen]) -> int:
 
 def _drive_rows(aligned: AlignedDrives) -> list[tuple[str, str, str]]:
     time = [minutes(float(one[-1])) for one in aligned.time_s]
-    energy = [f"{kwh(float(one[-1])):.1f} kWh" for one in aligned.energy_j]
+    energy, times_j = [kwh(float(one[-1])) for one in aligned.energy_j], aligned.equal_arrival(1).times_j
+    equal = [] if times_j is None else [("energy at equal arrival", *_in_kwh(energy[0], energy[1] - kwh(times_j)))]
     late = [f"{drive.legs[-1].end.arrived_late_s:+.0f} s" for drive in aligned.drives]
     return [
         ("driven, min", time[0], time[1]),
-        ("energy", energy[0], energy[1]),
+        ("energy, motors brake first" if not aligned.own_energies else "energy", *_in_kwh(*energy)),
+        *equal,
         ("late at the last stop", late[0], late[1]),
     ]
+
+
+def _in_kwh(old: float, new: float) -> tuple[str, str]:
+    return f"{old:.1f} kWh", f"{new:.1f} kWh"

@@ -26,7 +26,8 @@ PERFECT = [row("perfect", "vector", seed, optimum=98.0, blending=0.0, profile=1.
 def test_the_parts_are_those_planted_and_sum_to_the_difference() -> None:
     (found,) = savings([*NONE, *VECTOR])
     assert (found.advice, found.pairs, found.tracking_kwh) == ("vector", 3, None)
-    assert found.saved_kwh == pytest.approx(3.0 + 16.0 + 4.0)
+    assert found.saved_kwh == pytest.approx(16.0 + 4.0)  # the 3 kWh that the later arrival is worth are not saved
+    assert found.saved_ratio == pytest.approx(20.0 / 131.0)
     assert (found.time_shift_kwh, found.blending_kwh, found.profile_kwh) == pytest.approx((3.0, 16.0, 4.0))
     assert found.interval_kwh == pytest.approx(0.0, abs=1e-9)
     assert found.baseline_kwh == pytest.approx(131.0)
@@ -36,7 +37,7 @@ def test_beside_a_perfect_driver_the_profile_is_that_of_the_advice_and_the_rest_
     found = next(one for one in savings([*NONE, *VECTOR, *PERFECT]) if one.driver == "human")
     assert found.tracking_kwh is not None
     assert (found.profile_kwh, found.tracking_kwh) == pytest.approx((9.0, -5.0))
-    parts = found.time_shift_kwh + found.blending_kwh + found.profile_kwh + found.tracking_kwh
+    parts = found.blending_kwh + found.profile_kwh + found.tracking_kwh
     assert parts == pytest.approx(found.saved_kwh)
 
 
@@ -48,6 +49,13 @@ def test_only_seeds_that_both_have_are_compared_and_failed_runs_are_left_out() -
     assert savings(VECTOR) == []
 
 
+def test_what_cannot_be_compared_and_who_brakes_otherwise_with_advice_saved_nothing_that_can_be_said() -> None:
+    faster = {**VECTOR[1], "not_comparable": "this train cannot arrive as early"}
+    (found,) = savings([*NONE, VECTOR[0], faster])
+    assert found.pairs == 1
+    assert savings([{**one, "friction_policy": "by-advice"} for one in (*NONE, *VECTOR)]) == []
+
+
 def test_a_day_is_compared_with_the_same_day_of_the_same_person() -> None:
     """Two persons on one day; the perfect driver of the day belongs to both."""
     persons = [
@@ -55,5 +63,5 @@ def test_a_day_is_compared_with_the_same_day_of_the_same_person() -> None:
     ]
     persons += [{**VECTOR[0], "participant": k, "energy_kwh": VECTOR[0]["energy_kwh"] + 10 * k} for k in (1, 2)]
     found = next(one for one in savings([*persons, PERFECT[0]]) if one.driver == "human")
-    assert (found.pairs, found.saved_kwh, found.interval_kwh) == pytest.approx((2, 23.0, 0.0))
+    assert (found.pairs, found.saved_kwh, found.interval_kwh) == pytest.approx((2, 20.0, 0.0))
     assert found.tracking_kwh == pytest.approx(-5.0)

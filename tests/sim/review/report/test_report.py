@@ -128,7 +128,7 @@ def test_a_drive_that_is_not_comparable_is_told_without_a_share_of_anything() ->
     assert "%" not in text.partition("While a speed")[0]
     assert "best possible" not in text
     (row,) = as_dict([ReviewedDrive(found, fast().checked)], None, "")["drives"]
-    assert (row["energy"], row["likely_above_optimum_kwh"]) == (None, None)
+    assert (row["energy"], row["above_optimum_likely_low_kwh"]) == (None, None)
 
 
 def test_the_paragraph_tells_a_train_that_is_too_fast_for_its_file_from_one_above_the_limit() -> None:
@@ -281,7 +281,7 @@ def test_the_command_reports_on_a_trip_that_was_recorded_by_positions_alone(tmp_
     (drive,) = json.loads(done.stdout)["drives"]
     energy = drive["energy"]
     assert energy["measured"] is False
-    low, high = drive["likely_above_optimum_kwh"]
+    low, high = drive["above_optimum_likely_low_kwh"], drive["above_optimum_likely_high_kwh"]
     assert low < energy["above_optimum_kwh"] < high
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     # One drive has one time and one energy: in the title of a picture, in the table of a replay, and in the report.
