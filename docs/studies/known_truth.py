@@ -22,14 +22,14 @@ from precompute.workers import Workers
 from sim.experiment.analysis.differences import PairedTrials, paired_trials
 from sim.experiment.analysis.power import (
     AT_ONCE,
-    RESAMPLES_EACH,
+    PATTERNS_EACH,
     PilotDifferences,
     PowerQuestion,
     power_of,
     share_interval,
 )
 from sim.experiment.analysis.reading import Floats, RunStudy, read_study
-from sim.experiment.analysis.resampling import resampled, weights
+from sim.experiment.analysis.sign_flips import probabilities, signs_of
 from sim.experiment.design import freeze, read_design
 from sim.experiment.factors import study_days
 from sim.experiment.plan import PlannedComparison
@@ -177,14 +177,14 @@ def share_without(values: Floats, size: int, studies: int = STUDIES) -> Share:
 
 
 def _share(values: Floats, size: int, studies: int, rng: np.random.Generator, *, swapped: bool) -> Share:
-    drawn = weights(size, RESAMPLES_EACH, rng)
+    signs = signs_of(size, rng, PATTERNS_EACH)
     found = 0
     for start in range(0, studies, AT_ONCE):
         count = min(AT_ONCE, studies - start)
         chosen = values[rng.integers(0, len(values), (count, size))]
         if swapped:
             chosen = chosen * rng.choice((-1.0, 1.0), chosen.shape)
-        found += int(np.sum(resampled((chosen,), (drawn,)).probabilities < ALPHA))
+        found += int(np.sum(probabilities(chosen, signs) < ALPHA))
     return Share(found=found / studies, interval=share_interval(found, studies))
 
 

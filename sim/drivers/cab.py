@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
+from das.advice.advice import ReplanCause
 from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import Regime
 from das.domain.restriction import Restriction
@@ -46,8 +47,8 @@ class AdviceView:
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
     change. In COACH, `due_s` is the time until the instruction is due, and `target_way_m` the distance to where its
-    speed is reached. In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable
-    (early < 0).
+    speed is reached; `replan_cause` and `replanned_s` are why and when its reference was made, which no display shows.
+    In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable (early < 0).
 
     Mode DEPART tells a standing train to wait until it is cleared; efforts and horizons are those of a standing train.
     The next change is then the departure, and `departure` is what a driver reads when the train is cleared.
@@ -71,6 +72,8 @@ class AdviceView:
     target_way_m: float = math.nan
     reason: Reason = NO_REASON
     deviation_s: float = math.nan
+    replan_cause: int = ReplanCause.NONE
+    replanned_s: float = math.nan
 
     @property
     def shown_speed_mps(self) -> float:

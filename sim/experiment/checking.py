@@ -21,7 +21,7 @@ from das.domain.files.writing import write_whole
 from sim.experiment.design import ConditionOrder, Days, Design, Factor, resolved
 from sim.experiment.driving import StudyTrial, drive, lever_trace_sha256, service_of
 from sim.experiment.factors import FactorLevel, Setting
-from sim.experiment.plan import CHECK_RESULT, LEAST_PARTICIPANTS, TRIALS_TABLE, as_json
+from sim.experiment.plan import CHECK_RESULT, TRIALS_TABLE, as_json
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
 
@@ -208,7 +208,7 @@ def check_design(design: Design, clock: Callable[[], float] = time.perf_counter)
         participants=design.people.count,
         person_s=max(spans_s),
         all_s=sum(spans_s),
-        notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design)),
+        notes=(*imbalances(design, trials), *_order_notes(design), *group_notes(design), *pair_notes(design)),
         sensed=sensed,
         work_s=_work_s(test, trials, lengths_s),
     )
@@ -269,15 +269,26 @@ def group_notes(design: Design) -> list[str]:
         f"{names}: each participant meets one level, so groups of {each} are compared unpaired, which takes "
         "many more participants than a paired comparison (das-sim experiment power --groups)"
     ]
-    if each < LEAST_PARTICIPANTS:
-        said.append(
-            f"groups of {each}: with fewer than {LEAST_PARTICIPANTS} in a group the interval is Student's t alone"
-        )
     if design.procedure.days is not Days.COMMON:
         said.append(
             "the groups meet different days, and luck with days is part of the noise (procedure.days = 'common')"
         )
     return said
+
+
+def pair_notes(design: Design) -> list[str]:
+    """A note if there are too few participants for any paired difference to stand out from chance."""
+    plan, count = design.plan, design.people.count
+    within = {factor.name for factor in design.factors if factor.within}
+    number = 1 if plan.correction == "none" else len(plan.comparisons)
+    least = 2.0 / 2.0**count * number
+    if least < plan.alpha or not any(one.factor in within for one in plan.comparisons):
+        return []
+    corrected = f", corrected for {number} comparisons" if number > 1 else ""
+    return [
+        f"with {count} participants nothing can stand out from chance: if all differ to the same side, p is "
+        f"{min(least, 1.0):.3g}{corrected}"
+    ]
 
 
 def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None:

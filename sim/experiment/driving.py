@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -140,6 +140,11 @@ class Driven:
         """The state and the driver's first look of every second that begins with a moving train."""
         return tuple((state, look) for state, look in self.seconds if state.speed_mps > 0)
 
+    @cached_property
+    def figures(self) -> Mapping[str, Any]:
+        """The figures of the outcome by their names in JSON and in the table of a batch."""
+        return self.outcome.as_dict()
+
     @property
     def moving_min(self) -> float:
         """How long the train moved (min)."""
@@ -173,7 +178,7 @@ def drive(trial: StudyTrial, population: str, record: JobRecording | None = None
     )
     out = None if record is None else record.file
     run = whole_run(drive_day(day, driver, how, out), out)
-    return Driven(day=day, run=run, outcome=outcome(day, run), looks=driver.looks)
+    return Driven(day=day, run=run, outcome=outcome(day, run, setting.driver), looks=driver.looks)
 
 
 def service_of(setting: Setting) -> Service:

@@ -10,12 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from das.domain.trajectory import PART_WORDS
 from das.domain.units import KMH, kwh
 from sim.drive.stability import REVERSAL_S
 from sim.drivers.cab import AdviceView, DriverEvent
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.experiment.driving import Driven
 from sim.world.loop import TICK_S
+from sim.world.outcome import SHARES
 
 BAND_MPS: Final = 3.0 * KMH
 """A speed is in band if it differs from the shown speed by at most this."""
@@ -26,6 +28,7 @@ LEAST_MOVE_RATIO: Final = 1e-9
 NOLD: Final = "as in Nold & Corman (2024)"
 BALANCE: Final = "energy balance of the simulated train (docs/reference/plant.md)"
 OWN: Final = "own definition"
+GRAMMAR: Final = "grammar of the coach (docs/explanation/coach.md)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,16 +191,22 @@ def _median(values: Sequence[float]) -> float | None:
     return float(np.median(known)) if known else None
 
 
-def _energy(name: str) -> Callable[[Driven], float | None]:
-    def of(driven: Driven) -> float | None:
-        value: float | None = driven.outcome.energies.as_dict()[name]
-        return value
+def _figure(name: str) -> Callable[[Driven], float | int | None]:
+    """A figure of the run that `das-sim run --json` gives under this name; yes and no as 1 and 0."""
+
+    def of(driven: Driven) -> float | int | None:
+        value = driven.figures[name]
+        return int(value) if isinstance(value, bool) else value
 
     return of
 
 
-def _balance(name: str) -> Callable[[Driven], float | None]:
-    return lambda driven: kwh(float(getattr(driven.outcome.balance, name)))
+def _figures(source: str, *rows: tuple[str, str, str, str]) -> tuple[Measure, ...]:
+    """Measures that are figures of the run, each given by its name, title, unit and formula."""
+    return tuple(
+        Measure(name=name, title=title, unit=unit, source=source, formula=formula, of=_figure(name))
+        for name, title, unit, formula in rows
+    )
 
 
 def known(value: float) -> float | None:
@@ -220,45 +229,46 @@ _LISTED: Final = (
         "the optimum if every section had taken its time by the timetable",
     ),
     Measure(
-        name="energy_kwh", title="Energy", unit="kWh", source=BALANCE, of=_energy("energy_kwh"),
+        name="energy_kwh", title="Energy", unit="kWh", source=BALANCE, of=_figure("energy_kwh"),
         formula="E: energy at the current collector from departure to arrival, summed over the sections",
     ),
     Measure(
         name="energy_hindsight_kwh", title="Optimum for the times as driven", unit="kWh", source=NOLD,
-        of=_energy("energy_hindsight_kwh"),
+        of=_figure("energy_hindsight_kwh"),
         formula="E_opt: least energy of the true train for the running times that the sections really took",
     ),
     Measure(
         name="energy_blending_kwh", title="Lost to friction brakes where the motors could brake", unit="kWh",
-        source=BALANCE, of=_energy("energy_blending_kwh"),
+        source=BALANCE, of=_figure("energy_blending_kwh"),
         formula="part of E − E_opt: what would not have been needed if the motors had given all braking that they "
         "could",
     ),
     Measure(
         name="energy_profile_kwh", title="Lost to the speed profile", unit="kWh", source=OWN,
-        of=_energy("energy_profile_kwh"),
+        of=_figure("energy_profile_kwh"),
         formula="the rest of E − E_opt",
     ),
     Measure(
         name="component_loss_kwh", title="Losses of the train", unit="kWh", source=BALANCE,
-        of=_balance("component_loss"),
+        of=_figure("component_loss_kwh"),
         formula="∫ of the losses of the traction chain from the first departure to the last arrival",
     ),
     Measure(
-        name="resistance_kwh", title="Running resistance", unit="kWh", source=BALANCE, of=_balance("resistance"),
+        name="resistance_kwh", title="Running resistance", unit="kWh", source=BALANCE, of=_figure("resistance_kwh"),
         formula="∫ resistance · v dt, tunnels and curves included",
     ),
     Measure(
-        name="friction_brake_kwh", title="Friction brakes", unit="kWh", source=BALANCE, of=_balance("friction_brake"),
+        name="friction_brake_kwh", title="Friction brakes", unit="kWh", source=BALANCE,
+        of=_figure("friction_brake_kwh"),
         formula="∫ force of the friction brakes · v dt",
     ),
     Measure(
         name="running_time_s", title="Running time", unit="s", source=OWN,
-        of=lambda driven: driven.outcome.running_time_s,
+        of=_figure("running_time_s"),
         formula="time from departures to arrivals, summed over the sections",
     ),
     Measure(
-        name="late_s", title="Delay at the last stop", unit="s", source=OWN, of=lambda driven: driven.outcome.late_s,
+        name="late_s", title="Delay at the last stop", unit="s", source=OWN, of=_figure("late_s"),
         formula="arrival at the last stop − arrival by the timetable (early < 0)",
     ),
     Measure(
@@ -312,7 +322,7 @@ _LISTED: Final = (
     ),
     Measure(
         name="over_limit_s", title="Time above limits", unit="s", source=OWN,
-        of=lambda driven: driven.outcome.drive.violations.over_limit_s,
+        of=_figure("over_limit_s"),
         formula="time with a speed more than 1 km/h above what is allowed",
     ),
     Measure(
@@ -322,12 +332,12 @@ _LISTED: Final = (
     ),
     Measure(
         name="signals_passed", title="Signals passed at danger", unit="1", source=OWN,
-        of=lambda driven: driven.outcome.drive.violations.signals_passed,
+        of=_figure("signals_passed"),
         formula="signals at danger that the train's head is more than 0.5 m beyond",
     ),
     Measure(
         name="advice_changes_per_min", title="Advice changes", unit="1/min", source=OWN,
-        of=lambda driven: known(driven.outcome.drive.stability.changes_per_min),
+        of=_figure("advice_changes_per_min"),
         formula="seconds that begin with another mode, speed (km/h) or effort (step of 0.2) on the display, per "
         "minute in which the train moved and advice was shown",
     ),
@@ -339,6 +349,63 @@ _LISTED: Final = (
     Measure(
         name="lapses", title="Lapses of attention", unit="1", source="decisions of the driver", of=lapses,
         formula="times that the driver's attention went away",
+    ),
+    *_figures(
+        OWN,
+        ("above_optimum_kwh", "Energy above the optimum", "kWh", "E − E_opt; none where the two cannot be compared"),
+        ("above_optimum_ratio", "Above the optimum", "1", "(E − E_opt) / E; none where the two cannot be compared"),
+        ("energy_planned_kwh", "Optimum of the plan", "kWh", "least energy for the times of the timetable"),
+        ("energy_own_braking_kwh", "Optimum with the driver's braking", "kWh",
+         "least energy for the times as driven, with the braking and the margin to limits that the human driver "
+         "intends; for other drivers, with the braking that the advice plans"),
+        ("simulated_s", "Length of the run", "s", "from 10 s before the first departure to 10 s after the last "
+         "arrival"),
+        ("beyond_signal_m", "Farthest beyond a signal", "m", "how far the train's head was beyond a signal at danger"),
+    ),
+    *_figures(
+        BALANCE,
+        ("energy_at_stops_kwh", "Energy at stops", "kWh", "energy at the current collector at stops on the way"),
+        ("unreturned_kwh", "Brake resistors", "kWh", "braking energy that the line did not take"),
+        ("comfort_kwh", "Comfort systems", "kWh", "energy of heating, air conditioning and light"),
+        ("potential_kwh", "Energy gained in height", "kWh", "mass · g · (height at the end − height at the beginning)"),
+        ("ledger_residual_ratio", "Unexplained energy", "1", "share of the energy that the balance does not explain"),
+        ("kinetic_kwh", "Energy gained in speed", "kWh", "½ · inertial mass · (v² at the end − v² at the beginning)"),
+        *((f"{name}_ratio", f"Share of {PART_WORDS.get(name, 'comfort systems')}", "1",
+           f"`{name}_kwh` / sum of all that is lost for good") for name in SHARES),
+    ),
+    *_figures(
+        OWN,
+        ("advices_given", "Seconds with advice", "1", "seconds in which the train received advice"),
+        ("advices_withdrawn", "Seconds without advice", "1", "seconds in which advice was withdrawn"),
+        ("advices_unheard", "Seconds without a message", "1", "seconds in which no message arrived"),
+        ("advices_above_limit", "Advice above the limit", "1", "seconds with an advised speed above the limit"),
+        ("reversals", "Reversals of the advice", "1",
+         "times that the mode shown went from traction to brake, or back, with less than 10 s of other modes between"),
+        ("shortest_mode_s", "Shortest mode", "s",
+         "shortest time for which a mode was shown before another; brakes and what they end do not count"),
+        ("advice_restless", "Restless advice", "1",
+         "1 for more than 2 changes a minute or a mode shown for less than 8 s, else 0"),
+        ("instructions", "Instructions", "1", "instructions of the coach"),
+    ),
+    *_figures(
+        GRAMMAR,
+        ("shortest_instruction_s", "Shortest instruction", "s",
+         "shortest time for which an instruction stood before another, brakes left out"),
+        ("announced_ratio", "Changes announced", "1", "share of the changes of kind announced at least 8 s before"),
+        ("brakes_led_ratio", "Brakes with a lead", "1", "share of the brakes shown at least 2 s before they were due"),
+        ("effort_changes_per_brake", "Effort changes in a brake", "1", "changes of the braking effort / brakes"),
+        ("missed_coasts", "Missed coasts", "1", "times that coasting ended more than 5.5 km/h from its speed"),
+        ("vain_accelerations", "Accelerations in vain", "1",
+         "accelerations that a brake ended within 30 s and that gained less than 1 s"),
+        ("odd_speeds", "Odd speeds", "1", "instructions to a speed that is neither a multiple of 5 km/h nor a limit"),
+        ("standing_acceleration_s", "Told to accelerate at a stand", "s",
+         "time for which a standing train was told to accelerate"),
+        ("promises_kept_ratio", "Announced changes that came", "1",
+         "share of the next changes, announced for within 8 s, that came within 10 s of the time announced"),
+        ("above_limit_obeying_s", "Above the limit while obeying", "s",
+         "time above the limit by more than 0.5 m/s of a driver who had done for 5 s what was shown"),
+        ("last_word_acts", "Acts of the last word", "1", "parts of advice that the last word replaced"),
+        ("availability_ratio", "Availability", "1", "seconds with advice / seconds from the first advice to the last"),
     ),
 )  # fmt: skip
 MEASURES: Final = {one.name: one for one in _LISTED}

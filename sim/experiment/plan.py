@@ -52,7 +52,7 @@ DEFAULT_ALPHA: Final = 0.05
 CORRECTIONS: Final = ("holm", "bonferroni", "none")
 """How planned comparisons are corrected for their number; the first is the default."""
 LEAST_PARTICIPANTS: Final = 6
-"""With fewer participants (in a group) too few different resamples exist; Student's t is used alone."""
+"""With fewer participants no difference of pairs can have a p below 0.05, and no spread has an interval."""
 MOST_COMPARISONS: Final = 200
 FIXED: Final = "not varied"
 """Name of the row that says what was the same on all trials."""

@@ -10,13 +10,15 @@ import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from das import __version__
+from das.advice.advice import ReplanCause
 from das.advice.regimes import Regime, mode_name
 from das.domain.levels import Level
 from das.domain.units import NS
 from sim.drive.export.tables import Column, DataTable, as_parquet
+from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters, load_population
 from sim.drivers.presentations.presenter import Shown, presenter_of
@@ -44,7 +46,7 @@ Sidecar = dict[str, dict[str, Any]]
 BIDS_VERSION: Final = "1.10.0"
 TASK: Final = "drive"
 MISSING_TEXT: Final = "n/a"
-"""What BIDS writes for a missing value, and for a column without a unit."""
+"""What BIDS writes for a missing value, and for a number without a unit."""
 IGNORED: Final = (
     *("*.parquet", "*.mcap", "*.jsonl", "*.csv", "*.toml", "*.html"),
     *(DESIGN_JSON, TRIALS_SIDECAR, CHECK_RESULT, CHECKSUMS, PROVENANCE, f"task-{TASK}_series.json"),
@@ -70,7 +72,8 @@ EVENT_KINDS: Final = {
     "lapse": "the driver's attention goes away; value: its length (s); a warning of the train ends it earlier",
     "lever": "a controller that stood still begins to move; value: its aim (−1 … 1)",
     "changed": "advice was replaced before the driver acted on it; value: mode of the advice that is gone",
-    "shown": "what is read off the display changes; value: mode shown, 0 for none",
+    "expected": "advice was announced before; value: share of a reaction time that acting on it takes",
+    "shown": "what is read off the display changes, or the reason or the next mode; value: mode shown, 0 for none",
     "departure": "the train departs from a stop; value: delay (s)",
     "arrival": "the train arrives at a stop; value: delay (s)",
 }
@@ -82,11 +85,21 @@ CLOCKS: Final = {
 EVENT_COLUMNS: Final = {
     "onset": ("Onset", "time since the trial began, which is when its series begins", "s"),
     "duration": ("Duration", "how long the event lasts; 0 for a moment", "s"),
-    "trial_type": ("Kind of event", "what happened", MISSING_TEXT),
+    "trial_type": ("Kind of event", "what happened", ""),
     "value": ("Value", "a number that goes with the event; its kind says which", MISSING_TEXT),
     "time_s": ("Clock of the trip", "time since the first departure by the timetable", "s"),
     **CLOCKS,
+    "shown_speed_mps": ("Speed shown", "speed on the display; only of shown, as the columns that follow", "m/s"),
+    "shown_effort_ratio": ("Effort shown", "effort on the display on the controller's scale", "1"),
+    "shown_reason": ("Reason shown", "kind of the reason on the display, by its name in the message Reason", ""),
+    "next_mode": ("Next mode", "mode after the next change on the display", ""),
+    "next_change_s": ("Next change", "time until the next change on the display", "s"),
+    "next_speed_mps": ("Next speed", "speed after the next change on the display", "m/s"),
+    "replan_cause": ("Cause of replanning", "why the coach made the reference behind its instruction", ""),
+    "replan_age_s": ("Age of the reference", "time since the coach made that reference", "s"),
 }
+_OF_SHOWN: Final = list(EVENT_COLUMNS)[-8:]
+"""The columns of what was shown, which other events do not have."""
 SERIES_COLUMNS: Final = {
     "time_s": ("Clock of the trip", "time since the first departure by the timetable", "s"),
     **CLOCKS,
@@ -98,7 +111,7 @@ SERIES_COLUMNS: Final = {
     "force_friction_n": ("Friction force", "wheel force of the friction brakes, <= 0", "N"),
     "energy_input_j": ("Energy", "energy at the current collector since the trial began", "J"),
     "lever_ratio": ("Controller", "setting of the controller: 1 full traction, −1 all brakes; empty without one", "1"),
-    "shown_mode": ("Mode shown", "mode of the advice on the display; empty where nothing is shown", MISSING_TEXT),
+    "shown_mode": ("Mode shown", "mode of the advice on the display; empty where nothing is shown", ""),
     "shown_speed_mps": ("Speed shown", "speed on the display; empty where none is shown", "m/s"),
     "shown_effort_ratio": ("Effort shown", "effort on the display on the controller's scale; empty without one", "1"),
 }
@@ -258,12 +271,12 @@ def trials_sidecar(design: Design) -> Sidecar:
 def participants_sidecar(design: Design, parameters: list[str]) -> Sidecar:
     """What the columns of participants.tsv mean: the group, and each parameter of the driver."""
     found = {
-        PERSON_ID: _entry("Participant", "who drove", MISSING_TEXT),
-        "population": _entry("Population", "the population that the participant is drawn from", MISSING_TEXT),
+        PERSON_ID: _entry("Participant", "who drove"),
+        "population": _entry("Population", "the population that the participant is drawn from"),
         PERSON_NUMBER: _entry("Person", "number of the participant in the population", MISSING_TEXT),
     }
     found |= {
-        factor.name: _entry(FACTORS[factor.name].title, "the one level that the participant meets", MISSING_TEXT)
+        factor.name: _entry(FACTORS[factor.name].title, "the one level that the participant meets")
         for factor in design.factors
         if not factor.within
     }
@@ -286,8 +299,9 @@ def series_sidecar() -> Sidecar:
     return {name: _entry(*texts) for name, texts in SERIES_COLUMNS.items()}
 
 
-def _entry(title: str, text: str, unit: str) -> dict[str, Any]:
-    return {"LongName": title, "Description": text, "Units": unit}
+def _entry(title: str, text: str, unit: str = "") -> dict[str, Any]:
+    """What a column means. Only a column of numbers has units: BIDS takes every column with units for one."""
+    return {"LongName": title, "Description": text} | ({"Units": unit} if unit else {})
 
 
 def level_words(factor: str, level: FactorLevel) -> str:
@@ -324,30 +338,58 @@ def setting_sidecar(setting: Setting, driven: Driven) -> Sidecar:
     }
 
 
+class _Event(NamedTuple):
+    """An event of a trial: its time on the trip's clock (s), its kind, its value, and what was shown, if it says so."""
+
+    time_s: float
+    what: str
+    value: float
+    shown: AdviceView | None = None
+
+
 def _event_rows(driven: Driven) -> Iterator[tuple[Any, ...]]:
     """The rows of the file of events, in the order of time."""
     service, began_s = driven.day.service, driven.run.states[0].time_s
     began_ns = service.moment_ns(began_s)
-    for time_s, what, value in sorted(_events(driven), key=lambda one: one[0]):
-        utc_ns = service.moment_ns(time_s)
-        lasts_s = value if what in _LASTING else 0.0
-        yield (utc_ns - began_ns) * NS, lasts_s, what, value, time_s, utc_ns - began_ns, utc_ns
+    for one in sorted(_events(driven), key=lambda one: one.time_s):
+        utc_ns = service.moment_ns(one.time_s)
+        lasts_s = one.value if one.what in _LASTING else 0.0
+        since_ns = utc_ns - began_ns
+        yield (since_ns * NS, lasts_s, one.what, one.value, one.time_s, since_ns, utc_ns, *_shown_cells(one))
 
 
-def _events(driven: Driven) -> Iterator[tuple[float, str, float]]:
-    """Every event: its time on the trip's clock (s), its kind and its value."""
+def _events(driven: Driven) -> Iterator[_Event]:
+    """Every event of a trial."""
     for event in driven.run.decisions:
-        yield event.time_s, event.what, float(event.value)
-    before: Shown | None = None
+        yield _Event(event.time_s, event.what, float(event.value))
+    before: tuple[Any, ...] | None = None
     for state, look in driven.seconds:
-        now = None if look.shown is None else Shown.of(look.shown)
+        view = look.shown
+        now = None if view is None else (Shown.of(view), view.reason.code, view.next_mode)
         if now != before:
-            yield state.time_s, "shown", 0.0 if look.shown is None else float(look.shown.mode)
+            yield _Event(state.time_s, "shown", 0.0 if view is None else float(view.mode), view)
         before = now
     service = driven.day.service
     for (departed, arrived), table in zip(driven.run.legs, service.timetables, strict=True):
-        yield departed.time_s, "departure", departed.time_s - service.clock_s(table.departure_ns)
-        yield arrived.time_s, "arrival", arrived.time_s - service.clock_s(table.arrival_ns)
+        yield _Event(departed.time_s, "departure", departed.time_s - service.clock_s(table.departure_ns))
+        yield _Event(arrived.time_s, "arrival", arrived.time_s - service.clock_s(table.arrival_ns))
+
+
+def _shown_cells(event: _Event) -> tuple[Any, ...]:
+    """The cells of `_OF_SHOWN`; None for what the display did not show."""
+    view = event.shown
+    if view is None:
+        return (None,) * len(_OF_SHOWN)
+    return (
+        known(view.shown_speed_mps),
+        known(view.lever_ratio),
+        view.reason.code.name.lower() if view.reason else None,
+        mode_name(Regime(view.next_mode)) if view.next_mode else None,
+        known(view.next_change_s),
+        known(view.next_speed_mps) if view.next_mode else None,
+        ReplanCause(view.replan_cause).label if view.replan_cause else None,
+        known(event.time_s - view.replanned_s),
+    )
 
 
 def _series(driven: Driven) -> DataTable:

@@ -11,7 +11,7 @@ from das.advice.advice import Instruction
 from das.advice.reason import Reason
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.wording import Language
-from das.domain.units import KMH
+from das.domain.units import KMH, NS
 from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
@@ -49,6 +49,8 @@ class CoachPresenter(Presenter):
             due_s=coach.now.in_s,
             target_way_m=coach.target_m,
             reason=Reason.read(coach.reason),
+            replan_cause=int(coach.replan.cause),
+            replanned_s=blank.time_s - (advice.time_ns - coach.replan.time_ns) * NS if coach.replan.cause else math.nan,
         )
 
     def shown_mode(self, advice: Any) -> ShownRegime:

@@ -25,15 +25,13 @@ from sim.experiment.analysis.differences import (
 from sim.experiment.analysis.mixed_model import MixedFit, fit_mixed_model
 from sim.experiment.analysis.power import normal_participants
 from sim.experiment.analysis.reading import Bools, Floats, RunStudy, ShownMeasure
-from sim.experiment.analysis.resampling import RESAMPLES, DriverSpread, sd_interval, spread_of
+from sim.experiment.analysis.spread import DriverSpread, sd_interval, spread_of
 from sim.experiment.plan import PlannedComparison
 
 WANTED_POWER: Final = 0.8
 ASKED_POINTS: Final = (0.005, 0.01, 0.02)
 """Differences of a ratio for which the report says how many participants it takes to find them."""
 ASKED: Final = "asked for"
-PART_RESAMPLES: Final = 4999
-"""Resamples for a difference at one level of another factor: fewer, because it is shown but not tested."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +92,25 @@ class FoundDifference:
 
     @property
     def broken(self) -> list[AssumptionCheck]:
-        """The assumptions that the first interval needs and that do not hold."""
+        """The assumptions that the deciding method needs and that do not hold."""
         return [check for check in self.checks if check.needed and check.holds is False]
+
+    @property
+    def disagreeing(self) -> list[tuple[str, tuple[float, float]]]:
+        """The other methods that do not agree with the one that decides, each with its interval.
+
+        A method disagrees if only one of the two intervals holds 0, or if its mean lies outside the deciding interval.
+        """
+        estimate, model = self.estimate, self.model
+        if not estimate.known:
+            return []
+        others = [] if self.pairs is None else [("Student's t", estimate.mean, estimate.t_interval)]
+        others += [] if model is None else [("the mixed model", model.effect, model.interval)]
+        return [
+            (name, interval)
+            for name, mean, interval in others
+            if _holds(interval, 0.0) != _holds(estimate.interval, 0.0) or not _holds(estimate.interval, mean)
+        ]
 
     @property
     def opposed(self) -> list[DifferencePart]:
@@ -105,8 +120,12 @@ class FoundDifference:
             for one in self.parts
             if one.estimate.known
             and one.estimate.mean * self.estimate.mean < 0
-            and not one.estimate.interval[0] <= 0 <= one.estimate.interval[1]
+            and not _holds(one.estimate.interval, 0.0)
         ]
+
+
+def _holds(interval: tuple[float, float], value: float) -> bool:
+    return interval[0] <= value <= interval[1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,13 +157,12 @@ class StudyFindings:
 def analyse_study(
     study: RunStudy,
     effects: tuple[float, ...] = (),
-    resamples: int = RESAMPLES,
     progress: Callable[[str], None] = lambda _: None,
 ) -> StudyFindings:
     """Analyse every planned comparison of a study and describe every condition.
 
     `effects` are differences, in the unit of the report, for which the report says how many participants find them.
-    The same study always gives the same figures: the study's seed decides the resamples.
+    The same study always gives the same figures: the study's seed decides what is drawn.
     """
     measures = tuple(
         ShownMeasure.of(name, study.meanings[name], study.trials.values[name]) for name in study.plan.measures
@@ -154,7 +172,7 @@ def analyse_study(
     for comparison in study.plan.comparisons:
         progress(comparison.name)
         try:
-            found.append(_difference(study, comparison, shown[comparison.measure], effects, resamples))
+            found.append(_difference(study, comparison, shown[comparison.measure], effects))
         except DasError as error:
             failed.append((comparison.name, str(error)))
     # Comparisons that could not be made count as well: they were planned.
@@ -178,14 +196,14 @@ def generator(study: RunStudy, what: str) -> np.random.Generator:
 
 
 def _difference(
-    study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure, effects: tuple[float, ...], resamples: int
+    study: RunStudy, comparison: PlannedComparison, shown: ShownMeasure, effects: tuple[float, ...]
 ) -> FoundDifference:
     rng = generator(study, comparison.name)
     trials = compared_trials(study, comparison)
     found = FoundDifference(
-        comparison=comparison, shown=shown, estimate=estimate_of(trials, resamples, rng), corrected=math.nan,
+        comparison=comparison, shown=shown, estimate=estimate_of(trials, rng), corrected=math.nan,
         trials=trials, model=None, model_missing="", checks=tuple(checks_of(study, comparison, trials, shown)),
-        needed=(), parts=tuple(_parts(study, comparison, resamples)),
+        needed=(), parts=tuple(_parts(study, comparison)),
     )  # fmt: skip
     needed = tuple(_needed(found, effects, study.plan.alpha, sd_interval(trials.spread, rng)))
     try:
@@ -194,7 +212,7 @@ def _difference(
         return replace(found, needed=needed, model_missing=str(error))
 
 
-def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> Iterator[DifferencePart]:
+def _parts(study: RunStudy, comparison: PlannedComparison) -> Iterator[DifferencePart]:
     """The difference at each level of the other factors that the comparison leaves open, if it can be computed."""
     for factor in study.plan.factors:
         if factor.name == comparison.factor or factor.name in comparison.where:
@@ -203,7 +221,7 @@ def _parts(study: RunStudy, comparison: PlannedComparison, resamples: int) -> It
             part = replace(comparison, where={**comparison.where, factor.name: level})
             rng = generator(study, f"{comparison.name} {factor.name} {level}")
             with contextlib.suppress(DasError):
-                estimate = estimate_of(compared_trials(study, part), min(resamples, PART_RESAMPLES), rng)
+                estimate = estimate_of(compared_trials(study, part), rng)
                 yield DifferencePart(factor=factor.name, level=level, estimate=estimate)
 
 
@@ -216,7 +234,7 @@ def _needed(
     standard deviation between participants.
     """
     estimate, shown = found.estimate, found.shown
-    if not estimate.resampled:
+    if not estimate.known:
         return
 
     def participants(effect: float, sd: float) -> int | None:

@@ -2,6 +2,7 @@
 
 A pair is two trials of one participant on one day under two conditions; its difference is one value minus the other.
 An estimate has the mean, its interval, its p value (the probability under chance), and its size in standard deviations.
+One method decides: sign flips for pairs, Welch's t for groups. Student's t is a second opinion beside sign flips.
 """
 
 from __future__ import annotations
@@ -9,19 +10,19 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from das.domain.errors import DasError
+from sim.experiment.analysis import sign_flips
 from sim.experiment.analysis.reading import Bools, Floats, Ints, RunStudy, Texts
-from sim.experiment.analysis.resampling import NO_RANGE, resampled, weights
-from sim.experiment.plan import LEAST_PARTICIPANTS, PlannedComparison
+from sim.experiment.analysis.spread import NO_RANGE
+from sim.experiment.plan import PlannedComparison
 
 CONFIDENCE: Final = 0.95
-MOST_WITHOUT_SPREAD: Final = 0.005
-"""Resampling is used only if less than this share of the resamples has no spread: an interval of 95 % leaves out 2.5 %
-at either end."""
+FLIPS, SOME_FLIPS, WELCH = "exact sign flips", "sign flips drawn at random", "Welch's t"
+"""The methods that decide."""
 
 
 class _Cell(NamedTuple):
@@ -155,90 +156,76 @@ def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
 class DifferenceEstimate:
     """A mean difference between two conditions, in the unit of its measure.
 
-    `interval` (95 %) and `probability` come from resampled participants, where there are enough that differ, else from
-    Student's t; `resampled` says which. `t_interval` and `t_probability` are Student's (Welch's for two groups).
-    `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups); its interval is
-    that of the noncentral t distribution, for two groups Bonett's.
+    `interval` (95 %) and `probability` are those of `method`, which decides. `t_interval` and `t_probability` are
+    Student's (Welch's for two groups). `size` is the mean in standard deviations between participants (d_z for pairs, d
+    for two groups); its interval is that of the noncentral t distribution, for two groups Bonett's.
     """
 
     mean: float
     sd: float
     participants: int
-    interval: tuple[float, float]
-    probability: float
-    t_interval: tuple[float, float]
-    t_probability: float
-    size: float
-    size_interval: tuple[float, float]
-    resampled: bool
+    interval: tuple[float, float] = NO_RANGE
+    probability: float = math.nan
+    t_interval: tuple[float, float] = NO_RANGE
+    t_probability: float = math.nan
+    size: float = math.nan
+    size_interval: tuple[float, float] = NO_RANGE
+    method: str
 
     @property
     def known(self) -> bool:
-        """Whether the difference has an interval; without any spread there is none."""
+        """Whether the difference has an interval; without any spread, or with too few participants, there is none."""
         return math.isfinite(self.interval[0])
 
-    @property
-    def by_t(self) -> bool:
-        """Whether the interval is Student's, because too few participants differ for resampling."""
-        return self.known and not self.resampled
 
-
-def estimate_of(trials: ComparedTrials, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
+def estimate_of(trials: ComparedTrials, rng: np.random.Generator) -> DifferenceEstimate:
     """The estimate of a comparison, from its pairs or from its two groups."""
-    if isinstance(trials, TwoGroups):
-        return group_estimate(trials.a, trials.b, resamples, rng)
-    return paired_estimate(trials.means, resamples, rng)
+    return group_estimate(trials.a, trials.b) if isinstance(trials, TwoGroups) else paired_estimate(trials.means, rng)
 
 
-def paired_estimate(differences: Floats, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
-    """The mean of one difference for each participant (n,), with its interval."""
+def paired_estimate(differences: Floats, rng: np.random.Generator) -> DifferenceEstimate:
+    """The mean of one difference for each participant (n,), with the interval and p of sign flips.
+
+    With fewer than 6 participants there is no interval, because no pattern of signs is rare enough.
+    """
     from scipy import stats
 
     count, mean = len(differences), float(differences.mean())
+    signs = sign_flips.signs_of(count, rng)
+    method = FLIPS if count <= sign_flips.MOST_EXACT else SOME_FLIPS
     if _without_spread(differences):
-        return _unknown(mean, 0.0 if count > 1 else math.nan, count)
-    sd = float(differences.std(ddof=1))
-    test, size = stats.ttest_1samp(differences, 0.0), size_interval(mean / sd, count)
-    return _estimate((differences,), sd, test, size, weights_of=(resamples, rng))
+        alike = count > 1
+        same = 1.0 if alike and mean == 0 else math.nan  # Nothing is known about chance if all differ by the same.
+        return DifferenceEstimate(
+            mean=mean, sd=0.0 if alike else math.nan, participants=count, probability=same, t_probability=same,
+            method=method,
+        )  # fmt: skip
+    sd, test = float(differences.std(ddof=1)), stats.ttest_1samp(differences, 0.0)
+    low, high = sign_flips.interval(differences, signs, CONFIDENCE)
+    t_low, t_high = test.confidence_interval(CONFIDENCE)
+    return DifferenceEstimate(
+        mean=mean, sd=sd, participants=count, interval=(low, high) if math.isfinite(low) else NO_RANGE,
+        probability=float(sign_flips.probabilities(differences[None], signs)[0]),
+        t_interval=(float(t_low), float(t_high)), t_probability=float(test.pvalue),
+        size=mean / sd, size_interval=size_interval(mean / sd, count), method=method,
+    )  # fmt: skip
 
 
-def group_estimate(a: Floats, b: Floats, resamples: int, rng: np.random.Generator) -> DifferenceEstimate:
-    """The difference of the means of two groups of participants (a minus b), each group resampled by itself."""
+def group_estimate(a: Floats, b: Floats) -> DifferenceEstimate:
+    """The difference of the means of two groups of participants (a minus b), with the interval and p of Welch's t."""
     from scipy import stats
 
+    mean, count = float(a.mean() - b.mean()), len(a) + len(b)
     if min(len(a), len(b)) < 2 or (_without_spread(a) and _without_spread(b)):
-        return _unknown(float(a.mean() - b.mean()), math.nan, len(a) + len(b))
+        sd = math.nan if min(len(a), len(b)) < 2 else 0.0
+        return DifferenceEstimate(mean=mean, sd=sd, participants=count, method=WELCH)
     sd = math.sqrt(0.5 * (float(a.var(ddof=1)) + float(b.var(ddof=1))))
-    test, size = stats.ttest_ind(a, b, equal_var=False), group_size_interval(a, b)
-    return _estimate((a, b), sd, test, size, weights_of=(resamples, rng))
-
-
-def _estimate(
-    groups: tuple[Floats, ...],
-    sd: float,
-    test: Any,
-    size_interval: tuple[float, float],
-    *,
-    weights_of: tuple[int, np.random.Generator],
-) -> DifferenceEstimate:
-    """The estimate from a t test; its interval is resampled where enough participants differ."""
-    drawn = [weights(len(one), *weights_of) for one in groups] if min(map(len, groups)) >= LEAST_PARTICIPANTS else []
-    mean = float(groups[0].mean()) - (float(groups[1].mean()) if len(groups) > 1 else 0.0)
+    test = stats.ttest_ind(a, b, equal_var=False)
     low, high = test.confidence_interval(CONFIDENCE)
-    t_interval, t_probability = (float(low), float(high)), float(test.pvalue)
-    interval, probability, enough = t_interval, t_probability, False
-    if drawn:
-        again = resampled([one[None, :] for one in groups], drawn)
-        # If only a few drivers differ from the others, many resamples contain equal values only.
-        enough = float(np.mean(np.isinf(again.distances))) < MOST_WITHOUT_SPREAD
-    if enough:
-        low, high = np.quantile(again.distances[0], (0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2))
-        error = float(again.errors[0])
-        interval, probability = (float(mean - high * error), float(mean - low * error)), float(again.probabilities[0])
+    interval, probability = (float(low), float(high)), float(test.pvalue)
     return DifferenceEstimate(
-        mean=mean, sd=sd, participants=sum(map(len, groups)), interval=interval, probability=probability,
-        t_interval=t_interval, t_probability=t_probability,
-        size=mean / sd, size_interval=size_interval, resampled=enough,
+        mean=mean, sd=sd, participants=count, interval=interval, probability=probability, t_interval=interval,
+        t_probability=probability, size=mean / sd, size_interval=group_size_interval(a, b), method=WELCH,
     )  # fmt: skip
 
 
@@ -284,15 +271,6 @@ def size_interval(size: float, participants: int) -> tuple[float, float]:
 def _without_spread(values: Floats) -> bool:
     """Whether all values are the same but for rounding."""
     return len(values) < 2 or float(np.ptp(values)) <= 1e-12 * max(float(np.abs(values).max()), 1e-300)
-
-
-def _unknown(mean: float, sd: float, count: int) -> DifferenceEstimate:
-    """An estimate without interval, for one participant or for participants who do not differ."""
-    nothing = 1.0 if mean == 0 and sd == 0 else math.nan
-    return DifferenceEstimate(
-        mean=mean, sd=sd, participants=count, interval=NO_RANGE, probability=nothing, t_interval=NO_RANGE,
-        t_probability=nothing, size=math.nan, size_interval=NO_RANGE, resampled=False,
-    )  # fmt: skip
 
 
 def corrected(probabilities: Floats, correction: str) -> Floats:

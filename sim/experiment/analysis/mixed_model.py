@@ -4,8 +4,11 @@ Where each driver drives one condition only, drivers have a level of their own a
 
 `value = level + effect · condition + cell + position + level of the driver + effect of the driver · condition + noise`,
 with the last three random. The noise of the noisier condition has a part of its own, because one condition may scatter
-several times as much as another. The model is fitted by restricted maximum likelihood (statsmodels, MixedLM). It is an
-independent check of the interval from resampled participants.
+several times as much as another. The model is fitted by restricted maximum likelihood (statsmodels, MixedLM). It is a
+second opinion that decides nothing.
+
+A fit without a standard error, or in which a part is not told from chance (singular), is not shown. The model is then
+fitted again without the correlation of the drivers' level and effect, then with one noise, then without their effect.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -26,6 +29,8 @@ BOUNDARY: Final = 0.01
 0, not at 0. statsmodels warns of the boundary at the same share."""
 CERTAIN: Final = 0.999
 """A fit in which the drivers' level and effect correlate by more than this (±) counts as singular as well."""
+STILL: Final = 1e-5
+"""A condition whose variance is below this share of the other's counts as one that does not scatter."""
 LEAST_DRIVERS: Final = 5
 """Fewest drivers for which a model is fitted."""
 METHODS: Final = ("bfgs", "lbfgs", "powell")
@@ -36,7 +41,7 @@ class MixedFit:
     """A fitted mixed model, in the unit of the measure; standard deviations that cannot be told apart are NaN.
 
     `effect` is the difference a − b with its 95 % interval. `noise` has the residual standard deviations at a and b.
-    `remarks` says in sentences what is wrong with the fit: singular, not converged, or simplified.
+    `remark` says in a sentence what was left out of the model, and why; empty for the whole model.
     """
 
     effect: float
@@ -44,9 +49,7 @@ class MixedFit:
     level_sd: float
     effect_sd: float
     noise: tuple[float, float]
-    singular: bool
-    converged: bool
-    remarks: tuple[str, ...]
+    remark: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,12 +65,50 @@ class _Data:
     days: Texts | None
 
 
+class _Form(NamedTuple):
+    """What a model has besides a level of each driver, and what is said where that is less than all.
+
+    `slopes`: an effect of each driver, which may be `correlated` with his level. `noises`: a noise for each condition.
+    """
+
+    slopes: bool
+    correlated: bool
+    noises: bool
+    said: str = ""
+
+
+PAIRED: Final = (
+    _Form(slopes=True, correlated=True, noises=True),
+    _Form(slopes=True, correlated=False, noises=True, said="Levels and effects of drivers are taken as unrelated"),
+    _Form(slopes=True, correlated=False, noises=False, said="One noise is taken for both conditions"),
+    _Form(slopes=False, correlated=False, noises=True, said="One effect is taken for all drivers"),
+    _Form(slopes=False, correlated=False, noises=False, said="One effect is taken for all drivers, and one noise"),
+)
+"""The models for drivers with several trials in a condition: each is fitted only if none before it can be shown."""
+ONE_TRIAL: Final = (
+    _Form(
+        slopes=False, correlated=False, noises=False,
+        said="One effect is taken for all drivers, and one noise, because each driver made one trial in a condition",
+    ),
+)  # fmt: skip
+GROUPS: Final = (_Form(slopes=False, correlated=False, noises=True),)
+
+
 def fit_mixed_model(study: RunStudy, comparison: PlannedComparison) -> MixedFit:
-    """Fit the mixed model of a comparison; DasError where it cannot be fitted."""
+    """Fit the mixed model of a comparison, simplified where it must be; DasError where no fit can be shown."""
     data = _data(study, comparison)
-    slopes = data.within and _told_apart(data)
-    noisier = _noisier(data)
-    return _as_fit(data, _fitted(data, slopes, noisier), slopes, noisier)
+    forms = (PAIRED if _told_apart(data) else ONE_TRIAL) if data.within else GROUPS
+    noisier, wrong = _noisier(data), ""
+    for form in forms:
+        said = form.said + (f", because otherwise {wrong}" if wrong else "")
+        try:
+            result = _fitted(data, form, noisier)
+            _check(result, form)
+        except DasError as error:
+            wrong = str(error)
+        else:
+            return _as_fit(data, result, form, noisier, f"{said}." if said else "")
+    raise DasError(wrong)
 
 
 def _data(study: RunStudy, comparison: PlannedComparison) -> _Data:
@@ -129,24 +170,30 @@ def _noisier(data: _Data) -> float:
     return max(scatter, key=lambda level: scatter[level])
 
 
-def _fitted(data: _Data, slopes: bool, noisier: float) -> Any:
-    """The fitted model of statsmodels; its warnings are left out, because `MixedFit` says what is wrong with a fit."""
+def _fitted(data: _Data, form: _Form, noisier: float) -> Any:
+    """The fitted model of statsmodels; its warnings are left out, because `_check` says what is wrong with a fit.
+
+    DasError where the fit breaks off.
+    """
     from statsmodels.regression.mixed_linear_model import MixedLM, VCSpec
 
     groups = sorted(set(data.driver.tolist()))
     rows = [np.flatnonzero(data.driver == one) for one in groups]
-    noises = slopes or not data.within
-    parts = {"noise": [np.eye(len(one))[:, data.condition[one] == noisier] for one in rows]} if noises else {}
-    if data.days is not None and slopes:  # a day driven once, by one driver, cannot be told from noise
+    parts = {}
+    if form.noises:
+        parts["noise"] = [np.eye(len(one))[:, data.condition[one] == noisier] for one in rows]
+    if data.days is not None and form.slopes:  # a day driven once, by one driver, cannot be told from noise
         parts["day"] = [
             np.column_stack([data.days[one] == day for day in np.unique(data.days[one])]) * 1.0 for one in rows
         ]
+    if form.slopes and not form.correlated:
+        parts["effect"] = [data.condition[one][:, None] for one in rows]
     spec = VCSpec(
         list(parts),
         [[[f"{name}{i}" for i in range(mat.shape[1])] for mat in mats] for name, mats in parts.items()],
         list(parts.values()),
     )
-    random = np.column_stack([np.ones(len(data.values)), data.condition][: 2 if slopes else 1])
+    random = np.column_stack([np.ones(len(data.values)), data.condition][: 2 if form.correlated else 1])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = MixedLM(data.values, data.fixed, groups=data.driver, exog_re=random, exog_vc=spec if parts else None)
@@ -156,56 +203,65 @@ def _fitted(data: _Data, slopes: bool, noisier: float) -> Any:
             raise DasError(f"the fit broke off ({error})") from error
 
 
-def _as_fit(data: _Data, result: Any, slopes: bool, noisier: float) -> MixedFit:
+class _Variances(NamedTuple):
+    """The variances of a fit, as shares of that of all values; `effect` is NaN without effects of drivers."""
+
+    level: float
+    effect: float
+    covariance: float
+    residual: float
+    noise: float
+
+    @classmethod
+    def of(cls, result: Any) -> _Variances:
+        """The variances in a result of statsmodels."""
+        random = np.atleast_2d(np.asarray(result.cov_re, dtype=np.float64))
+        names = result.model.exog_vc.names if len(result.vcomp) else []
+        extra = dict(zip(names, np.asarray(result.vcomp).tolist(), strict=True))
+        both = len(random) > 1
+        return cls(
+            level=float(random[0, 0]),
+            effect=float(random[1, 1]) if both else extra.get("effect", math.nan),
+            covariance=float(random[0, 1]) if both else 0.0,
+            residual=float(result.scale),
+            noise=extra.get("noise", 0.0),
+        )
+
+
+def _check(result: Any, form: _Form) -> None:
+    """Raise DasError for a fit that cannot be shown."""
+    found = _Variances.of(result)
+    if not result.converged:
+        raise DasError("the fit did not converge")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        error = float(np.asarray(result.bse_fe)[1])
+    if not (math.isfinite(error) and error > 0):
+        raise DasError("the fit has no standard error")
+    if found.residual < STILL * found.noise:
+        raise DasError("the fit hangs on rounding, as one condition hardly scatters")
+    if found.level < BOUNDARY * found.residual:
+        raise DasError("the fit is singular: drivers do not differ in their level by more than chance explains")
+    if found.effect < BOUNDARY * found.residual:
+        raise DasError("the fit is singular: the effect does not differ between drivers by more than chance explains")
+    if form.correlated and abs(found.covariance) > CERTAIN * math.sqrt(found.level * found.effect):
+        raise DasError("the fit is singular: level and effect of the drivers are completely correlated")
+
+
+def _as_fit(data: _Data, result: Any, form: _Form, noisier: float, remark: str) -> MixedFit:
     from scipy import stats
 
-    scale, residual = data.scale, float(result.scale)
-    random = np.atleast_2d(np.asarray(result.cov_re, dtype=np.float64))
-    extra = (
-        dict(zip(result.model.exog_vc.names, np.asarray(result.vcomp).tolist(), strict=True))
-        if len(result.vcomp)
-        else {}
-    )
-    variances = np.diag(random)
-    small = variances < BOUNDARY * residual
-    certain = slopes and not small.any() and abs(random[0, 1]) > CERTAIN * math.sqrt(float(variances.prod()))
-    louder = math.sqrt(residual + extra.get("noise", 0.0)) * scale
-    quieter = math.sqrt(residual) * scale
-    error = float(np.asarray(result.bse_fe)[1]) * scale
-    effect = float(np.asarray(result.fe_params)[1]) * scale
+    scale, found = data.scale, _Variances.of(result)
+    louder, quieter = (scale * math.sqrt(one) for one in (found.residual + found.noise, found.residual))
+    effect, error = (scale * float(np.asarray(one)[1]) for one in (result.fe_params, result.bse_fe))
     # Drivers are independent of each other, trials are not. So the t distribution has one degree of freedom less than
     # there are drivers, and two less if the drivers are in two groups.
     reach = float(stats.t.ppf(0.975, len(set(data.driver.tolist())) - (1 if data.within else 2))) * error
-    deviations = [math.sqrt(max(float(one), 0.0)) * scale for one in variances]
     return MixedFit(
         effect=effect,
         interval=(effect - reach, effect + reach),
-        level_sd=deviations[0],
-        effect_sd=deviations[1] if slopes else math.nan,
+        level_sd=scale * math.sqrt(found.level),
+        effect_sd=scale * math.sqrt(found.effect) if form.slopes else math.nan,
         noise=(louder, quieter) if noisier > 0 else (quieter, louder),
-        singular=bool(small.any() or certain),
-        converged=bool(result.converged),
-        remarks=tuple(_remarks(small.tolist(), certain, slopes or not data.within, bool(result.converged), error)),
+        remark=remark,
     )
-
-
-def _remarks(small: list[bool], certain: bool, slopes: bool, converged: bool, error: float) -> list[str]:
-    said = []
-    if not converged:
-        said.append("The fit did not converge; do not use its figures.")
-    if small[0]:
-        said.append("Singular: drivers do not differ in their level by more than chance explains.")
-    if small[1:] and small[1]:
-        said.append("Singular: the effect does not differ between drivers by more than chance explains.")
-    if certain:
-        said.append(
-            "Singular: level and effect of the drivers are completely correlated, so they cannot be told apart."
-        )
-    if not slopes:
-        said.append(
-            "Each driver made one trial in a condition, so effects of single drivers cannot be told from chance, "
-            "and the model takes one effect and one noise for all."
-        )
-    if not math.isfinite(error):
-        said.append("The standard error could not be computed.")
-    return said

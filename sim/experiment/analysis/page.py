@@ -65,7 +65,7 @@ def page(found: StudyFindings) -> str:
         difference_images=_difference_images(found),
         comparison_image=lambda one: as_image(_pair_figure(one) if one.pairs is not None else _group_figure(one)),
         measures=[_measure(found, one) for one in found.measures if one.column in compared],
-        others=[one for one in found.measures if one.column not in compared],
+        others=[one for one in found.measures if one.column not in compared and _varies(found, one)],
         columns_at_once=COLUMNS_AT_ONCE,
         values={(one.condition, one.measure): one for one in found.conditions},
         mean_and_spread=_mean_and_spread,
@@ -93,6 +93,12 @@ def _measure(found: StudyFindings, shown: ShownMeasure) -> dict[str, Any]:
     values = [one for one in found.conditions if one.measure == shown.column]
     repeated = any(one.spread is not None and one.spread.separate for one in values)
     return {"shown": shown, "image": as_image(_condition_figure(values, shown)), "rows": values, "repeated": repeated}
+
+
+def _varies(found: StudyFindings, shown: ShownMeasure) -> bool:
+    """Whether a measure has more than one value; one that has not says nothing about the conditions."""
+    values = found.study.trials.values[shown.column]
+    return len(np.unique(values[np.isfinite(values)])) > 1
 
 
 def _mean_and_spread(one: ConditionValues, shown: ShownMeasure) -> str:
@@ -161,11 +167,12 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
         "where": dict(comparison.where),
         "mean": estimate.mean,
         "interval": estimate.interval,
-        "method": "studentized bootstrap of drivers" if estimate.resampled else "Student's t",
+        "method": estimate.method,
         "p": estimate.probability,
         "p_corrected": one.corrected,
         "stands_out": bool(one.corrected < alpha),
         "t_interval": estimate.t_interval,
+        "disagreeing": [name for name, _ in one.disagreeing],
         "sd": estimate.sd,
         "effect_size": estimate.size,
         "effect_size_interval": estimate.size_interval,
@@ -182,9 +189,7 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
             "sd_of_levels": fit.level_sd,
             "sd_of_effects": fit.effect_sd,
             "noise": list(fit.noise),
-            "singular": fit.singular,
-            "converged": fit.converged,
-            "remarks": list(fit.remarks),
+            "remark": fit.remark or None,
         },
         "no_model_because": one.model_missing or None,
         "parts": [_part_dict(part) for part in one.parts],

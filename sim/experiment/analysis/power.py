@@ -16,15 +16,16 @@ import numpy as np
 
 from das.domain.errors import DasError
 from das.domain.files.reading import Fields
+from sim.experiment.analysis import sign_flips
 from sim.experiment.analysis.differences import PairedTrials, TwoGroups, compared_trials
 from sim.experiment.analysis.reading import Floats, RunStudy, ShownMeasure, read_study
-from sim.experiment.analysis.resampling import as_table, components, resampled, weights
+from sim.experiment.analysis.spread import as_table, components
 from sim.experiment.plan import DEFAULT_ALPHA, LEAST_PARTICIPANTS, PlannedComparison, StudyPlan, plan_of, read_plan
 
 STUDIES: Final = 2000
 """Made-up studies for each number of participants: a power of 0.8 is known to ±0.02 (95 %)."""
-RESAMPLES_EACH: Final = 999
-"""Resamples for the test of each made-up study."""
+PATTERNS_EACH: Final = 1024
+"""Patterns of signs for the test of each made-up study."""
 MOST_PARTICIPANTS: Final = 2000
 """Largest number of participants (in each group) for which experiments are simulated."""
 AT_ONCE: Final = 250
@@ -164,18 +165,26 @@ def power_of(question: PowerQuestion, participants: int) -> PowerPoint:
     if not LEAST_PARTICIPANTS <= participants <= MOST_PARTICIPANTS:
         raise DasError(f"{participants} participants: expected {LEAST_PARTICIPANTS} to {MOST_PARTICIPANTS}")
     rng = np.random.default_rng([question.seed, participants])
-    groups = 2 if question.source.groups else 1
-    drawn = [weights(participants, RESAMPLES_EACH, rng) for _ in range(groups)]
+    signs = sign_flips.signs_of(participants, rng, PATTERNS_EACH)
     found = 0
     for start in range(0, question.studies, AT_ONCE):
         count = min(AT_ONCE, question.studies - start)
-        values = question.source.draw(count, groups * participants, rng)
+        values = question.source.draw(count, (2 if question.source.groups else 1) * participants, rng)
         values[:, :participants] += question.effect
-        chances = resampled(np.split(values, groups, axis=1), drawn).probabilities
-        found += int(np.sum(chances < question.alpha))
+        found += int(np.sum(_chances(values, signs, question.source.groups) < question.alpha))
     return PowerPoint(
         participants=participants, power=found / question.studies, interval=share_interval(found, question.studies)
     )
+
+
+def _chances(values: Floats, signs: Floats, groups: bool) -> Floats:
+    """The p of each study, (studies,), by the method that decides in an analysis."""
+    from scipy import stats
+
+    if not groups:
+        return sign_flips.probabilities(values, signs)
+    a, b = np.split(values, 2, axis=1)
+    return np.asarray(stats.ttest_ind(a, b, axis=1, equal_var=False).pvalue)
 
 
 def participants_needed(question: PowerQuestion, wanted: float) -> int | None:

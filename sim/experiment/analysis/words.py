@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Final
 
@@ -75,8 +76,7 @@ def verdict(one: FoundDifference, plan: StudyPlan) -> str:
     start = f"{shown.name}: {changed} with “{comparison.a}” {with_b} ({of_what})"
     drivers = _drivers(one)
     if not estimate.known:
-        why = "only one driver took part" if estimate.participants < 2 else "the drivers do not differ at all"
-        return f"{start}, for {drivers}. No interval can be given, because {why}."
+        return f"{start}, for {drivers}. No interval can be given, because {_why_unknown(one)}."
     said = f"{start}. The 95 % interval is {_reach(shown, estimate.interval)}, from {drivers}."
     chance = f"{'p' if plan.correction == 'none' else 'corrected p'} {probability(one.corrected)}"
     if one.corrected < plan.alpha:
@@ -87,9 +87,25 @@ def verdict(one: FoundDifference, plan: StudyPlan) -> str:
     )
 
 
+def _why_unknown(one: FoundDifference) -> str:
+    """Why a difference has no interval."""
+    count, sd = one.estimate.participants, one.estimate.sd
+    if math.isnan(sd):
+        return "only one driver took part" if one.groups is None else "a group has only one driver"
+    if sd > 0:
+        return f"{count} drivers are too few: whatever they do, p is above 0.05"
+    return "the drivers do not differ at all"
+
+
 def _but(one: FoundDifference) -> str:
-    """What limits a verdict: conditions with the opposite difference, and assumptions that do not hold."""
+    """What limits a verdict: other methods, conditions with the opposite difference, assumptions that do not hold."""
     said = ""
+    if one.disagreeing:
+        given = "; ".join(
+            f"{name} gives {one.shown.range(interval)} {one.shown.difference_unit}"
+            for name, interval in one.disagreeing
+        )
+        said += f" Not every method agrees ({given}), so take this result with care."
     if one.opposed:
         parts = "; ".join(
             f"{part.factor} {part.level}: {one.shown.changed(part.estimate.mean)}" for part in one.opposed

@@ -21,7 +21,17 @@ from sim.experiment.study_files import EVENTS, SERIES, trial_file, trial_files
 from tests.support.making import REPOSITORY
 
 UNITS = {"kwh": "kWh", "s": "s", "m": "m", "ratio": "1", "mps": "m/s", "mps3": "m/s³", "per_min": "1/min"}
-COUNTS = {"power_brake_reversals", "signals_passed", "lapses"}
+COUNTS = {
+    *("power_brake_reversals", "signals_passed", "lapses", "reversals", "instructions", "effort_changes_per_brake"),
+    *("missed_coasts", "vain_accelerations", "odd_speeds", "advice_restless"),
+    *("advices_given", "advices_withdrawn", "advices_unheard", "advices_above_limit", "last_word_acts"),
+}
+OF_THE_COACH = {
+    *("shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
+    "promises_kept_ratio",
+}
+NO_MEASURES = {"scenario", "seed", "level", "stops", "not_comparable", "over_limit_kmh"}
+"""What a run gives that is no measure; a study has the last as `over_limit_mps`."""
 
 
 def trial(setting: Setting, *, person: int = 1, seed: int = 2) -> StudyTrial:
@@ -58,12 +68,35 @@ def events(vector: Driven) -> list[dict[str, str]]:
 
 def test_every_measure_has_a_value_and_its_unit_in_its_name(vector: Driven) -> None:
     found = measured(vector, list(MEASURES))
-    assert [name for name, value in found.items() if value is None] == []
+    assert {name for name, value in found.items() if value is None} == OF_THE_COACH
     for name, measure in MEASURES.items():
         ends = [unit for end, unit in UNITS.items() if name.endswith(f"_{end}")]
         assert (measure.unit in ends) or (name in COUNTS and measure.unit == "1")
         assert measure.formula
         assert measure.source
+
+
+def test_every_figure_of_a_run_is_a_measure(vector: Driven) -> None:
+    figures = vector.outcome.as_dict()
+    assert figures.keys() - MEASURES.keys() == NO_MEASURES
+    assert measured(vector, list(figures.keys() - NO_MEASURES)) == {
+        name: value for name, value in figures.items() if name not in NO_MEASURES
+    }
+
+
+def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
+    setting = Setting(scenario="flat-6km", presentation=Presentation.COACH)
+    shown = [row for row in events(driven_with(setting)) if row["trial_type"] == "shown"]
+    told = [row for row in shown if row["replan_cause"] != "n/a"]
+    assert told[0]["replan_cause"] == "start"
+    assert {row["next_mode"] for row in told} > {"coast", "reduced brake"}
+    assert "stop" in {row["shown_reason"] for row in told}
+    for row in told:
+        assert float(row["shown_speed_mps"]) >= 0
+        assert float(row["replan_age_s"]) >= 0
+        assert (row["next_change_s"] == "n/a") or row["next_mode"] != "n/a"
+    ages = [float(row["replan_age_s"]) for row in told]
+    assert ages == sorted(ages)  # nothing on this day asks for a second reference
 
 
 def test_the_energy_is_split_without_rest(vector: Driven) -> None:
@@ -130,7 +163,7 @@ def test_without_advice_there_is_nothing_to_track() -> None:
     missing = {name for name, value in found.items() if value is None}
     assert missing == {
         *("speed_rmse_mps", "speed_in_band_ratio", "effort_rmse_ratio", "reaction_s", "response_s"),
-        *("compliance_ratio", "advice_changes_per_min"),
+        *("compliance_ratio", "advice_changes_per_min", "shortest_mode_s", *OF_THE_COACH),
     }
 
 

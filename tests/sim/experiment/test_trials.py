@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
-from sim.experiment.checking import group_notes
+from sim.experiment.checking import group_notes, pair_notes
 from sim.experiment.design import ConditionOrder, Design
 from sim.experiment.trials import Keep, imbalances, in_order_of_work, jobs_of, order_of, trials_of, williams
 
@@ -90,7 +90,18 @@ def test_groups_meet_one_level_each_and_imbalance_is_said(designed: Designed) ->
     ]
     notes = group_notes(design)
     assert notes[0].startswith("presentation: each participant meets one level, so groups of 2 are compared unpaired")
-    assert [note[:24] for note in notes[1:]] == ["groups of 2: with fewer ", "the groups meet differen"]
+    assert [note[:24] for note in notes[1:]] == ["the groups meet differen"]
+
+
+def test_too_few_participants_for_the_planned_comparisons_are_said(designed: Designed) -> None:
+    """Six who all differ to the same side give p = 2 / 64, which is not below 0.05 for the first of two comparisons."""
+    compare = "".join(f"[[comparisons]]\nmeasure = 'late_s'\nfactor = 'hold_s'\na = {a}\nb = 0\n" for a in (5, 10))
+    (note,) = pair_notes(designed(f"{FLAT}[participants]\ncount = 6\n{THREE}{compare}"))
+    assert note == (
+        "with 6 participants nothing can stand out from chance: if all differ to the same side, p is 0.0625, "
+        "corrected for 2 comparisons"
+    )
+    assert pair_notes(designed(f"{FLAT}[participants]\ncount = 7\n{THREE}{compare}")) == []
 
 
 def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(designed: Designed, tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from tests.support.made_up_study import (
     SAME,
     Truth,
     compared,
+    eight_drivers,
     made_up_groups,
     made_up_study,
     write_study,
@@ -51,7 +52,7 @@ def test_the_page_has_model_checks_and_numbers_for_groups(tmp_path: Path) -> Non
     rows = [f"sub-{number:03d}\tdefault\t{number}\tnone\t{number % 7}" for number in range(1, 25)]
     head = "participant_id\tpopulation\tperson\tpresentation\treaction_median_s"
     (folder / "participants.tsv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
-    found = analyse_study(read_study(folder), (0.78,), resamples=999)
+    found = analyse_study(read_study(folder), (0.78,))
     text = re.sub(r"\s+", " ", page(found))
     for said in (
         "in each group",
@@ -62,7 +63,7 @@ def test_the_page_has_model_checks_and_numbers_for_groups(tmp_path: Path) -> Non
     ):
         assert said in text
     (row,) = as_dict(found)["differences"]
-    assert row["model"]["converged"]
+    assert row["model"]["interval"][0] < row["mean"] < row["model"]["interval"][1]
     assert row["effect_size_interval"][0] < row["effect_size"] < row["effect_size_interval"][1]
     assert len(row["groups"]["a"]) == len(row["groups"]["b"]) == 12
     assert row["participants_needed"][0]["participants"] > 12
@@ -84,7 +85,7 @@ def without_comparisons(study: RunStudy) -> RunStudy:
 
 
 def analysed(study: RunStudy) -> StudyFindings:
-    return analyse_study(study, resamples=999)
+    return analyse_study(study)
 
 
 def test_the_page_needs_nothing_besides_itself() -> None:
@@ -113,7 +114,7 @@ def test_the_page_has_intervals_model_checks_and_design() -> None:
         "corrected p",
     ):
         assert part in html()
-    for term in ("Paired difference", "Resampled drivers", "Mixed model"):
+    for term in ("Paired difference", "Sign flips", "Mixed model"):
         assert f">{term}</th>" in html()
 
 
@@ -130,6 +131,16 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
         "points lower, from 12 drivers, 36 pairs. The difference stands out from chance (corrected p below 0.001)."
         in said
     )
+
+
+def test_one_method_decides_and_others_that_disagree_are_named() -> None:
+    study = eight_drivers()
+    ((_, said),) = in_short(analysed(study))
+    assert "The difference stands out from chance (corrected p 0.031). Not every method agrees (Student's t" in said
+    (row,) = as_dict(analysed(study))["differences"]
+    assert (row["method"], row["disagreeing"]) == ("exact sign flips", ["Student's t", "the mixed model"])
+    (agreed, _) = as_dict(found())["differences"]
+    assert agreed["disagreeing"] == []
 
 
 def test_what_is_no_difference_is_not_called_one() -> None:
@@ -235,15 +246,16 @@ def test_wrong_input_is_one_line(words: tuple[str, ...], message: str, tmp_path:
 
 def test_the_python_of_the_page_makes_a_row_of_the_report_again(tmp_path: Path) -> None:
     study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
-    (row,) = as_dict(analyse_study(study, resamples=999))["differences"]
+    (row,) = as_dict(analyse_study(study))["differences"]
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     names: dict[str, object] = {}
     with chdir(tmp_path), redirect_stdout(io.StringIO()):
         exec(compile(code, PAGE.name, "exec"), names)
-    test, drivers = names["test"], names["drivers"]
+    test, student, drivers = names["test"], names["student"], names["drivers"]
     assert len(drivers) == row["drivers"]
     assert drivers.mean() == pytest.approx(row["mean"])
-    assert list(test.confidence_interval()) == pytest.approx(row["t_interval"])
+    assert test.pvalue == pytest.approx(row["p"], abs=0.003)
+    assert list(student.confidence_interval()) == pytest.approx(row["t_interval"])
     assert dict(drivers) == pytest.approx(row["by_driver"])
 
 
@@ -257,7 +269,7 @@ def r_of_the_page() -> str:
 @pytest.mark.skipif(shutil.which("Rscript") is None, reason="R is not installed")
 def test_the_r_of_the_page_makes_the_tables_of_the_report_again(tmp_path: Path) -> None:
     study = read_study(write_study(made_up_study(Truth(), 1, (compared("vector", "none"),)), tmp_path / "study"))
-    found = as_dict(analyse_study(study, resamples=999))
+    found = as_dict(analyse_study(study))
     (tmp_path / "page.R").write_text(r_of_the_page() + TOLD, encoding="utf-8")
     done = subprocess.run(
         ["Rscript", "--vanilla", "page.R"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from das.domain.errors import DasError
 from sim.experiment.analysis.differences import TwoGroups, paired_trials
 from sim.experiment.analysis.power import (
     Asked,
     BellCurves,
+    PilotGroups,
     PowerQuestion,
     answer,
     normal_participants,
@@ -22,13 +24,12 @@ from sim.experiment.analysis.power import (
     participants_needed,
     power_of,
 )
-from sim.experiment.analysis.reading import Floats
-from sim.experiment.analysis.resampling import resampled, weights
 from tests.support.made_up_study import (
     APART,
     SAME,
     Truth,
     compared,
+    drawn,
     made_up_groups,
     made_up_study,
     positive,
@@ -89,16 +90,23 @@ def test_a_planted_difference_of_groups_is_found_as_often_as_power_predicts() ->
     """Skewed drivers, one group twice as wide as the other; a pilot of 400 in each group."""
     rng = np.random.default_rng(5)
 
-    def drawn(shape: tuple[int, ...], sd: float) -> Floats:
-        return sd * (rng.gamma(3.0, size=shape) - 3.0) / np.sqrt(3.0)
-
     names = tuple(f"sub-{number}" for number in range(400))
-    pilot = TwoGroups(a=drawn((400,), 2.0), b=drawn((400,), 1.0), a_names=names, b_names=names)
+    pilot = TwoGroups(a=2.0 * drawn(rng, (400,), True), b=drawn(rng, (400,), True), a_names=names, b_names=names)
     predicted = power_of(PowerQuestion(effect=1.0, alpha=0.05, source=of_pilot_groups(pilot)), 40).power
     assert 0.6 < predicted < 0.95
-    both = (1.0 + drawn((600, 40), 2.0), drawn((600, 40), 1.0))
-    found = resampled(both, (weights(40, 999, rng), weights(40, 999, rng))).probabilities
+    found = stats.ttest_ind(
+        1.0 + 2.0 * drawn(rng, (600, 40), True), drawn(rng, (600, 40), True), axis=1, equal_var=False
+    ).pvalue
     assert np.mean(found < 0.05) == pytest.approx(predicted, abs=0.07)
+
+
+@pytest.mark.parametrize("skewed", [False, True])
+def test_without_a_difference_of_groups_3_5_to_6_5_percent_of_studies_find_one(skewed: bool) -> None:
+    """One group is twice as wide as the other; its drivers are those of a pilot of 4000."""
+    rng = np.random.default_rng(1)
+    a, b = (sd * drawn(rng, (4000,), skewed) for sd in (1.0, 2.0))
+    source = PilotGroups(a=a - a.mean(), b=b - b.mean())
+    assert 0.035 <= power_of(PowerQuestion(effect=0.0, alpha=0.05, source=source), 12).power <= 0.065
 
 
 def asked(source: Path | None, **settings: object) -> Asked:

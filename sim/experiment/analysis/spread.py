@@ -1,105 +1,23 @@
-"""Drawing the participants of a study again, with replacement: means and standard deviations without a bell curve.
+"""How far drivers differ from each other, apart from how far one driver differs from day to day.
 
-The method is the studentized bootstrap (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 12.5).
-Each resample gives the distance of its mean from the study's mean, in standard errors of the resample. The quantiles of
-that distance take the place of the quantiles of Student's t. Participants are drawn, not trials, because trials of one
-person are not independent. The functions for means work on many studies at once: one row for each study, one column for
-each participant.
-
-How far drivers differ from each other, apart from how far one driver differs from day to day, is estimated by moments
-(analysis of variance): Searle, Casella and McCulloch, Variance Components, 1992, chapters 3 and 4.
+Both are estimated by moments (analysis of variance): Searle, Casella and McCulloch, Variance Components, 1992, chapters
+3 and 4. The interval comes from drawing the study's drivers again, with replacement.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from sim.experiment.analysis.reading import Floats, Texts
 from sim.experiment.plan import LEAST_PARTICIPANTS
 
-RESAMPLES: Final = 19_999
-"""Resamples of an analysis: a probability of 0.05 is known to 0.003, and the smallest is 0.0001."""
-LEAST_RESAMPLES: Final = 999
-"""Fewest resamples, however many participants there are."""
 SD_RESAMPLES: Final = 1999
 """Resamples for the interval of a standard deviation."""
-MOST_CELLS: Final = 20_000_000
-"""Largest number of cells of a table of resamples by participants (160 MB); very many participants get fewer resamples.
-"""
 NO_RANGE: Final = (math.nan, math.nan)
-
-
-def weights(participants: int, resamples: int, rng: np.random.Generator) -> Floats:
-    """How often each resample draws each participant, (resamples, participants); see `MOST_CELLS`."""
-    resamples = min(resamples, max(MOST_CELLS // participants, LEAST_RESAMPLES))
-    even = np.full(participants, 1.0 / participants)
-    return rng.multinomial(participants, even, size=resamples).astype(np.float64)
-
-
-class ResampledStudies(NamedTuple):
-    """Mean and standard error of each study, (studies,), and distances of its resamples in their own errors."""
-
-    means: Floats
-    errors: Floats
-    distances: Floats
-
-    @property
-    def probabilities(self) -> Floats:
-        """Two-sided probability of a mean at least this far from 0 if the true mean is 0, (studies,).
-
-        It is below a level if, and only if, the interval of that level does not contain 0. A study without any spread
-        has 1 for a mean of 0, and otherwise NaN, because nothing is known about chance.
-        """
-        resamples = self.distances.shape[1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found = (self.means / self.errors)[:, None]
-        above = (np.sum(self.distances >= found, axis=1) + 1) / (resamples + 1)
-        below = (np.sum(self.distances <= found, axis=1) + 1) / (resamples + 1)
-        both = np.minimum(2.0 * np.minimum(above, below), 1.0)
-        return np.where(self.errors > 0, both, np.where(self.means == 0, 1.0, np.nan))
-
-
-def resampled(groups: Sequence[Floats], drawn: Sequence[Floats]) -> ResampledStudies:
-    """Resample studies, each group by weights of its own.
-
-    One group (studies, participants) has paired differences; two groups have their means compared, first less second.
-    """
-    moments = [_moments(one, weight) for one, weight in zip(groups, drawn, strict=True)]
-
-    def difference(parts: Sequence[Floats]) -> Floats:
-        return parts[0] if len(parts) == 1 else parts[0] - parts[1]
-
-    def together(errors: Sequence[Floats]) -> Floats:
-        return errors[0] if len(errors) == 1 else np.hypot(*errors)
-
-    means, errors = difference([one for one, _ in moments]), together([one for _, one in moments])
-    return ResampledStudies(
-        difference([one.mean(axis=1) for one in groups]),
-        together([one.std(axis=1, ddof=1) / np.sqrt(one.shape[1]) for one in groups]),
-        _studentized(means, errors),
-    )
-
-
-def _moments(values: Floats, drawn: Floats) -> tuple[Floats, Floats]:
-    """Mean less the study's mean, and standard error, of every resample, each (studies, resamples)."""
-    count = values.shape[1]
-    centred = values - values.mean(axis=1, keepdims=True)
-    means = centred @ drawn.T / count
-    squares = centred**2 @ drawn.T / count
-    variance = np.maximum(squares - means**2, 0.0) * (count / (count - 1))
-    return means, np.sqrt(variance / count)
-
-
-def _studentized(means: Floats, errors: Floats) -> Floats:
-    """Distances of resamples in their own standard errors; without spread infinite, or 0 at the mean of the study."""
-    tiny = 1e-12 * np.maximum(np.abs(means).max(axis=-1, keepdims=True), 1e-300)
-    without_spread = np.where(np.abs(means) > tiny, np.copysign(np.inf, means), 0.0)
-    return np.where(errors > tiny, means / np.maximum(errors, tiny), without_spread)
 
 
 @dataclass(frozen=True, kw_only=True)

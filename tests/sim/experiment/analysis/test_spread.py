@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from sim.experiment.analysis.reading import Floats
-from sim.experiment.analysis.resampling import sd_interval, spread_of
+from sim.experiment.analysis.spread import sd_interval, spread_of
 from tests.support.made_up_study import MEASURE, NOISE, STUDIES, Truth, made_up_study
 
 

@@ -1,0 +1,76 @@
+"""How often the analysis of an experiment finds a difference where there is none, on made-up differences of drivers.
+
+`python -m docs.studies.null_experiments` prints the table and writes it into docs/explanation/experiment-statistics.md
+again, in about half a minute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import numpy as np
+from scipy import stats
+
+from docs.studies.output import DOCS, write_table
+from sim.experiment.analysis.reading import Floats
+from sim.experiment.analysis.sign_flips import ALL_PATTERNS, probabilities, signs_of
+
+ALPHA: Final = 0.05
+SIZES: Final = (8, 12, 24)
+STUDIES: Final = 2000
+REPEATS: Final = 10
+"""Times that `STUDIES` experiments are made up; the table has the share in all, and the lowest and highest."""
+AT_ONCE: Final = 250
+Draw = Callable[[np.random.Generator, tuple[int, int]], Floats]
+
+
+def _skewed(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
+    return rng.gamma(4.0, size=shape) - 4.0
+
+
+def _exponential(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
+    return rng.exponential(size=shape) - 1.0
+
+
+def _same_twice(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
+    """One value less another of the same driver, whose values are very skewed and whose spread is his own."""
+    return rng.gamma(3.0, size=shape) * (rng.lognormal(0.0, 0.8, shape) - rng.lognormal(0.0, 0.8, shape))
+
+
+NULLS: Final[dict[str, Draw]] = {
+    "bell curve": lambda rng, shape: rng.normal(size=shape),
+    "skewed (gamma, skewness 1)": _skewed,
+    "one condition under two names, drivers and trials very skewed": _same_twice,
+    "very skewed (exponential, skewness 2): beyond what the test assumes": _exponential,
+}
+"""Differences of drivers whose mean is 0."""
+
+
+def false_alarms(
+    draw: Draw, drivers: int, seed: int, studies: int = STUDIES, patterns: int = ALL_PATTERNS
+) -> tuple[float, float]:
+    """The shares of made-up experiments in which sign flips, and Student's t, find a difference."""
+    rng = np.random.default_rng([seed, drivers])
+    values = draw(rng, (studies, drivers))
+    signs = signs_of(drivers, rng, patterns)
+    blocks = np.split(values, range(AT_ONCE, studies, AT_ONCE))
+    flips = np.concatenate([probabilities(block, signs) for block in blocks])
+    student = stats.ttest_1samp(values, 0.0, axis=1).pvalue
+    return float(np.mean(flips < ALPHA)), float(np.mean(student < ALPHA))
+
+
+def null_table() -> Iterator[str]:
+    """The lines of the table, in Markdown."""
+    flips = f"sign flips (lowest to highest of {REPEATS} times {STUDIES})"
+    yield f"| differences of drivers | drivers | {flips} | Student's t |"
+    yield "|---|---:|---:|---:|"
+    for name, draw in NULLS.items():
+        for drivers in SIZES:
+            found = 100.0 * np.array([false_alarms(draw, drivers, seed) for seed in range(REPEATS)])
+            (mean, student), low, high = found.mean(axis=0), found[:, 0].min(), found[:, 0].max()
+            yield f"| {name} | {drivers} | {mean:.1f} % ({low:.1f} to {high:.1f}) | {student:.1f} % |"
+
+
+if __name__ == "__main__":
+    write_table(DOCS / "explanation" / "experiment-statistics.md", "null-experiments", null_table())
