@@ -18,6 +18,8 @@ from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 
+CREEPS_FOR_S = 8.0
+"""A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
 """Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
 short of the mark (`CREEPS`). A driver above the speed to hold is told to coast back to it (`ROLLS`), or to brake if
@@ -141,8 +143,7 @@ class PhaseNow:
             stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
             may_roll = v_mps >= settings.brake.last_mps or stands_short
         has_begun = state.s_m >= schedule.begin_m(number)
-        creeps_s = settings.least_shown_s + settings.lead.astray_s  # The brake for the stop is shown again after that.
-        if not slows and self.back == 0 and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, creeps_s):
+        if not slows and self.back == 0 and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
             may_roll = False
         elif not slows and self.back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
             may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio

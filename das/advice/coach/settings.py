@@ -70,7 +70,7 @@ class BrakeShowingSettings:
     short_ratio: float = 0.1
     """A train that brakes for its stop counts as stopping clearly short if this share of the planned braking is
     enough."""
-    short_m: float = 15.0
+    short_m: float = 10.0
     """A train counts as stopping clearly short of its stop only if it is, or would come to rest, further from the mark
     than this."""
     creep_mps: float = 10.0 * KMH
