@@ -22,6 +22,7 @@ from sim.cli.options import (
     ToTimeOption,
     check_packages,
     check_page,
+    page_and_pdf,
     tell_written,
     write_page,
 )
@@ -337,6 +338,7 @@ def report(
 ) -> None:
     """Write one page about recorded drives: figures in words, pictures, where the energy went, and what happened."""
     check_packages("view", "jinja2", "matplotlib")
+    out, pdf = page_and_pdf(out, pdf)
     check_page(out, pdf, files, overwrite=overwrite)
     with loading_solver():
         from sim.review.report.page import as_dict, compared, page, subject_of

@@ -168,6 +168,20 @@ class LegAttribution(ComparedLeg):
                 parts[cause] = parts.get(cause, 0.0) + float(rise_j)
         return parts
 
+    def by_place(self, cause: EnergyCause) -> Floats:
+        """The energy above the optimum (J) that belongs to a cause and to the driving, at each place of `even`."""
+        edges_m, motion, energies = np.append(self.even.start_m, self.even.end_m[-1:]), self.leg.motion, self.energies
+        if cause is EnergyCause.FRICTION:
+            at_m, energy_j = motion.s_m[1:], np.diff(energies.blended_j - energies.motors_j)
+        elif cause is EnergyCause.TRAIN:
+            at_m, energy_j = motion.s_m[1:], np.diff(energies.balance_j - energies.blended_j)
+        else:
+            rises = [one for one in self.committed.rises() if one.cause is cause]
+            ends = self.committed.sample[[[one.first, one.last] for one in rises]] if rises else np.empty((0, 2), int)
+            at_m, energy_j = motion.s_m[ends].mean(axis=1), np.array([one.energy_j for one in rises])
+        inside_m = np.clip(at_m, edges_m[0], edges_m[-1])
+        return np.histogram(inside_m, edges_m, weights=energy_j)[0].astype(np.float64)
+
     @property
     def recovered_j(self) -> float | None:
         """What a late departure cost: least energy for the time left, minus that for the timetable's trip time (J)."""
@@ -384,6 +398,40 @@ def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
             where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
             found.append(WorstPlace(where, float(more_j[first : last + 1].sum()), _causes(leg, start_m, end_m)))
     return sorted(found, key=lambda one: -one.more_j)[:most]
+
+
+class CauseStretch(NamedTuple):
+    """The stretch on which a cause took most: its leg, where (m) and when (ns since 1970) it begins and ends, and the
+    energy that the cause took there (J)."""
+
+    leg: DrivenLeg
+    start_m: float
+    end_m: float
+    start_ns: int
+    end_ns: int
+    energy_j: float
+
+
+def worst_stretch(attribution: Attribution, cause: EnergyCause) -> CauseStretch | None:
+    """The stretch on which a cause took most energy above the optimum; None if it took none.
+
+    Like a stretch of `worst_places`, it consists of the neighbouring places beyond `DENSE` times the drive's average.
+    """
+    taken = [leg.by_place(cause) for leg in attribution.legs]
+    usual_j = DENSE * max(float(np.concatenate(taken).mean()), 0.0) if taken else 0.0
+    found = [
+        _stretch(leg, first, last, float(energy_j[first : last + 1].sum()))
+        for leg, energy_j in zip(attribution.legs, taken, strict=True)
+        for first, last in _worst_runs(energy_j - usual_j, 1)
+    ]
+    return max(found, key=lambda one: one.energy_j, default=None)
+
+
+def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> CauseStretch:
+    motion, start_m, end_m = leg.leg.motion, float(leg.even.start_m[first]), float(leg.even.end_m[last])
+    ends = np.minimum(np.searchsorted(motion.s_m, (start_m, end_m)), len(motion.s_m) - 1)
+    start_ns, end_ns = motion.time_ns[ends].tolist()
+    return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j)
 
 
 def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
