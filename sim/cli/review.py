@@ -336,7 +336,7 @@ def report(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one page about recorded drives: figures in words, pictures, where the energy went, and what happened."""
+    """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
     check_packages("view", "jinja2", "matplotlib")
     out, pdf = page_and_pdf(out, pdf)
     check_page(out, pdf, files, overwrite=overwrite)

@@ -100,7 +100,7 @@ def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
 def _arrival(drive: Drive) -> PageFigure:
     name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.clock
     if call is None:
-        return PageFigure(name, NOT_KNOWN, "the recording holds no arrival that the timetable has a time for")
+        return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded")
     times = f"due {clock.of_day(call.due_arrival_ns)}, there {clock.of_day(call.arrived_ns)}"
     early_end = "" if call is drive.calls[-1] else ", the last stop with a known arrival"
     return PageFigure(name, lateness_text(call.arrived_late_s), f"at {call.name}{early_end}: {times}")
@@ -119,7 +119,11 @@ def _above(drive: Drive) -> PageFigure:
     if above is None or drive.not_comparable:
         return PageFigure(name, NOT_COMPARABLE, drive.not_comparable)
     likely = "" if drive.likely is None else f"likely {_band(drive.likely)}; "
-    return PageFigure(name, above.words, f"{likely}in % of the energy driven; the optimum has the same times")
+    return PageFigure(
+        name,
+        above.words,
+        f"{likely}in % of the energy driven; the optimum has the same times, but no signals and temporary restrictions",
+    )
 
 
 def _over_limit(drive: Drive) -> PageFigure:
@@ -200,10 +204,10 @@ def how_sure(drive: Drive) -> list[str]:
     """What the figures hang on, in sentences: energy measured or computed, train known or assumed, the likely range."""
     told = [] if drive.recording.complete else ["The recording was cut off, so that its end is missing."]
     told += [*_energy_sure(drive), *_range_sure(drive)]
+    if drive.violations.over_limit_s:
+        told.append("The time above the limit is read from the samples of position and speed, mostly one a second.")
     if not drive.limit_known:
         told.append(LIMIT_UNKNOWN)
-    if drive.attribution is None and not drive.not_comparable:
-        told.append(f"Where the energy went cannot be said: {drive.why_no_attribution}.")
     return told
 
 
@@ -235,10 +239,10 @@ def _range_sure(drive: Drive) -> list[str]:
     """How far the energy above the optimum may be off, and which unknown moves it most."""
     if drive.above is None or drive.not_comparable:
         return []
-    if drive.above.measured:
-        return [
-            "The energy above the optimum has no range; how it divides into causes is found with the planned train."
-        ]
+    if drive.above.measured and train_known(drive):
+        return ["The energy above the optimum has no range; its division into causes is that of the planned train."]
+    if drive.measured:
+        return ["How far the energy above the optimum depends on that train is not known."]
     if drive.likely is None:
         return ["The likely range of the energy above the optimum is not known."]
     told = [f"The energy above the optimum is likely {_band(drive.likely)}; that of a cause is no surer."]
@@ -280,7 +284,7 @@ def page_dict(drive: Drive) -> dict[str, Any]:
     return {
         "figures": page_figures(drive),
         "findings": [_row(one, drive) for one in findings(drive)],
-        "no_findings": _why_none(drive),
+        "why_none": _why_none(drive),
         "how_sure": how_sure(drive),
     }
 
@@ -299,7 +303,7 @@ def _row(one: Finding, drive: Drive) -> dict[str, str]:
 
 
 def _why_none(drive: Drive) -> str:
-    """What stands in place of findings about energy."""
+    """Why the page has no finding about energy; empty if that needs no word."""
     if drive.attribution is None:
         return f"Where the energy went cannot be said: {drive.why_no_attribution}."
-    return f"No cause took {NAMED_KWH} kWh or more above the optimum."
+    return "" if findings(drive) else f"No cause took {NAMED_KWH} kWh or more above the optimum."

@@ -44,6 +44,9 @@ LOSSES: Final[Mapping[str, str]] = {
     Level.L2: "of each component, by power (level L2)",
     Level.L3: "of each component, by speed and force (level L3)",
 }
+NUMBERS: Final = ("seed", "dropped")
+UNITS: Final = ("_s", "_ns", "_m", "_mps", "_j", "_kg", "_ratio")
+"""The keys of metadata that are numbers, and the units at the end of others."""
 Row = dict[str, Any]
 
 
@@ -312,7 +315,7 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
 def input_dict(drive: Drive) -> Row:
     """What the drive was made from, for programs: metadata with their own keys, numbers as numbers, whole hashes."""
     found: Row = {
-        key: _as_number(value)
+        key: _as_number(key, value)
         for entries in drive.recording.metadata.values()
         for key, value in entries.items()
         if key != "drawn"
@@ -323,10 +326,14 @@ def input_dict(drive: Drive) -> Row:
     return {**found, "said_by_the_recording": said, "attached_files": list(drive.recording.attachments)}
 
 
-def _as_number(text: str) -> float | str:
-    """The number that an entry of the metadata states; an entry that is no number stays as it is."""
+def _as_number(key: str, text: str) -> float | str:
+    """An entry of the metadata: a number if its key names one; what is no number stays as it is."""
+    if key not in NUMBERS and not key.endswith(UNITS):
+        return text
+    if text.isdecimal():
+        return int(text)  # times in ns are too long for a float
     try:
         value = float(text)
     except ValueError:
         return text
-    return (int(text) if text.lstrip("+-").isdecimal() else value) if math.isfinite(value) else text
+    return value if math.isfinite(value) else text
