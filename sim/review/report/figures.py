@@ -13,7 +13,7 @@ from sim.drive.events.event import bookmarks
 from sim.review.canvas import INK, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.review.lanes import MODE_LANES
-from sim.review.report.first_page import Finding
+from sim.review.report.first_page import DriveFinding
 from sim.review.report.sentences import told_causes
 from sim.review.scene import ReviewScene, Trace, meaning_of
 from sim.review.series import QUANTITIES, STYLES
@@ -44,7 +44,7 @@ FAINT: Final = 0.45
 """Opacity of the bar of a departure; the bar of an arrival is opaque."""
 
 
-def first_figure(scene: ReviewScene, found: Sequence[Finding]) -> Figure:
+def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
     """Speed over distance on the first page: the limit, what was driven, and one trajectory beside it.
 
     Each finding is a grey stretch with its number.

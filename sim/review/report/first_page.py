@@ -13,9 +13,10 @@ from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, EnergyBand
-from sim.drive.attribution.attribution import Attribution, worst_stretch
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.driven_legs import LikelyRange
+from sim.drive.attribution.worst_places import worst_stretch
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
@@ -41,7 +42,7 @@ class PageFigure(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class DriveFinding:
     """Something for instructor and driver to talk about: its cause, what happened, where, and when.
 
     `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
@@ -135,13 +136,13 @@ def _over_limit(drive: Drive) -> PageFigure:
     return PageFigure(name, "0 s", "every limit was kept, within 1 km/h")
 
 
-def findings(drive: Drive) -> tuple[Finding, ...]:
+def findings(drive: Drive) -> tuple[DriveFinding, ...]:
     """The three findings of the page at most: those about safety first, then the causes that took most energy."""
     energy = () if drive.attribution is None else _energy_findings(drive.attribution)
     return (*_safety_findings(drive), *energy)[:MOST_FINDINGS]
 
 
-def _safety_findings(drive: Drive) -> Iterator[Finding]:
+def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
     """Signals passed at danger, speeds above the limit and missed stops: one finding for each, about the worst."""
     passed = sorted(signals_passed(drive.course, drive.signals), key=lambda one: -one.beyond_m)
     if passed:
@@ -156,21 +157,21 @@ def _excess(event: DriveEvent) -> float:
     return float(event.facts.get("over_kmh", 0.0))
 
 
-def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> Finding:
+def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:
     text = f"The head of the train went {passed.beyond_m:.0f} m beyond it.{_worst_of(count)}"
     start, end = _between(drive, passed.s_m)
-    return Finding(
+    return DriveFinding(
         code=SIGNAL_PASSED, label="signal passed at danger", text=text, start=start, end=end,
         start_m=passed.s_m, end_m=passed.s_m, start_ns=passed.time_ns, end_ns=passed.time_ns,
     )  # fmt: skip
 
 
-def _of_event(drive: Drive, event: DriveEvent, count: int) -> Finding:
+def _of_event(drive: Drive, event: DriveEvent, count: int) -> DriveFinding:
     ends = drive.course.time_ns.searchsorted((event.time_ns, event.last_ns))
     start_m, end_m = drive.course.s_m[ends].tolist()
     start, end = _between(drive, start_m)
     text = f"{event.text[0].upper()}{event.text[1:]}.{_worst_of(count)}"
-    return Finding(
+    return DriveFinding(
         code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, start=start, end=end,
         start_m=start_m, end_m=end_m, start_ns=event.time_ns, end_ns=event.last_ns,
     )  # fmt: skip
@@ -187,13 +188,13 @@ def _between(drive: Drive, s_m: float) -> tuple[str, str]:
     return (before[-1], behind[0]) if before and behind else ("", "")
 
 
-def _energy_findings(attribution: Attribution) -> Iterator[Finding]:
+def _energy_findings(attribution: Attribution) -> Iterator[DriveFinding]:
     """The causes that took most energy, the largest first; what cannot be told apart is no finding."""
     for cause, energy_j in told_causes(attribution):
         worst = worst_stretch(attribution, cause)
         if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or worst is None:
             continue
-        yield Finding(
+        yield DriveFinding(
             code=str(cause), label=cause.label, text=cause.meaning, start=worst.leg.start.name, end=worst.leg.end.name,
             start_m=worst.start_m, end_m=worst.end_m, start_ns=worst.start_ns, end_ns=worst.end_ns,
             energy_j=energy_j, here_j=worst.energy_j,
@@ -289,7 +290,7 @@ def page_dict(drive: Drive) -> dict[str, Any]:
     }
 
 
-def _row(one: Finding, drive: Drive) -> dict[str, str]:
+def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:
     here = "" if one.here_j is None else f"{kwh(one.here_j):.1f} kWh of it there"
     how = "measured" if drive.measured else "computed"
     return {

@@ -15,13 +15,13 @@ from markupsafe import escape
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from sim.drive.above_optimum import energy_words
-from sim.drive.attribution.attribution import worst_stretch
 from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.worst_places import worst_stretch
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.happenings import Signal
 from sim.drive.limits import signals_passed
 from sim.review.report.figures import first_figure
-from sim.review.report.first_page import Finding, findings, first_page_dict, how_sure, page_figures
+from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures
 from sim.review.report.page import ReviewedDrive, as_dict, page, subject_of, write_pdf
 from sim.review.scene import ReviewScene
 from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
@@ -201,7 +201,7 @@ def test_an_out_that_ends_in_pdf_is_printed(tmp_path: Path) -> None:
     assert "ends in .html" not in done.stderr
 
 
-LONG = Finding(
+LONG = DriveFinding(
     code="overspeed", label="above the limit", text="Up to 3 km/h above the limit of 110 km/h for 3 s. " * 4,
     start="Rotkreuz Industriegebiet Nord", end="Horgen Oberdorf am Zürichsee", start_m=1000.0, end_m=2000.0,
     start_ns=1, end_ns=2,
