@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
-from sim.drive.above_optimum import NOT_COMPARABLE, EnergyBand
+from sim.drive.above_optimum import NOT_COMPARABLE
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.attribution.driven_legs import LikelyRange
@@ -110,7 +110,8 @@ def _arrival(drive: Drive) -> PageFigure:
 def _driven(drive: Drive) -> PageFigure:
     name, driven_j = "Energy driven", drive.driven_j
     if driven_j is None:
-        return PageFigure(name, NOT_KNOWN, drive.not_comparable)
+        beside = "for the reason beside it" if drive.not_comparable else drive.why_no_attribution
+        return PageFigure(name, NOT_KNOWN, beside)
     how = "measured" if drive.measured else "computed from positions"
     return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}")
 
@@ -259,7 +260,7 @@ def _range_sure(drive: Drive) -> list[str]:
 
 
 def _band(likely: LikelyRange) -> str:
-    return EnergyBand(likely.low_j, likely.high_j).words
+    return f"{kwh(likely.low_j):z.1f} to {kwh(likely.high_j):z.1f} kWh"
 
 
 def first_page_dict(drive: Drive) -> dict[str, Any]:

@@ -153,7 +153,7 @@ def test_the_page_says_what_its_figures_hang_on() -> None:
     computed = " ".join(how_sure(subject_of(BUNDLED).drive))
     assert "Nobody measured the energy" in computed
     assert re.search(r"The train is assumed: .* t, .* m\.", computed)
-    assert re.search(r"likely \d+ to \d+ kWh.* It hangs most on \w+", computed)
+    assert re.search(r"likely [\d.]+ to [\d.]+ kWh.* It hangs most on \w+", computed)
     measured = " ".join(how_sure(fast().drive))  # a simulator would record the true train's optimum as well
     assert "The energy was measured. The train is assumed" in measured
     assert "How far the energy above the optimum depends on that train is not known." in measured
