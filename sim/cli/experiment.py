@@ -18,7 +18,16 @@ from das.command_line.printing import busy, paragraph, print_table
 from das.domain.errors import DasError
 from das.domain.files.writing import make_folder
 from precompute.workers import Workers
-from sim.cli.options import PageOption, PdfOption, WorkersOption, check_packages, check_page, tell_written, write_page
+from sim.cli.options import (
+    PageOption,
+    PdfOption,
+    WorkersOption,
+    check_packages,
+    check_page,
+    page_and_pdf,
+    tell_written,
+    write_page,
+)
 from sim.experiment.plan import DESIGN_JSON, FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 
 if TYPE_CHECKING:
@@ -246,6 +255,7 @@ def analyse(
     as_json: JsonOption = False,
 ) -> None:
     """Analyse a study that was run: paired differences with intervals, a mixed model, checks."""
+    out, pdf = page_and_pdf(out, pdf)
     _check(folder, (out, pdf), effect or (), overwrite=overwrite)
     from sim.experiment.analysis.comparing import analyse_study
     from sim.experiment.analysis.page import as_dict, page

@@ -38,7 +38,8 @@ ToTimeOption = Annotated[
     str | None, typer.Option("--to", metavar="TIME", help="Only up to here, in the same form.", show_default=False)
 ]
 PageOption = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html) [default: print in words].")
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print in words]."),
 ]
 PdfOption = Annotated[
     Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
@@ -156,6 +157,11 @@ def check_packages(extra: str, *names: str) -> None:
     for name in names:
         if importlib.util.find_spec(name) is None:
             raise DasError(f"{name} is not installed: pip install '.[{extra}]' in the checkout")
+
+
+def page_and_pdf(out: Path | None, pdf: Path | None) -> tuple[Path | None, Path | None]:
+    """The page and its PDF to write: `--out` with a name that ends in .pdf means the PDF, unless `--pdf` names one."""
+    return (None, out) if out is not None and pdf is None and out.suffix.lower() == ".pdf" else (out, pdf)
 
 
 def check_page(out: Path | None, pdf: Path | None, inputs: Iterable[Path], *, overwrite: bool) -> None:

@@ -131,7 +131,7 @@ ENTRIES: Final = (
     Entry(
         name="report",
         where="sim.cli.review:report",
-        summary="Write one page about recorded drives, for the screen and for paper.",
+        summary="Write a report about recorded drives, which begins with one page for an instructor.",
         examples=("das-sim report run.mcap -o report.html",),
     ),
     Entry(

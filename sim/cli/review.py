@@ -22,6 +22,7 @@ from sim.cli.options import (
     ToTimeOption,
     check_packages,
     check_page,
+    page_and_pdf,
     tell_written,
     write_page,
 )
@@ -245,7 +246,7 @@ def _print_causes(attribution: Attribution) -> None:
 
 def _print_places(attribution: Attribution) -> None:
     from das.domain.units import kwh
-    from sim.drive.attribution.attribution import worst_places
+    from sim.drive.attribution.worst_places import worst_places
 
     worst = worst_places(attribution)
     if worst:
@@ -335,8 +336,9 @@ def report(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one page about recorded drives: figures in words, pictures, where the energy went, and what happened."""
+    """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
     check_packages("view", "jinja2", "matplotlib")
+    out, pdf = page_and_pdf(out, pdf)
     check_page(out, pdf, files, overwrite=overwrite)
     with loading_solver():
         from sim.review.report.page import as_dict, compared, page, subject_of

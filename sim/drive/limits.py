@@ -135,21 +135,31 @@ def spans_above(trip: DrivenCourse, allowed_mps: Floats) -> Iterator[SpanAbove]:
 
 def violations_of(trip: DrivenCourse, limit_mps: Floats, seen: Iterable[Signal]) -> Violations:
     """What a recorded drive violated, as far as positions once a second show."""
-    fast = tuple(spans_above(trip, limit_mps))
-    beyond_m = [_beyond_m(trip, signal) for signal in seen]
-    passed_m = [one for one in beyond_m if one > BEYOND_M]
+    fast, passed = tuple(spans_above(trip, limit_mps)), tuple(signals_passed(trip, seen))
     return Violations(
-        signals_passed=len(passed_m),
-        beyond_signal_m=max(passed_m, default=0.0),
+        signals_passed=len(passed),
+        beyond_signal_m=max((one.beyond_m for one in passed), default=0.0),
         over_limit_s=sum(one.lasted_s for one in fast),
         over_limit_mps=max((one.over_mps for one in fast), default=0.0),
     )
 
 
-def _beyond_m(trip: DrivenCourse, signal: Signal) -> float:
-    """How far (m) the train went beyond a signal while the signal was at danger."""
-    during = (trip.time_ns >= signal.start_ns) & (trip.time_ns <= signal.end_ns)
-    return float(trip.s_m[during].max(initial=-math.inf)) - signal.s_m
+class PassedSignal(NamedTuple):
+    """A signal that was passed at danger: its position (m), when the head passed it (ns), and how far it went (m)."""
+
+    s_m: float
+    time_ns: int
+    beyond_m: float
+
+
+def signals_passed(trip: DrivenCourse, seen: Iterable[Signal]) -> Iterator[PassedSignal]:
+    """The signals that the train's head passed while they were at danger."""
+    for signal in seen:
+        during = (trip.time_ns >= signal.start_ns) & (trip.time_ns <= signal.end_ns)
+        beyond_m = float(trip.s_m[during].max(initial=-math.inf)) - signal.s_m
+        if beyond_m > BEYOND_M:
+            passed = during & (trip.s_m > signal.s_m)
+            yield PassedSignal(signal.s_m, int(trip.time_ns[int(np.argmax(passed))]), beyond_m)
 
 
 def _held(time_ns: Times, values: Floats, at: Times) -> Floats:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -246,22 +246,27 @@ RATE_COLUMNS = ("topic", "messages", "a second", "usual interval", "longest gap"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checked:
-    """The result of a check: figures by name, the rate of each topic, what is wrong (`findings`), and `notes`."""
+    """The result of a check: figures (`numbers`), the rate of each topic, what is wrong (`findings`), and `notes`."""
 
     recording: Recording
-    figures: dict[str, str]
+    numbers: dict[str, Any]
     rates: dict[str, Rate]
     findings: tuple[CheckFinding, ...]
     notes: tuple[str, ...]
 
+    @property
+    def figures(self) -> dict[str, str]:
+        """The figures in words, by name."""
+        return _figure_rows(self.recording, self.numbers)
+
     def as_dict(self) -> dict[str, Any]:
-        """The result for programs; times in ns since 1970."""
+        """The result for programs; moments in ns since 1970, durations in s."""
         return {
             "file": str(self.recording.path),
             "train": self.recording.train,
             "sound": not self.findings,
             "complete": self.recording.complete,
-            "figures": self.figures,
+            "figures": self.numbers,
             "topics": {
                 name: {key: None if isnan(value) else value for key, value in vars(rate).items()}
                 for name, rate in self.rates.items()
@@ -303,30 +308,47 @@ def check_contents(contents: Contents, recording: Recording) -> Checked:
     found = {topic.name: rate_of(recording, topic) for topic in TOPICS}
     return Checked(
         recording=recording,
-        figures=_figures(contents, recording),
+        numbers=_figures(contents, recording),
         rates={name: rate for name, rate in found.items() if rate is not None},
         findings=tuple(find(recording)),
         notes=tuple(_notes(contents, recording)),
     )
 
 
-def _figures(contents: Contents, recording: Recording) -> dict[str, str]:
+def _figures(contents: Contents, recording: Recording) -> dict[str, Any]:
+    """The figures of a recording by their names for programs; None: not known, or not measured."""
     log_ns = np.array([one.log_time_ns for entries in recording.messages.values() for one in entries])
-    first_ns, last_ns = int(log_ns.min()), int(log_ns.max())
     health = contents.health
+    return {
+        "node_at_work": is_session(recording),
+        "from_ns": int(log_ns.min()),
+        "to_ns": int(log_ns.max()),
+        "size_bytes": health.size_bytes,
+        "messages": len(log_ns),
+        "checksums_right": not health.damage and not health.unchecked,
+        "missing_messages": health.missing,
+        "versions": versions(recording),
+        "attached_files": list(recording.attachments),
+        **_speed_of_advice(recording),
+    }
+
+
+def _figure_rows(recording: Recording, found: Mapping[str, Any]) -> dict[str, str]:
+    """The figures of a recording in words, by name."""
+    first_ns, last_ns = found["from_ns"], found["to_ns"]
     rows = {
         "train": recording.train,
-        "kind": "a node at work" if is_session(recording) else "a trip without a node",
+        "kind": "a node at work" if found["node_at_work"] else "a trip without a node",
         "from, to (UTC)": f"{utc(first_ns)} – {utc(last_ns)[11:]}",
         "lasts": f"{(last_ns - first_ns) * NS:.0f} s",
-        "size": f"{health.size_bytes / 1e6:.2f} MB, {len(log_ns)} messages",
-        "checksums": "all right" if not health.damage and not health.unchecked else "see below",
-        "end of the file": "there" if health.complete else "missing",
-        "running numbers": _numbers(health.missing),
-        "versions": ", ".join(f"{who} {version}" for who, version in versions(recording).items()) or "not said",
-        "input files attached": ", ".join(recording.attachments) or "none",
+        "size": f"{found['size_bytes'] / 1e6:.2f} MB, {found['messages']} messages",
+        "checksums": "all right" if found["checksums_right"] else "see below",
+        "end of the file": "there" if recording.complete else "missing",
+        "running numbers": _numbers(found["missing_messages"]),
+        "versions": ", ".join(f"{who} {version}" for who, version in found["versions"].items()) or "not said",
+        "input files attached": ", ".join(found["attached_files"]) or "none",
     }
-    return {**rows, **_speed_of_advice(recording)}
+    return {**rows, **{words: _up_to(found[name]) for name, words in TIMES.items() if name in found}}
 
 
 def _numbers(missing: int | None) -> str:
@@ -335,25 +357,35 @@ def _numbers(missing: int | None) -> str:
     return f"{missing} missing" if missing else "without a hole"
 
 
-def _speed_of_advice(recording: Recording) -> dict[str, str]:
-    """How long solving, advising and the transfer to the recorder took, as far as these times were measured."""
+TIMES: Final = {
+    "solve_s": "solving a section",
+    "advice_s": "computing an advice",
+    "advice_to_recorder_s": "advice, from its time to the recorder",
+    "position_age_s": "age of the position behind an advice",
+}
+"""The times of the node, by name and in words."""
+
+
+def _speed_of_advice(recording: Recording) -> dict[str, dict[str, float] | None]:
+    """How long solving, advising and the transfer to the recorder took (s): median and most.
+
+    None: not measured, because the clock is that of a simulation. A time of which there is no message is left out.
+    """
     status = recording.columns(topics.STATUS, "solve_s", "last_advice_s")
-    rows = {}
-    for name, values in (("solving a section", status["solve_s"]), ("computing an advice", status["last_advice_s"])):
-        if len(values):
-            rows[name] = _up_to(values) if values.any() else "not measured (clock of a simulation)"
-    way_s = to_recorder_s(recording)
-    if len(way_s):
-        rows["advice, from its time to the recorder"] = _up_to(way_s)
-    _, age_s = _position_ages(recording)
-    if len(age_s):
-        rows["age of the position behind an advice"] = _up_to(age_s)
-    return rows
+    measured = {"solve_s": status["solve_s"], "advice_s": status["last_advice_s"]}
+    taken = {name: values if values.any() else None for name, values in measured.items() if len(values)}
+    others = {"advice_to_recorder_s": to_recorder_s(recording), "position_age_s": _position_ages(recording)[1]}
+    taken |= {name: values for name, values in others.items() if len(values)}
+    return {
+        name: None if values is None else {"median": float(np.median(values)), "most": float(values.max())}
+        for name, values in taken.items()
+    }
 
 
-def _up_to(values_s: Any) -> str:
-    middle, most = float(np.median(values_s)), float(values_s.max())
-    return f"median {middle * 1000:.0f} ms, at most {most * 1000:.0f} ms"
+def _up_to(taken_s: Mapping[str, float] | None) -> str:
+    if taken_s is None:
+        return "not measured (clock of a simulation)"
+    return f"median {taken_s['median'] * 1000:.0f} ms, at most {taken_s['most'] * 1000:.0f} ms"
 
 
 def _inputs(recording: Recording) -> Iterator[CheckFinding]:

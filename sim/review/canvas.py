@@ -45,7 +45,7 @@ LETTERS: Final = 78
 """Largest number of characters in one line of the list of marks."""
 
 LETTER_SHARE: Final = 0.0085
-"""Width of a letter of a stop's name, as a share of the axis."""
+"""Width of a letter of a stop's name, as a share of the axis of a page or of a wider picture."""
 NAMES_AT_POINTS: Final = (17.0, 29.0)
 """Two rows (points above an axis) for the names of stops, over the legend. A name without room in the first row goes
 into the second; a name without room there is left out."""
@@ -133,9 +133,10 @@ def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme
 def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> None:
     """Write the names of stops (name, place on the axis) above the axis, as far as they do not cover each other."""
     low, high = axis.get_xlim()
+    letter = LETTER_SHARE * max(1.0, PAGE_WIDTH_IN / axis.figure.get_figwidth())
     ends = [-1.0] * len(NAMES_AT_POINTS)
     for name, place in sorted(stops, key=lambda stop: stop[1]):
-        share, width = (place - low) / (high - low), LETTER_SHARE * (len(name) + 1)
+        share, width = (place - low) / (high - low), letter * (len(name) + 1)
         start = min(max(share - 0.5 * width, 0.0), 1.0 - width)
         row = next((row for row, end in enumerate(ends) if start >= end), None)
         if not 0.0 <= share <= 1.0 or row is None:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.bus.recording import Recording
-from das.domain.units import KM, NS, kwh
+from das.domain.units import NS, kwh
 from das.solver.section import Section
 from das.solver.solution import Solution
 from sim.drive.above_optimum import AboveOptimum
@@ -167,6 +167,20 @@ class LegAttribution(ComparedLeg):
             if first <= sample < last:
                 parts[cause] = parts.get(cause, 0.0) + float(rise_j)
         return parts
+
+    def by_place(self, cause: EnergyCause) -> Floats:
+        """The energy above the optimum (J) that belongs to a cause and to the driving, at each place of `even`."""
+        edges_m, motion, energies = np.append(self.even.start_m, self.even.end_m[-1:]), self.leg.motion, self.energies
+        if cause is EnergyCause.FRICTION:
+            at_m, energy_j = motion.s_m[1:], np.diff(energies.blended_j - energies.motors_j)
+        elif cause is EnergyCause.TRAIN:
+            at_m, energy_j = motion.s_m[1:], np.diff(energies.balance_j - energies.blended_j)
+        else:
+            rises = [one for one in self.committed.rises() if one.cause is cause]
+            ends = self.committed.sample[[[one.first, one.last] for one in rises]] if rises else np.empty((0, 2), int)
+            at_m, energy_j = motion.s_m[ends].mean(axis=1), np.array([one.energy_j for one in rises])
+        inside_m = np.clip(at_m, edges_m[0], edges_m[-1])
+        return np.histogram(inside_m, edges_m, weights=energy_j)[0].astype(np.float64)
 
     @property
     def recovered_j(self) -> float | None:
@@ -355,57 +369,6 @@ def place_rows(places: Places) -> list[dict[str, float]]:
         }
         for i in range(len(places.start_m))
     ]
-
-
-class WorstPlace(NamedTuple):
-    """A stretch that lost energy above the optimum: where in words, how much (J), and its causes, the largest first."""
-
-    where: str
-    more_j: float
-    causes: tuple[EnergyCause, ...]
-
-
-DENSE = 2.0
-LARGE_SHARE = 0.2
-"""A cause is named if it took at least this share of the energy that all causes took on a stretch."""
-
-
-def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
-    """The stretches that lost most above the optimum, the worst first.
-
-    A stretch consists of the neighbouring places whose losses beyond `DENSE` times the drive's average sum to the most.
-    """
-    found = []
-    losses = [leg.even.lost_more_j for leg in attribution.legs]
-    usual_j = DENSE * max(float(np.concatenate(losses).mean()), 0.0) if losses else 0.0
-    for leg, more_j in zip(attribution.legs, losses, strict=True):
-        for first, last in _worst_runs(more_j - usual_j, most):
-            start_m, end_m = float(leg.even.start_m[first]), float(leg.even.end_m[last])
-            where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
-            found.append(WorstPlace(where, float(more_j[first : last + 1].sum()), _causes(leg, start_m, end_m)))
-    return sorted(found, key=lambda one: -one.more_j)[:most]
-
-
-def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
-    parts = {cause: energy_j for cause, energy_j in leg.causes_between(start_m, end_m).items() if energy_j > 0}
-    whole_j = sum(parts.values())
-    named = [cause for cause in sorted(parts, key=lambda one: -parts[one]) if parts[cause] >= LARGE_SHARE * whole_j]
-    return tuple(named) or (EnergyCause.REST,)
-
-
-def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
-    """The runs of places (first, last) with the largest sums of scores, the largest first; none overlaps another."""
-    left, found = scores.copy(), []
-    for _ in range(most):
-        upto = np.concatenate(([0.0], np.cumsum(left)))
-        rise = upto - np.minimum.accumulate(upto)
-        last = int(np.argmax(rise))
-        if not rise[last] > 0:
-            break
-        first = int(np.argmin(upto[:last]))
-        found.append((first, last - 1))
-        left[first:last] = -float(np.abs(scores).sum())  # so that no other run includes it
-    return found
 
 
 def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:

@@ -86,7 +86,7 @@ def place_m(trip: DrivenCourse, time_ns: int) -> float:
 
 def lateness_text(late_s: float) -> str:
     """How late a train is in words: "12 s late", "3 s early" or "on time"."""
-    return "on time" if abs(late_s) < 0.5 else f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
+    return "on time" if abs(late_s) <= 0.5 else f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,1 +1,1 @@
-"""One page about a recorded drive: figures in words, pictures, where the energy went, and what happened."""
+"""A report about a recorded drive: one page for an instructor, then figures, pictures, and what happened."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -12,6 +13,7 @@ from sim.drive.events.event import bookmarks
 from sim.review.canvas import INK, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.colors import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.review.lanes import MODE_LANES
+from sim.review.report.first_page import DriveFinding
 from sim.review.report.sentences import told_causes
 from sim.review.scene import ReviewScene, Trace, meaning_of
 from sim.review.series import QUANTITIES, STYLES
@@ -23,6 +25,12 @@ SPEEDS: Final = ("speed/limit", "speed/same_times", "speed/advised", "speed/show
 """The series of the axis of speed, in drawing order."""
 HEIGHTS_IN: Final = {"speed": 3.2, "modes": 0.22, "deviation": 1.0, "apart": 1.1}
 """Heights (in) of the axes over distance by their quantities, and of a lane of modes."""
+FIRST_IN: Final = (7.2, 2.7)
+"""Width of the picture on the first page, and height of its axes (in): as on paper, so that its words are readable."""
+LEAST_SHARE: Final = 0.004
+"""A finding is drawn at least this wide, as a share of the axis."""
+OTHERS: Final = ("speed/same_times", "speed/optimum", "speed/shown", "speed/advised")
+"""What the picture on the first page sets beside the drive: the first of these that there is."""
 DRIVEN: Final = LIGHT.of[Meaning.DRIVEN]
 EFFICIENCIES: Final = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
 """Levels of the efficiency map."""
@@ -34,6 +42,37 @@ MOST_APART_KMH: Final = 15.0
 """Driven minus shown speed is drawn up to this (km/h); larger differences lie at the edge of the axis."""
 FAINT: Final = 0.45
 """Opacity of the bar of a departure; the bar of an arrival is opaque."""
+
+
+def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
+    """Speed over distance on the first page: the limit, what was driven, and one trajectory beside it.
+
+    Each finding is a grey stretch with its number.
+    """
+    figure, (axis,) = light_figure(FIRST_IN[1:])
+    figure.set_figwidth(FIRST_IN[0])
+    other = next((trace.name for trace in scene.over_distance(OTHERS)), OTHERS[0])
+    for trace in scene.over_distance(("speed/limit", other, "speed/driven")):
+        _draw(axis, trace)
+    top_kmh = max((scene.extent("speed") or (0.0, 0.0))[1], 1.0)
+    axis.set_ylim(0.0, 1.18 * top_kmh)
+    reach_km = (axis.get_xlim()[1] - axis.get_xlim()[0]) * LEAST_SHARE
+    for number, one in enumerate(found, start=1):
+        middle_km, half_km = (one.start_m + one.end_m) / 2.0 / KM, max((one.end_m - one.start_m) / KM, reach_km) / 2.0
+        axis.axvspan(middle_km - half_km, middle_km + half_km, color=INK, alpha=0.1, linewidth=0.0)
+        _number(axis, number, middle_km, (1.12, 1.06)[number % 2] * top_kmh, 8.5)
+    stops(axis, _stops(scene))
+    page_legend(axis)
+    named(axis, x="Position (km)", y=QUANTITIES["speed"].title)
+    return figure
+
+
+def _number(axis: Any, number: int, at_km: float, at_kmh: float, points: float) -> None:
+    """Write a number in a dark box."""
+    axis.text(
+        at_km, at_kmh, str(number), ha="center", va="center", fontsize=points, color=LIGHT.background,
+        bbox={"boxstyle": "round,pad=0.15", "facecolor": INK, "edgecolor": "none"},
+    )  # fmt: skip
 
 
 def drive_figure(scene: ReviewScene) -> Figure:
@@ -67,10 +106,7 @@ def _speeds(axis: Any, scene: ReviewScene) -> None:
     top = (scene.extent("speed") or (0.0, 0.0))[1]
     axis.set_ylim(0.0, 1.18 * max(top, 1.0))
     for number, one in enumerate(bookmarks(scene.drive.events), start=1):
-        axis.text(
-            one.s_m / KM, (1.13, 1.07)[number % 2] * top, str(number), ha="center", va="center", fontsize=6.5,
-            color=LIGHT.background, bbox={"boxstyle": "round,pad=0.15", "facecolor": INK, "edgecolor": "none"},
-        )  # fmt: skip
+        _number(axis, number, one.s_m / KM, (1.13, 1.07)[number % 2] * top, 6.5)
     page_legend(axis, columns=5)
 
 

@@ -18,7 +18,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from sim.drive.attribution.attribution import as_dict as energy_dict
-from sim.drive.attribution.attribution import worst_places
+from sim.drive.attribution.worst_places import worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
@@ -28,6 +28,7 @@ from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure
 from sim.review.colors import LIGHT
 from sim.review.report import figures, tables
+from sim.review.report.first_page import findings, first_page_dict, page_dict
 from sim.review.report.sentences import compliance, paragraph, title, where_time_went
 from sim.review.scene import ReviewScene
 
@@ -83,6 +84,8 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
     worst = [] if attribution is None else worst_places(attribution)
     return {
         "name": drive.name,
+        "title": title(drive),
+        "first": page_dict(drive),
         "paragraph": paragraph(drive),
         "lateness": " ".join(where_time_went(drive)),
         "rests_on": tables.rests_on(drive),
@@ -108,14 +111,14 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 def _images(drive: Drive) -> dict[str, str]:
     """The pictures by name; an empty text for a picture in which there is nothing to draw."""
     scene = ReviewScene.of(drive).with_attribution()
-    made = {"speed": figures.drive_figure(scene)}
+    made = {"first": figures.first_figure(scene, findings(drive)), "speed": figures.drive_figure(scene)}
     if drive.calls:
         made["punctuality"] = figures.punctuality_figure(scene)
     if scene.attribution is not None:
         made["causes"] = figures.cause_figure(scene)
         made["places"] = figures.place_figure(scene)
         made["efficiency"] = figures.efficiency_figure(scene)
-    names = ("speed", "punctuality", "causes", "places", "efficiency")
+    names = ("first", "speed", "punctuality", "causes", "places", "efficiency")
     found = {name: made.get(name) for name in names}
     return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}
 
@@ -161,8 +164,9 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "complete": drive.recording.complete,
         "in_words": paragraph(drive),
         "zero_ns": drive.clock.zero_ns,
+        "first_page": first_page_dict(drive),
         "within_shown_speed_ratio": compliance(drive),
-        "stops": tables.stop_rows(drive),
+        "stops": tables.stop_dicts(drive),
         "above_optimum_likely_low_kwh": None if drive.likely is None else kwh(drive.likely.low_j),
         "above_optimum_likely_high_kwh": None if drive.likely is None else kwh(drive.likely.high_j),
         "energy": None if drive.attribution is None else energy_dict(drive.attribution),
@@ -170,7 +174,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "no_energy_because": drive.why_no_attribution or None,
         "events": as_rows(drive.events, drive.clock),
         "health": subject.checked.as_dict(),
-        "inputs": dict(tables.input_rows(drive)),
+        "inputs": tables.input_dict(drive),
     }
 
 

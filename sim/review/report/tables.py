@@ -44,6 +44,9 @@ LOSSES: Final[Mapping[str, str]] = {
     Level.L2: "of each component, by power (level L2)",
     Level.L3: "of each component, by speed and force (level L3)",
 }
+NUMBERS: Final = ("seed", "dropped")
+UNITS: Final = ("_s", "_ns", "_m", "_mps", "_j", "_kg", "_ratio")
+"""The keys of metadata that are numbers, and the units at the end of others."""
 Row = dict[str, Any]
 
 
@@ -146,6 +149,36 @@ def stop_rows(drive: Drive) -> list[Row]:
         }
         for index, call in enumerate(drive.calls)
     ]
+
+
+def stop_dicts(drive: Drive) -> list[Row]:
+    """How well the times at every stop were kept, for programs: m, and s on the drive's clock; None: not known."""
+    clock = drive.clock
+
+    def at_s(time_ns: int) -> float | None:
+        return clock.since_s(time_ns) if time_ns else None
+
+    return [
+        {
+            "name": call.name,
+            "s_m": call.s_m,
+            "due_arrival_s": at_s(call.due_arrival_ns),
+            "arrived_s": at_s(call.arrived_ns),
+            "arrived_late_s": _known(call.arrived_late_s),
+            "due_departure_s": at_s(call.due_departure_ns),
+            "departed_s": at_s(call.departed_ns),
+            "departed_late_s": _known(call.departed_late_s),
+            "missed_m": _known(call.missed_m),
+            "reached": call.reached,
+            "served": call.served,
+        }
+        for call in drive.calls
+    ]
+
+
+def _known(value: float) -> float | None:
+    """A value for JSON, which has no NaN: None stands for it."""
+    return None if math.isnan(value) else value
 
 
 def cause_rows(attribution: Attribution) -> list[Row]:
@@ -277,3 +310,30 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
     said = [] if drive.said is None else drive.said.rows()
     rows += [(f"said by the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]
+
+
+def input_dict(drive: Drive) -> Row:
+    """What the drive was made from, for programs: metadata with their own keys, numbers as numbers, whole hashes."""
+    found: Row = {
+        key: _as_number(key, value)
+        for entries in drive.recording.metadata.values()
+        for key, value in entries.items()
+        if key != "drawn"
+    }
+    if drive.attribution is not None:
+        found["line_and_train"] = drive.attribution.inputs.source
+    said = None if drive.said is None else {"driven_kwh": kwh(drive.said.driven_j), **drive.said.as_dict()}
+    return {**found, "said_by_the_recording": said, "attached_files": list(drive.recording.attachments)}
+
+
+def _as_number(key: str, text: str) -> float | str:
+    """An entry of the metadata: a number if its key names one; what is no number stays as it is."""
+    if key not in NUMBERS and not key.endswith(UNITS):
+        return text
+    if text.isdecimal():
+        return int(text)  # times in ns are too long for a float
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return value if math.isfinite(value) else text

@@ -219,7 +219,7 @@ def test_the_page_needs_nothing_besides_itself() -> None:
     html = page([fast()], None, "")
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)
     assert not re.findall(r"url\(|@import|<script|http://|https://", html)
-    assert html.count("<figure>") == 5
+    assert html.count("<figure>") == 6
     parts = ("Punctuality", "Where the energy went", "Bookmarks and notes", "What happened", "Health", "What it was")
     for part in parts:
         assert part in html

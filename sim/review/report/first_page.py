@@ -1,0 +1,311 @@
+"""The first page of a report: four figures, three findings, and how sure they are.
+
+A driver's instructor reads it in two minutes. All figures are those of `Drive`, and the rest of the report explains
+them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from das.domain.units import KM, kmh, kwh
+from sim.drive.above_optimum import NOT_COMPARABLE
+from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.driven_legs import LikelyRange
+from sim.drive.attribution.worst_places import worst_stretch
+from sim.drive.calls import KeptCall
+from sim.drive.drive import Drive
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text
+from sim.drive.limits import PassedSignal, signals_passed
+from sim.recording.course import DriveClock
+from sim.review.report.sentences import LIMIT_UNKNOWN, NAMED_KWH, told_causes
+from sim.trips.estimate import BRAKING
+
+MOST_FINDINGS: Final = 3
+NOT_KNOWN: Final = "not known"
+SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
+"""The kinds of events that are findings about safety, each in words."""
+SIGNAL_PASSED: Final = "signal-passed"
+"""The code of a finding about a signal that was passed at danger."""
+
+
+class PageFigure(NamedTuple):
+    """One of the four figures: its name, its value in words, and what must be known beside it."""
+
+    name: str
+    value: str
+    beside: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveFinding:
+    """Something for instructor and driver to talk about: its cause, what happened, where, and when.
+
+    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
+    `start` and `end` are the stops before and behind it; `start_m` and `end_m` its ends (m). `energy_j` is the energy
+    above the optimum of the cause over the whole drive (J), `here_j` the part of it between these ends; both are None
+    for a finding about safety, of which no energy is counted.
+    """
+
+    code: str
+    label: str
+    text: str
+    start: str
+    end: str
+    start_m: float
+    end_m: float
+    start_ns: int
+    end_ns: int
+    energy_j: float | None = None
+    here_j: float | None = None
+
+    @property
+    def place(self) -> str:
+        """From which to which km, and between which stops."""
+        start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
+        at = f"km {start}" if start == end else f"km {start} to {end}"
+        return at if not self.start else f"{at}, between {self.start} and {self.end}"
+
+    def as_dict(self, clock: DriveClock) -> dict[str, Any]:
+        """The finding for programs: times in s on the drive's clock and in ns since 1970, energies in kWh."""
+        return {
+            "cause": self.code,
+            "label": self.label,
+            "text": self.text,
+            "between": [self.start, self.end] if self.start else None,
+            "start_m": self.start_m,
+            "end_m": self.end_m,
+            "time_ns": self.start_ns,
+            "time_s": clock.since_s(self.start_ns),
+            "end_s": clock.since_s(self.end_ns),
+            "energy_kwh": None if self.energy_j is None else kwh(self.energy_j),
+            "energy_here_kwh": None if self.here_j is None else kwh(self.here_j),
+        }
+
+
+def last_arrival(drive: Drive) -> KeptCall | None:
+    """The last stop at which the train arrived, if the timetable has a time for it; None if there is none."""
+    known = [one for one in drive.calls[1:] if not math.isnan(one.arrived_late_s)]
+    return known[-1] if known else None
+
+
+def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
+    """The four figures: arrival against the timetable, energy driven and above the optimum, time above the limit."""
+    return _arrival(drive), _driven(drive), _above(drive), _over_limit(drive)
+
+
+def _arrival(drive: Drive) -> PageFigure:
+    name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.clock
+    if call is None:
+        return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded")
+    times = f"due {clock.of_day(call.due_arrival_ns)}, there {clock.of_day(call.arrived_ns)}"
+    early_end = "" if call is drive.calls[-1] else ", the last stop with a known arrival"
+    return PageFigure(name, lateness_text(call.arrived_late_s), f"at {call.name}{early_end}: {times}")
+
+
+def _driven(drive: Drive) -> PageFigure:
+    name, driven_j = "Energy driven", drive.driven_j
+    if driven_j is None:
+        beside = "for the reason beside it" if drive.not_comparable else drive.why_no_attribution
+        return PageFigure(name, NOT_KNOWN, beside)
+    how = "measured" if drive.measured else "computed from positions"
+    return PageFigure(name, f"{kwh(driven_j):.1f} kWh", f"at the current collector, {how}")
+
+
+def _above(drive: Drive) -> PageFigure:
+    name, above = "Energy above the optimum", drive.above
+    if above is None or drive.not_comparable:
+        return PageFigure(name, NOT_COMPARABLE, drive.not_comparable)
+    likely = "" if drive.likely is None else f"likely {_band(drive.likely)}; "
+    return PageFigure(
+        name,
+        above.words,
+        f"{likely}in % of the energy driven; the optimum has the same times, but no signals and temporary restrictions",
+    )
+
+
+def _over_limit(drive: Drive) -> PageFigure:
+    name, found = "Time above the limit", drive.violations
+    if found.over_limit_s:
+        return PageFigure(name, f"{found.over_limit_s:.0f} s", f"by up to {kmh(found.over_limit_mps):.0f} km/h")
+    if not drive.limit_known:
+        return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along")
+    return PageFigure(name, "0 s", "every limit was kept, within 1 km/h")
+
+
+def findings(drive: Drive) -> tuple[DriveFinding, ...]:
+    """The three findings of the page at most: those about safety first, then the causes that took most energy."""
+    energy = () if drive.attribution is None else _energy_findings(drive.attribution)
+    return (*_safety_findings(drive), *energy)[:MOST_FINDINGS]
+
+
+def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
+    """Signals passed at danger, speeds above the limit and missed stops: one finding for each, about the worst."""
+    passed = sorted(signals_passed(drive.course, drive.signals), key=lambda one: -one.beyond_m)
+    if passed:
+        yield _at_signal(drive, passed[0], len(passed))
+    for kind in SAFETY_LABELS:
+        events = sorted((one for one in drive.events if one.kind is kind), key=_excess, reverse=True)
+        if events:
+            yield _of_event(drive, events[0], len(events))
+
+
+def _excess(event: DriveEvent) -> float:
+    return float(event.facts.get("over_kmh", 0.0))
+
+
+def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:
+    text = f"The head of the train went {passed.beyond_m:.0f} m beyond it.{_worst_of(count)}"
+    start, end = _between(drive, passed.s_m)
+    return DriveFinding(
+        code=SIGNAL_PASSED, label="signal passed at danger", text=text, start=start, end=end,
+        start_m=passed.s_m, end_m=passed.s_m, start_ns=passed.time_ns, end_ns=passed.time_ns,
+    )  # fmt: skip
+
+
+def _of_event(drive: Drive, event: DriveEvent, count: int) -> DriveFinding:
+    ends = drive.course.time_ns.searchsorted((event.time_ns, event.last_ns))
+    start_m, end_m = drive.course.s_m[ends].tolist()
+    start, end = _between(drive, start_m)
+    text = f"{event.text[0].upper()}{event.text[1:]}.{_worst_of(count)}"
+    return DriveFinding(
+        code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, start=start, end=end,
+        start_m=start_m, end_m=end_m, start_ns=event.time_ns, end_ns=event.last_ns,
+    )  # fmt: skip
+
+
+def _worst_of(count: int) -> str:
+    return "" if count == 1 else f" This is the worst of {count} times."
+
+
+def _between(drive: Drive, s_m: float) -> tuple[str, str]:
+    """The stops of the journey before and behind a place; two empty names if it does not lie between two."""
+    before = [one.name for one in drive.calls if one.s_m <= s_m]
+    behind = [one.name for one in drive.calls if one.s_m > s_m]
+    return (before[-1], behind[0]) if before and behind else ("", "")
+
+
+def _energy_findings(attribution: Attribution) -> Iterator[DriveFinding]:
+    """The causes that took most energy, the largest first; what cannot be told apart is no finding."""
+    for cause, energy_j in told_causes(attribution):
+        worst = worst_stretch(attribution, cause)
+        if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or worst is None:
+            continue
+        yield DriveFinding(
+            code=str(cause), label=cause.label, text=cause.meaning, start=worst.leg.start.name, end=worst.leg.end.name,
+            start_m=worst.start_m, end_m=worst.end_m, start_ns=worst.start_ns, end_ns=worst.end_ns,
+            energy_j=energy_j, here_j=worst.energy_j,
+        )  # fmt: skip
+
+
+def how_sure(drive: Drive) -> list[str]:
+    """What the figures hang on, in sentences: energy measured or computed, train known or assumed, the likely range."""
+    told = [] if drive.recording.complete else ["The recording was cut off, so that its end is missing."]
+    told += [*_energy_sure(drive), *_range_sure(drive)]
+    if drive.violations.over_limit_s:
+        told.append("The time above the limit is read from the samples of position and speed, mostly one a second.")
+    if not drive.limit_known:
+        told.append(LIMIT_UNKNOWN)
+    return told
+
+
+def train_known(drive: Drive) -> bool:
+    """Whether the optimum is that of the true train, which a simulator stated; otherwise its train is assumed."""
+    return drive.said is not None and drive.said.measured
+
+
+def _energy_sure(drive: Drive) -> list[str]:
+    if drive.driven_j is None:
+        return []
+    told = [
+        "The energy was measured." if drive.measured else "Nobody measured the energy; it is computed from positions."
+    ]
+    if train_known(drive):
+        return [*told, "The train is known: the optimum is that of the true train, as the simulator recorded it."]
+    return [*told, f"The train is assumed: {_train_words(drive)}."]
+
+
+def _train_words(drive: Drive) -> str:
+    """The assumed train in words."""
+    if drive.attribution is None:
+        return "it is that of the vehicle file"
+    vehicle = drive.attribution.inputs.vehicle
+    return f"{vehicle.name}, {vehicle.mass_kg / 1000:.0f} t, {vehicle.train_length_m:.0f} m"
+
+
+def _range_sure(drive: Drive) -> list[str]:
+    """How far the energy above the optimum may be off, and which unknown moves it most."""
+    if drive.above is None or drive.not_comparable:
+        return []
+    if drive.above.measured and train_known(drive):
+        return ["The energy above the optimum has no range; its division into causes is that of the planned train."]
+    if drive.measured:
+        return ["How far the energy above the optimum depends on that train is not known."]
+    if drive.likely is None:
+        return ["The likely range of the energy above the optimum is not known."]
+    told = [f"The energy above the optimum is likely {_band(drive.likely)}; that of a cause is no surer."]
+    unknowns = [one for one in drive.likely.unknowns if one.name != BRAKING]
+    largest = max(unknowns, key=lambda one: one.high_j - one.low_j, default=None)
+    if largest is not None:
+        band = f"{kwh(largest.low_j):+.1f} to {kwh(largest.high_j):+.1f} kWh"
+        told.append(f"It hangs most on {largest.name}, {largest.assumed}: {band}.")
+    if not math.isnan(drive.likely.by_friction_j):
+        friction = f"{kwh(drive.likely.by_friction_j):.0f} kWh"
+        told.append(f"All this holds if the motors braked first; by the friction brake alone it is {friction}.")
+    return told
+
+
+def _band(likely: LikelyRange) -> str:
+    return f"{kwh(likely.low_j):z.1f} to {kwh(likely.high_j):z.1f} kWh"
+
+
+def first_page_dict(drive: Drive) -> dict[str, Any]:
+    """The first page for programs: s, m/s, m and kWh; None stands for what is not known."""
+    call, above = last_arrival(drive), None if drive.not_comparable else drive.above
+    over_known = drive.limit_known or drive.violations.over_limit_s > 0.0
+    return {
+        "arrived_at": None if call is None else call.name,
+        "arrived_late_s": None if call is None else call.arrived_late_s,
+        "driven_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
+        "measured": drive.measured,
+        "train_known": train_known(drive),
+        "above_optimum_kwh": None if above is None or above.above_j is None else kwh(above.above_j),
+        "above_optimum_ratio": None if above is None else above.ratio,
+        "over_limit_s": drive.violations.over_limit_s if over_known else None,
+        "over_limit_mps": drive.violations.over_limit_mps if over_known else None,
+        "findings": [one.as_dict(drive.clock) for one in findings(drive)],
+    }
+
+
+def page_dict(drive: Drive) -> dict[str, Any]:
+    """The first page for its template: texts, without the picture."""
+    return {
+        "figures": page_figures(drive),
+        "findings": [_row(one, drive) for one in findings(drive)],
+        "why_none": _why_none(drive),
+        "how_sure": how_sure(drive),
+    }
+
+
+def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:
+    here = "" if one.here_j is None else f"{kwh(one.here_j):.1f} kWh of it there"
+    how = "measured" if drive.measured else "computed"
+    return {
+        "cause": f"{one.label[0].upper()}{one.label[1:]}",
+        "text": one.text,
+        "place": one.place,
+        "time": drive.clock.of_day(one.start_ns),
+        "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh, {how}",
+        "here": here,
+    }
+
+
+def _why_none(drive: Drive) -> str:
+    """Why the page has no finding about energy; empty if that needs no word."""
+    if drive.attribution is None:
+        return f"Where the energy went cannot be said: {drive.why_no_attribution}."
+    return "" if findings(drive) else f"No cause took {NAMED_KWH} kWh or more above the optimum."

@@ -1,0 +1,220 @@
+"""The first page says in four figures and three findings what the rest of the report has, and how sure that is."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from markupsafe import escape
+
+from das.domain.errors import DasError
+from das.domain.units import KM, KMH
+from sim.drive.above_optimum import energy_words
+from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.worst_places import worst_stretch
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text
+from sim.drive.happenings import Signal
+from sim.drive.limits import signals_passed
+from sim.review.report.figures import first_figure
+from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures
+from sim.review.report.page import ReviewedDrive, as_dict, page, subject_of, write_pdf
+from sim.review.scene import ReviewScene
+from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
+from tests.support.making import das_sim
+
+NUMBER_AS_TEXT = re.compile(r"[+−-]?\d[\d.:]*( ?(s|m|km|kWh|%|km/h|ms|MB|min).*)?|km .*")
+
+
+def in_json(subject: ReviewedDrive) -> dict[str, Any]:
+    (drive,) = json.loads(json.dumps(as_dict([subject], None, "")))["drives"]
+    assert isinstance(drive, dict)
+    return drive
+
+
+def first_in_html(subject: ReviewedDrive) -> str:
+    return page([subject], None, "").partition('<section class="drive"')[0]
+
+
+@pytest.mark.parametrize("subject", [fast, lambda: subject_of(BUNDLED)], ids=["measured", "computed"])
+def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: Any) -> None:
+    found = subject()
+    drive, html, told = found.drive, first_in_html(found), in_json(found)["first_page"]
+    values = re.findall(r'<p class="value">(.*?)</p>', html)
+    assert values == [
+        lateness_text(told["arrived_late_s"]),
+        f"{told['driven_kwh']:.1f} kWh",
+        energy_words(told["above_optimum_kwh"] * 3.6e6, told["above_optimum_ratio"]),
+        f"{told['over_limit_s']:.0f} s",
+    ]
+    assert values == [one.value for one in page_figures(drive)]
+    energy = in_json(found)["energy"]
+    for name in ("driven_kwh", "above_optimum_kwh", "above_optimum_ratio", "measured"):
+        assert told[name] == energy[name]
+    assert told["arrived_late_s"] == drive.late_s == in_json(found)["stops"][-1]["arrived_late_s"]
+    assert told["over_limit_s"] == drive.violations.over_limit_s
+
+
+@pytest.mark.parametrize("subject", [fast, lambda: subject_of(BUNDLED)], ids=["measured", "computed"])
+def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any) -> None:
+    found = subject()
+    drive, html, told = found.drive, first_in_html(found), in_json(found)
+    listed = told["first_page"]["findings"]
+    assert 1 <= len(listed) <= 3
+    causes, went = told["energy"]["by_cause_kwh"], drive.travelled
+    for one, shown in zip(listed, findings(drive), strict=True):
+        assert went.start_m <= one["start_m"] <= one["end_m"] <= went.end_m
+        assert went.start_ns <= one["time_ns"] <= went.end_ns
+        assert set(one["between"]) <= {call.name for call in drive.calls}
+        assert f"{escape(shown.place)}, at {drive.clock.of_day(one['time_ns'])}" in html
+        if one["energy_kwh"] is None:
+            assert one["cause"] == EventKind.OVERSPEED
+            continue
+        assert one["energy_kwh"] == causes[one["cause"]]
+        assert f"<b>{one['energy_kwh']:.1f} kWh, {'measured' if drive.measured else 'computed'}</b>" in html
+    energies = [one["energy_kwh"] for one in listed if one["energy_kwh"] is not None]
+    apart = [value for cause, value in causes.items() if cause != EnergyCause.REST]
+    assert energies == sorted(apart, reverse=True)[: len(energies)]
+
+
+def test_the_places_of_a_cause_sum_to_its_energy_and_the_worst_stretch_is_among_them() -> None:
+    attribution = fast().drive.attribution
+    assert attribution is not None
+    for cause in EnergyCause:
+        if cause in (EnergyCause.TRAIN, EnergyCause.REST):  # these have a part that belongs to no place
+            continue
+        placed_j = sum(float(leg.by_place(cause).sum()) for leg in attribution.legs)
+        assert placed_j == pytest.approx(attribution.by_cause.get(cause, 0.0), abs=1.0)
+        worst = worst_stretch(attribution, cause)
+        if worst is not None:
+            leg = attribution.legs[0]
+            inside = (leg.even.start_m >= worst.start_m) & (leg.even.end_m <= worst.end_m)
+            assert worst.energy_j == pytest.approx(float(leg.by_place(cause)[inside].sum()))
+
+
+def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
+    before = findings(fast().drive)
+    assert before
+    assert all(one.energy_j is not None for one in before)
+    times = fast().drive.course.time_ns
+    facts = [{"over_kmh": 4.0, "lasted_s": 3.0}, {"over_kmh": 12.0, "lasted_s": 9.0}]
+    events = tuple(
+        DriveEvent(
+            time_ns=int(times[100 * number]), end_ns=int(times[100 * number + 9]), kind=EventKind.OVERSPEED,
+            text="up to x km/h above the limit", s_m=0.0, facts=one,
+        )
+        for number, one in enumerate(facts, start=1)
+    )  # fmt: skip
+    first, *rest = findings(other(events=events))
+    assert (first.label, first.energy_j, first.here_j) == ("above the limit", None, None)
+    assert first.start_ns == times[200]
+    assert first.text == "Up to x km/h above the limit. This is the worst of 2 times."
+    assert (first.start, first.end) == ("A", "B")
+    assert [one.code for one in rest] == [one.code for one in before][: len(rest)]
+
+
+def test_a_signal_that_was_passed_at_danger_is_the_first_finding() -> None:
+    trip = fast().drive.course
+    signal = Signal(3000.0, int(trip.time_ns[0]), int(trip.time_ns[np.searchsorted(trip.s_m, 3050.0)]))
+    (passed,) = signals_passed(trip, [signal])
+    assert 50.0 <= passed.beyond_m < 100.0
+    assert trip.s_m[trip.time_ns < passed.time_ns].max() <= 3000.0
+    found = findings(other(signals=(signal,)))[0]
+    assert (found.code, found.energy_j, found.start_m) == ("signal-passed", None, 3000.0)
+    assert found.place == "km 3.0, between A and B"
+    assert not list(signals_passed(at_danger().course, at_danger().signals))
+
+
+def test_a_drive_that_is_not_comparable_says_so_with_its_reason() -> None:
+    found = subject_of(RECORDINGS / "references" / "departure-delay.mcap")
+    reason = found.drive.not_comparable
+    arrival, driven, above, over = page_figures(found.drive)
+    assert (above.value, above.beside) == ("not comparable", reason)
+    assert (arrival.value, driven.value, over.value) == ("not known", "not known", "0 s")
+    html, told = first_in_html(found), in_json(found)
+    assert f"Where the energy went cannot be said: not comparable: {reason}." in html
+    figures = told["first_page"]
+    assert [figures[name] for name in ("arrived_late_s", "driven_kwh", "above_optimum_kwh")] == [None, None, None]
+    assert (figures["findings"], told["not_comparable"]) == ([], reason)
+
+
+def test_without_the_line_it_is_not_known_whether_limits_were_kept() -> None:
+    found = other(limit_mps=np.full(len(fast().drive.course.time_ns), np.nan))
+    assert page_figures(found)[3].value == "not known"
+    assert first_page_dict(found)["over_limit_s"] is None
+    assert "Whether it kept the line's limits is not known" in " ".join(how_sure(found))
+
+
+def test_the_page_says_what_its_figures_hang_on() -> None:
+    computed = " ".join(how_sure(subject_of(BUNDLED).drive))
+    assert "Nobody measured the energy" in computed
+    assert re.search(r"The train is assumed: .* t, .* m\.", computed)
+    assert re.search(r"likely [\d.]+ to [\d.]+ kWh.* It hangs most on \w+", computed)
+    measured = " ".join(how_sure(fast().drive))  # a simulator would record the true train's optimum as well
+    assert "The energy was measured. The train is assumed" in measured
+    assert "How far the energy above the optimum depends on that train is not known." in measured
+    unknown = other(_any_attribution=DasError("no line"), _above=DasError("no line"), driven_j=None)
+    assert not [one for one in how_sure(unknown) if "likely" in one or "train is" in one]
+
+
+def test_the_picture_has_limit_drive_optimum_stops_and_the_places_of_the_findings() -> None:
+    drive = fast().drive
+    scene, found = ReviewScene.of(drive).with_attribution(), findings(drive)
+    (axis,) = first_figure(scene, found).axes
+    curves = {line.get_label(): line for line in axis.get_lines()}
+    assert {"limit", "driven", "optimum for the same times"} <= curves.keys()
+    assert float(np.nanmax(curves["driven"].get_ydata())) == pytest.approx(float(drive.course.speed_mps.max()) / KMH)
+    written = [text.get_text() for text in axis.texts]
+    assert {"A", "B"} <= set(written)
+    assert [text for text in written if text.isdecimal()] == [str(number) for number in range(1, len(found) + 1)]
+    assert [patch.get_x() for patch in axis.patches] == pytest.approx([one.start_m / KM for one in found])
+
+
+def numbers_as_texts(value: Any, name: str = "") -> list[str]:
+    """The names of the texts under a value that stand for a number."""
+    if isinstance(value, dict):
+        return [one for key, item in value.items() for one in numbers_as_texts(item, key)]
+    if isinstance(value, list):
+        return [one for item in value for one in numbers_as_texts(item, name)]
+    return [name] if isinstance(value, str) and NUMBER_AS_TEXT.fullmatch(value) else []
+
+
+@pytest.mark.parametrize("name", ["zurich-zug-late", "references/train-ahead", "references/departure-delay"])
+def test_the_json_has_a_number_wherever_a_number_is_meant(name: str) -> None:
+    told = in_json(subject_of(RECORDINGS / f"{name}.mcap"))
+    # Times of day beside those in ns, versions, and reasons of an advice in words.
+    allowed = {"time_utc", "simulator", "node", "recorder", "version", "reason"}
+    assert set(numbers_as_texts(told)) <= allowed
+    for stop in told["stops"]:
+        assert {type(stop[key]) for key in stop if key.endswith(("_s", "_m"))} <= {float, int, type(None)}
+        late = stop["arrived_late_s"]
+        assert late is None or late == pytest.approx(stop["arrived_s"] - stop["due_arrival_s"])
+
+
+def test_an_out_that_ends_in_pdf_is_printed(tmp_path: Path) -> None:
+    done = das_sim("report", str(BUNDLED), "-o", "none/report.pdf", cwd=tmp_path)
+    assert "no such folder" in done.stderr
+    assert "ends in .html" not in done.stderr
+
+
+LONG = DriveFinding(
+    code="overspeed", label="above the limit", text="Up to 3 km/h above the limit of 110 km/h for 3 s. " * 4,
+    start="Rotkreuz Industriegebiet Nord", end="Horgen Oberdorf am Zürichsee", start_m=1000.0, end_m=2000.0,
+    start_ns=1, end_ns=2,
+)  # fmt: skip
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_the_first_page_is_one_page_of_a4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
+    html = page([fast()], None, "")
+    end = html.index('<section class="drive"')
+    write_pdf(f"{html[:end]}</body></html>", tmp_path / "first.pdf")
+    content = (tmp_path / "first.pdf").read_bytes()
+    assert len(re.findall(rb"/Type\s*/Page\b", content)) == 1
+    (box,) = set(re.findall(rb"/MediaBox\s*\[0 0 ([\d.]+) ([\d.]+)\]", content))
+    assert [float(one) for one in box] == pytest.approx([595.0, 842.0], abs=1.0)
