@@ -18,7 +18,7 @@ from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 
-CREEPS_FOR_S = 8.0
+CREEPS_FOR_S = 6.0
 """A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
 """Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop

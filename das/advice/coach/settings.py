@@ -70,7 +70,7 @@ class BrakeShowingSettings:
     short_ratio: float = 0.1
     """A train that brakes for its stop counts as stopping clearly short if this share of the planned braking is
     enough."""
-    short_m: float = 10.0
+    short_m: float = 8.0
     """A train counts as stopping clearly short of its stop only if it is, or would come to rest, further from the mark
     than this."""
     creep_mps: float = 10.0 * KMH
@@ -103,9 +103,6 @@ class EffortShowingSettings:
     less_ratio: float = 0.4
     """Less effort is shown only if the effort needed is lower than the one shown by more than this share. More effort
     is shown at once."""
-    changed_ratio: float = 0.15
-    """Less effort is shown only if it is less than the one shown by this share: it must also be enough for a driver who
-    answers late."""
     eased_ratio: float = 0.5
     """If less than this share of the effort shown is needed, less is shown at once: the train would stop short."""
     beyond_mark_m: float = 3.0

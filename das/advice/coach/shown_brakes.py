@@ -229,11 +229,9 @@ class ShownBrakes:
         if kept is not None and (self._ends(needed, v_mps) or self._nearly_enough(kept, needed, state)):
             shown = kept
         elif kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
-            # What is eased must be enough for a driver who answers late, or it would have to grow again.
-            eased = max(shown, self._grown(needed, 0.0, state)) if slows else shown
-            less = needed.effort < kept * (1.0 - settings.less_ratio) and eased < kept * (1.0 - settings.changed_ratio)
+            less = needed.effort < kept * (1.0 - settings.less_ratio)
             ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
-            shown = eased if less and not ends_soon else kept
+            shown = shown if less and not ends_soon else kept
         elif kept is not None or slows:
             shown = max(shown, self._grown(needed, kept or 0.0, state))
         self._efforts[needed.at_m] = shown
