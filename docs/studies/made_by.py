@@ -48,7 +48,7 @@ DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
     "das-sim view": (*DAY, "sim/review"),
     "rerun": ("sim/review",),
 }
-"""The folders whose code decides the figures of a command, by its beginning; a script of docs/studies counts as well."""
+"""The folders whose code decides a command's figures, by its beginning; a script of docs/studies counts as well."""
 SUFFIXES: Final = (".py", ".toml", ".csv")
 BEGINS: Final = "<!-- made by:"
 MARK: Final = re.compile(
