@@ -75,10 +75,15 @@ def dead_links(page: Path) -> list[str]:
     return dead
 
 
-@pytest.mark.parametrize("page", [*PAGES, NOTEBOOK], ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_link_leads_to_a_file_and_to_a_heading_in_it(page: Path) -> None:
-    """Also those of README and its neighbours, which are no pages of mkdocs, and of the notebook."""
+    """Also those of README and its neighbours, which are no pages of mkdocs."""
     assert dead_links(page) == []
+
+
+def test_the_notebook_links_to_no_page() -> None:
+    """It would be dead on the site: mkdocs-jupyter leaves `own-line.md` as it is, and mkdocs does not check it."""
+    assert LINK.findall(NOTEBOOK.read_text(encoding="utf-8")) == []
 
 
 def test_a_link_to_a_heading_or_a_file_that_is_gone_is_found(tmp_path: Path) -> None:

@@ -58,6 +58,8 @@ NUMBER: Final = re.compile(r"[+\-−]?\d+(?:\.\d+)?")
 BLOCK_PIXELS: Final = 8
 GREY_STEPS: Final = 12.0
 """Blocks of a picture whose mean grey differs by more than this (of 255) differ: hair lines of text do not."""
+SAME_PICTURE: Final = 0.0005
+"""Pictures with a smaller share of blocks that differ are the same; one that is drawn again has none."""
 
 
 class StaleFigures(UserWarning):
@@ -65,7 +67,7 @@ class StaleFigures(UserWarning):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mark:
+class MadeBy:
     """Who made what follows on a page; `code` and `on` are None where the tests make it again."""
 
     page: Path
@@ -82,11 +84,11 @@ def pages(root: Path = ROOT) -> list[Path]:
     return [root / "README.md", *sorted([*docs.rglob("*.md"), *docs.rglob("*.ipynb")])]
 
 
-def marks_of(page: Path) -> list[Mark]:
+def marks_of(page: Path) -> list[MadeBy]:
     """The marks of a page; raises DasError where one cannot be read."""
     text = page.read_text(encoding="utf-8")
     found = [
-        Mark(page=page, command=one["command"], code=one["code"], on=one["on"], what=_paragraph(text[one.end() :]))
+        MadeBy(page=page, command=one["command"], code=one["code"], on=one["on"], what=_paragraph(text[one.end() :]))
         for one in MARK.finditer(text)
     ]
     if len(found) != text.count(BEGINS):
@@ -137,7 +139,7 @@ def bare(source: str) -> str:
     return "\n".join(line.rstrip() for line in lines if line.strip())
 
 
-def changed_since(marks: Iterable[Mark], root: Path = ROOT) -> Iterator[str]:
+def changed_since(marks: Iterable[MadeBy], root: Path = ROOT) -> Iterator[str]:
     """A line for each command made by hand whose code is no longer the one of its marks: its pages and first date."""
     by_hand = [one for one in marks if one.code is not None]
     for command in sorted({one.command for one in by_hand}):

@@ -18,6 +18,8 @@ from docs.studies.made_by import MARK, code_hash, code_paths, stamped, today
 
 DOCS: Final = Path(__file__).resolve().parents[1]
 """The folder of the documentation."""
+STUDY: Final = "python -m docs.studies.paper --out study"
+"""The command of the study of the paper, as the marks of its pages and pictures have it."""
 PNG_DPI = 100
 COLOURS_OF_A_PNG = 256
 
@@ -38,6 +40,10 @@ class Output:
     def text(self, name: str, content: str) -> None:
         """Write a text file."""
         self._write(name, content.encode())
+
+    def page(self, name: str, content: str) -> None:
+        """Write a page of the study of the paper, with the mark that says which command made it."""
+        self.text(name, f"<!-- made by: {STUDY} -->\n{content}")
 
     def json(self, name: str, content: Any) -> None:
         """Write JSON; numbers that are not finite become null."""

@@ -18,18 +18,18 @@ import pytest
 
 from das.domain.errors import DasError
 from docs.studies import coach, coach_days, made_by, null_experiments, paper, what_if
-from docs.studies.made_by import ROOT, StaleFigures, marks_of, not_on_page, pages, picture_difference
+from docs.studies.made_by import ROOT, SAME_PICTURE, StaleFigures, marks_of, not_on_page, pages, picture_difference
 from docs.studies.output import DOCS, Output, write_table
 from tests.support.making import das_precompute, das_sim, printed
 
 MARKS = [mark for page in pages() for mark in marks_of(page)]
-SAME_PICTURE = 0.002
-"""Pictures with a smaller share of other blocks are the same: today's and those committed have none."""
 BY_HAND = ("flow.svg",)
 """Pictures that no command makes."""
 BLOCK = re.compile(r"<!-- ([\w-]+): begin -->")
 NOT_FIGURES = ("bus.md", "assess-from-outside.md")
 """Pages with blocks that are words, each compared with the code by a test of its own."""
+TABLES = DOCS / "reference" / "study"
+"""Pages that a command writes whole, with a mark in their first line."""
 NOTEBOOK = DOCS / "tutorials" / "first-steps.ipynb"
 SENSITIVITY = ("sensitivity", "zurich-luzern", "re460-ic", "--from", "Zug", "--to", "Luzern", "--buffer", "7")
 QUICK = {
@@ -123,9 +123,10 @@ def test_every_picture_and_every_table_that_a_script_writes_names_its_command() 
     bare = []
     for page in pages():
         text = page.read_text(encoding="utf-8")
-        about = "\n".join(mark.what for mark in marks_of(page))
+        about = "\n".join(mark.what if page.parent != TABLES else text for mark in marks_of(page))
         pictures = re.findall(r"!\[[^\]]*\]\([^)]*?([\w./-]+\.(?:png|svg))\)", text)
         blocks = [] if page.name in NOT_FIGURES else [f"<!-- {name}: begin -->" for name in BLOCK.findall(text)]
+        blocks += ["|"] if page.parent == TABLES else []
         bare += [(page.name, one) for one in [*pictures, *blocks] if one not in about and not one.endswith(BY_HAND)]
     assert bare == []
     reports = "\n".join(mark.what for mark in MARKS)
@@ -207,6 +208,19 @@ def test_sensitivity(tmp_path: Path) -> None:
 def test_a_picture_of_the_study(tmp_path: Path) -> None:
     paper.make(["fig4"], Output(tmp_path))
     assert same_picture(DOCS / "images" / "study" / "fig4.png", tmp_path / "fig4.png")
+
+
+@pytest.mark.more
+@pytest.mark.slow
+def test_every_picture_and_page_of_the_study(tmp_path: Path) -> None:
+    paper.make(list(paper.ITEMS), Output(tmp_path))
+    pictures = [
+        path for path in (DOCS / "images" / "study").glob("*.png") if not same_picture(path, tmp_path / path.name)
+    ]
+    assert pictures == []
+    for page in TABLES.glob("*.md"):
+        made = (tmp_path / page.name).read_text(encoding="utf-8")
+        assert not_on_page(page.read_text(encoding="utf-8"), made.splitlines()) == []
 
 
 @pytest.mark.more
@@ -326,7 +340,8 @@ def test_a_mark_that_cannot_be_read_or_whose_command_nobody_knows_is_refused(stu
         made_by.code_paths("das-sim slowly")
 
 
-def test_writing_a_table_stamps_its_mark_and_no_other(tmp_path: Path) -> None:
+def test_writing_a_table_stamps_its_mark_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(made_by.DEPENDS_ON, "python -m docs.studies.habits", ("das/domain/units.py",))
     page = tmp_path / "page.md"
     mark = "<!-- made by: python -m docs.studies.habits; code: 00000000; on: 2026-01-02 -->\n"
     page.write_text(f"{mark}| other |\n\n{mark}<!-- one: begin -->\nold\n<!-- one: end -->\n", encoding="utf-8")
