@@ -156,12 +156,19 @@ def test_slow_figures_whose_code_has_changed_are_told() -> None:
 @pytest.mark.slow
 def test_outputs_of_the_notebook() -> None:
     notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-    assert stale_cells(kept_cells(notebook), made_cells(notebook)) == []
+    kept, made = kept_cells(notebook), made_cells(notebook)
+    assert stale_cells(kept, made) == []
+    as_it_was = [(re.sub(r"'energy_kwh': [\d.]+", "'energy_kwh': 460.8", text), picture) for text, picture in kept]
+    assert stale_cells(as_it_was, made) == [made[-1][0]]
+    other_picture = [*kept[:-1], (kept[-1][0], kept[1][1])]
+    assert stale_cells(other_picture, made) == ["picture"]
 
 
 @pytest.mark.slow
 def test_what_calm_costs() -> None:
-    assert not_on_page(text_of("explanation/coach.md"), coach.price_table()) == []
+    made = list(coach.price_table())
+    assert not_on_page(text_of("explanation/coach.md"), made) == []
+    assert len(not_on_page(text_of("explanation/coach.md").replace("213.78", "213.74"), made)) == 1
 
 
 @pytest.mark.slow
@@ -189,7 +196,10 @@ def test_null_experiments() -> None:
 @pytest.mark.parametrize(("train", "name"), [("re460-ic", "gto"), ("re460-ic-igbt", "igbt")])
 def test_maps_of_losses(train: str, name: str, tmp_path: Path) -> None:
     assert das_precompute(tmp_path, "loss-map", train, "--plot", "map.png").returncode == 0
-    assert same_picture(DOCS / "images" / f"loss_map_{name}.png", tmp_path / "map.png")
+    same = [
+        other for other in ("gto", "igbt") if same_picture(DOCS / f"images/loss_map_{other}.png", tmp_path / "map.png")
+    ]
+    assert same == [name]
 
 
 @pytest.mark.slow
@@ -202,6 +212,7 @@ def test_sensitivity(tmp_path: Path) -> None:
     page = re.sub(r"\|[^|]*\|$", "", text_of("explanation/sensitivity.md"), flags=re.MULTILINE)
     assert len(made) == 14
     assert not_on_page(page, made) == []
+    assert not_on_page(page.replace("+13.52", "+13.25"), made) == [made[1]]
     assert same_picture(DOCS / "images" / "sensitivity.png", tmp_path / "picture.png")
 
 
