@@ -52,8 +52,9 @@ def text_of(page: str) -> str:
 
 
 def plain_text(report: str) -> str:
-    """The words and figures of a report, a line for each piece between two tags, without pictures and its own date."""
-    without = re.sub(r"<(style|script|svg)\b.*?</\1>|20\d\d-\d\d-\d\dT[\d:+]+", "", report, flags=re.DOTALL)
+    """The words and figures of a report, a line for each piece between two tags, without pictures, date and hashes."""
+    outside = r"<(style|script|svg)\b.*?</\1>|20\d\d-\d\d-\d\dT[\d:+]+|\b[0-9a-f]{64}\b"
+    without = re.sub(outside, "", report, flags=re.DOTALL)
     pieces = (" ".join(html.unescape(piece).split()) for piece in re.split(r"<[^>]+>", without))
     return "\n".join(piece for piece in pieces if piece)
 
