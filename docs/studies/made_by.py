@@ -201,7 +201,8 @@ def main() -> None:
     parser.add_argument("--stamp", metavar="COMMAND", help="Write today's code and date into the marks of a command.")
     command = parser.parse_args().stamp
     if command is None:
-        print("\n".join(changed_since(mark for page in pages() for mark in marks_of(page))))
+        for line in changed_since(mark for page in pages() for mark in marks_of(page)):
+            print(line)
         return
     code = code_hash(code_paths(command))
     for page in pages():
