@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import re
+import tomllib
+import unicodedata
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "tests").glob("*.md")])
+PAGES = sorted(
+    [
+        *ROOT.glob("*.md"),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "tests").glob("*.md"),
+        ROOT / "recordings" / "README.md",
+    ]
+)
+NOTEBOOK = ROOT / "docs" / "tutorials" / "first-steps.ipynb"
 PATH = re.compile(r"`((?:das|sim|precompute|tests|docs|recordings)/[\w./-]+)`")
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+EXTRA = re.compile(r"'\.\[([a-z,]+)\]'")
 OPTION = re.compile(r"(?<![\w-])--(?:csv|output)\b")
 
 
@@ -41,13 +53,65 @@ def test_every_file_of_ours_that_a_page_names_is_there(page: Path) -> None:
     assert sorted(name for name in named if not (ROOT / name).exists()) == []
 
 
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page as mkdocs and GitHub make them of its headings; of what mkdocstrings adds nothing."""
+    words = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ +(.*)$", words, re.MULTILINE)
+    texts = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", one) for one in headings]
+    ascii_only = [unicodedata.normalize("NFKD", one).encode("ascii", "ignore").decode() for one in texts]
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", one).strip().lower()) for one in ascii_only}
+
+
+def dead_links(page: Path) -> list[str]:
+    """The links of a page to a file that is not there, or to no heading of it."""
+    dead = []
+    for link in LINK.findall(page.read_text(encoding="utf-8")):
+        name, _, anchor = link.partition("#")
+        target = page.parent / name if name else page
+        if link.startswith(("http://", "https://", "mailto:", "#das.", "#sim.")):
+            continue
+        if not target.exists() or (anchor and target.suffix == ".md" and anchor not in anchors(target)):
+            dead.append(link)
+    return dead
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_link_to_a_file_leads_somewhere(page: Path) -> None:
-    """mkdocs checks the links of its own pages; README and its neighbours are read elsewhere."""
-    text = page.read_text(encoding="utf-8")
-    links = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text)
-    files = [link for link in links if not link.startswith(("http://", "https://", "mailto:"))]
-    assert [link for link in files if not (page.parent / link).exists()] == []
+def test_every_link_leads_to_a_file_and_to_a_heading_in_it(page: Path) -> None:
+    """Also those of README and its neighbours, which are no pages of mkdocs."""
+    assert dead_links(page) == []
+
+
+def test_the_notebook_links_to_no_page() -> None:
+    """It would be dead on the site: mkdocs-jupyter leaves `own-line.md` as it is, and mkdocs does not check it."""
+    assert LINK.findall(NOTEBOOK.read_text(encoding="utf-8")) == []
+
+
+def test_a_link_to_a_heading_or_a_file_that_is_gone_is_found(tmp_path: Path) -> None:
+    (tmp_path / "b.md").write_text("# One `word`, and two\n", encoding="utf-8")
+    page = tmp_path / "a.md"
+    page.write_text("[a](b.md#one-word-and-two) [b](b.md#gone) [c](c.md) [d](#here)\n\n## Here\n", encoding="utf-8")
+    assert dead_links(page) == ["b.md#gone", "c.md"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_what_belongs_to_an_item_of_a_numbered_list_is_indented_by_four(page: Path) -> None:
+    """By less, Python-Markdown ends the list, and counts the next items from 1 again."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    blocks = re.findall(r"^\d+\. .*?(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
+    assert [line for block in blocks for line in re.findall(r"^ {1,3}[-*] .*", block, re.MULTILINE)] == []
+
+
+def test_every_extra_that_is_named_is_one_of_ours_and_is_installed_from_the_checkout() -> None:
+    """The package is on no index: its name with an extra is known to nobody's pip."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        ours = set(tomllib.load(file)["project"]["optional-dependencies"])
+    sources = [path for top in ("das", "precompute", "sim") for path in (ROOT / top).rglob("*.py")]
+    texts = {path.name: path.read_text(encoding="utf-8") for path in [*PAGES, NOTEBOOK, *sources]}
+    assert [name for name, text in texts.items() if "driver-advisory-system[" in text] == []
+    named = {extra for text in texts.values() for found in EXTRA.findall(text) for extra in found.split(",")}
+    install = (ROOT / "docs" / "how-to" / "install.md").read_text(encoding="utf-8")
+    assert named <= ours
+    assert [extra for extra in ours if f"`{extra}`" not in install] == []
 
 
 def test_every_package_has_a_row_in_the_table_of_packages() -> None:

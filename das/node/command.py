@@ -64,7 +64,7 @@ def tls_init(
     try:
         from das.bus.access import LISTENERS, write_bus_folder
     except ImportError as error:
-        raise DasError("tls-init needs the package trustme: pip install driver-advisory-system[tls]") from error
+        raise DasError("tls-init needs the package trustme: pip install '.[tls]' in the checkout") from error
     if not days > 0:
         raise DasError(f"--days {days:g}: expected more than 0")
     if port > LAST_PORT + 1 - len(LISTENERS):

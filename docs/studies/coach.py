@@ -1,12 +1,14 @@
 """What few changes of the controller cost, and what coach and driver do if the driver is slow, looks seldom, or errs.
 
 `python -m docs.studies.coach` writes the tables into docs/explanation/coach.md again (a quarter of an hour on one
-core); the pictures and the table of days are made by `python -m docs.studies.coach_days`.
+core), `python -m docs.studies.coach price` only the first of them (seconds); the pictures and the table of days are
+made by `python -m docs.studies.coach_days`.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -198,11 +200,15 @@ def price_table() -> Iterator[str]:
 
 
 def main() -> None:
-    """Write the tables again."""
-    write_table(PAGE, "price", price_table())
+    """Write the tables again, or those that are named."""
+    names = sys.argv[1:] or ["price", "drivers", "keeping"]
+    if "price" in names:
+        write_table(PAGE, "price", price_table())
     services = [prepare_service(load_scenario(name)) for name in SCENARIOS]
-    write_table(PAGE, "drivers", driver_table(services, SEEDS, DRIVERS))
-    write_table(PAGE, "keeping", keeping_table(services, SEEDS, KEPT))
+    if "drivers" in names:
+        write_table(PAGE, "drivers", driver_table(services, SEEDS, DRIVERS))
+    if "keeping" in names:
+        write_table(PAGE, "keeping", keeping_table(services, SEEDS, KEPT))
 
 
 if __name__ == "__main__":

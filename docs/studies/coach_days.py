@@ -89,8 +89,9 @@ def draw_day(path: Path, scenario: str) -> str:
     cells: list[str] = []
     for presentation, pair in zip(BEFORE_AND_AFTER, (axes[:2], axes[2:]), strict=True):
         one = watched_run(service, SEED, presentation)
-        _draw_run(pair, one, presentation)
-        cells += _figures(one)
+        figures = _figures(one)
+        _draw_run(pair, one, presentation, figures)
+        cells += figures
     axes[-1].set_xlabel("position, km")
     lines, names = axes[0].get_legend_handles_labels()
     strips = [Patch(facecolor=color, edgecolor=INK, linewidth=0.4) for color in MODES.values()]
@@ -104,7 +105,7 @@ def draw_day(path: Path, scenario: str) -> str:
     return f"| {scenario} | {' | '.join(cells)} |"
 
 
-def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation) -> None:
+def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, figures: tuple[str, str, str]) -> None:
     """One run in two axes: speeds, and under them a strip of the modes shown."""
     speed, strip = axes
     seconds = shown_seconds(one, presentation)
@@ -125,7 +126,9 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation) -> None:
     speed.set_xlim(at_km[0], at_km[-1])
     speed.set_ylabel("speed, km/h")
     speed.grid(color="#e4e4e4", linewidth=0.6)
-    speed.set_title(_title(one, presentation), loc="left", size=11)
+    changes, energy, late = figures
+    title = f"{presentation}: {changes} changes a minute, {energy} kWh, {late} s at the last stop"
+    speed.set_title(title, loc="left", size=11)
     _places(speed, one, top)
     for mode, color in MODES.items():
         strip.broken_barh(_stretches(seconds, mode), (0.0, 1.0), facecolors=color)
@@ -147,11 +150,6 @@ def _figures(one: WatchedRun) -> tuple[str, str, str]:
     came = outcome(one.day, one.run)
     changes = one.run.stability.changes_per_min
     return f"{changes:.1f}", f"{kwh(came.energies.driven_j):.1f}", f"{came.late_s:+.0f}"
-
-
-def _title(one: WatchedRun, presentation: Presentation) -> str:
-    changes, energy, late = _figures(one)
-    return f"{presentation}: {changes} changes a minute, {energy} kWh, {late} s at the last stop"
 
 
 def _places(axis: Any, one: WatchedRun, top: float) -> None:

@@ -29,8 +29,9 @@ def messages(scenario: str, seed: int) -> Iterator[str]:
     before: tuple[Any, ...] = ()
     for advice, _ in watched_run(service, seed, Presentation.COACH).watched:
         coach = advice.coach
+        shown: tuple[Any, ...] = (advice.cause,)
         if coach is None:
-            shown, text = (advice.cause,), f"nothing ({advice.cause.label})"
+            text = f"nothing ({advice.cause.label})"
         else:
             now, reason = coach.now, words(coach.reason, zone=zone)
             steps = 0 if math.isnan(coach.lever_ratio) else round(coach.lever_ratio / EFFORT_STEP_RATIO)

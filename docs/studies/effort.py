@@ -286,7 +286,7 @@ def beyond(bench: Workbench, output: Output) -> dict[str, Any]:
                 if buffer == STATED_BUFFER_PERCENT:
                     stated.setdefault(case.name, {})[name] = found
     output.csv("beyond.csv", ["case", "trajectory", "buffer_percent", *HEADINGS], rows)
-    output.text("beyond.md", _markdown(stated))
+    output.page("beyond.md", _markdown(stated))
     output.picture("beyond", _draw(rows))
     return {
         "buffer_percent": STATED_BUFFER_PERCENT,

@@ -147,7 +147,7 @@ def energy_shares(output: Output) -> dict[str, Any]:
             "print_scaled_to_our_resistance": _scaled_print(drawn[driver][0], trip.time_s),
         }
     output.csv("shares.csv", *_rows(drawn))
-    output.text("shares.md", _markdown(drawn))
+    output.page("shares.md", _markdown(drawn))
     output.picture("shares", _draw(drawn))
     return result
 
@@ -301,7 +301,7 @@ def balances() -> dict[str, Balance]:
 def shares_and_balance(_bench: object, output: Output) -> dict[str, Any]:
     """Write the energy shares and the balance; return both for the summary."""
     result, found = energy_shares(output), balances()
-    output.text("shares-balance.md", _balance_markdown(found))
+    output.page("shares-balance.md", _balance_markdown(found))
     return {**result, "balance": _balance_json(found), "in_words": in_words(found)}
 
 

@@ -104,7 +104,7 @@ def table2(found: list[Cell], output: Output) -> dict[str, Any]:
     output.csv(
         "table2.csv", CSV_COLUMNS, [(c.trajectory, c.level, c.printed, c.ours, c.deviation_ratio) for c in found]
     )
-    output.text("table2.md", markdown(found))
+    output.page("table2.md", markdown(found))
     deviations = [(abs(c.deviation_ratio), c) for c in found if c.deviation_ratio is not None]
     worst = max(deviations, key=lambda item: item[0])[1]
     return {
@@ -212,7 +212,7 @@ def both_trains(bench: Workbench, output: Output) -> dict[str, Any]:
     result = table2(main, output)
     other, least_time_s = hypothesis_cells()
     sentence = in_words(main, other)
-    output.text("table2-hypothesis.md", f"{sentence}\n\n{markdown(other)}")
+    output.page("table2-hypothesis.md", f"{sentence}\n\n{markdown(other)}")
     return {**result, "hypothesis": _hypothesis_json(main, other, least_time_s), "in_words": sentence}
 
 
@@ -256,7 +256,7 @@ def gradients(bench: Workbench, output: Output) -> dict[str, Any]:
         rows += [(case.name, c.trajectory, c.level, c.ours) for c in found]
         parts.append(_gradient_markdown(bench, case, found))
     output.csv("gradients.csv", ["case", "trajectory", "level", "ours_percent"], rows)
-    output.text("gradients.md", "\n".join(parts))
+    output.page("gradients.md", "\n".join(parts))
     return result
 
 

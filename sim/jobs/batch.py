@@ -235,7 +235,7 @@ FIGURES = (
 def require_pyarrow() -> None:
     """Raise DasError if the package that writes the table is not installed."""
     if importlib.util.find_spec("pyarrow") is None:
-        raise DasError("pyarrow is not installed: pip install 'driver-advisory-system[batch]'")
+        raise DasError("pyarrow is not installed: pip install '.[batch]' in the checkout")
 
 
 def write_table(path: Path, rows: Iterable[dict[str, Any]]) -> None:

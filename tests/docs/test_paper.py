@@ -35,7 +35,8 @@ from docs.studies.cases import (
     Workbench,
     lowest_running_speed_mps,
 )
-from docs.studies.drawing import new_figure
+from docs.studies.drawing import new_figure, style
+from docs.studies.made_by import SAME_PICTURE, picture_difference
 from docs.studies.output import DOCS, Output
 from docs.studies.paper import make
 from precompute.baselines import strategies as baselines
@@ -412,8 +413,11 @@ def test_l0_reg_is_worst_when_braking(bench: Workbench) -> None:
 
 
 def test_igbt_drives_longer_and_more_gently(bench: Workbench, tmp_path: Path) -> None:
-    """Section 4.6, fig. 10."""
-    found = figures_runs.fig10(bench, Output(tmp_path))
+    """Section 4.6, fig. 10, whose picture is that of the page."""
+    with style():
+        found = figures_runs.fig10(bench, Output(tmp_path))
+    pictures = [(folder / "fig10.png").read_bytes() for folder in (DOCS / "images" / "study", tmp_path)]
+    assert picture_difference(*pictures) < SAME_PICTURE
     assert found["igbt_longer"] == {"driving": True, "braking": True}
     assert found["igbt_more_gently"] == {"driving": True, "braking": True}
     lasts_s = sum(found["use"]["fastest"][mode]["duration_s"] for mode in ("driving", "braking"))

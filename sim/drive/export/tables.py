@@ -196,7 +196,7 @@ def require_parquet() -> None:
     """Raise DasError if the package that writes Parquet is not installed."""
     if importlib.util.find_spec("pyarrow") is None:
         raise DasError(
-            "pyarrow is not installed: pip install 'driver-advisory-system[export]', or write CSV alone (--format csv)"
+            "pyarrow is not installed: pip install '.[export]' in the checkout, or write CSV alone (--format csv)"
         )
 
 
