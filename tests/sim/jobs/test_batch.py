@@ -159,7 +159,7 @@ def finished(folder: Path) -> int:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number: int) -> None:
     name = f"stopped-{number}"
-    asked = ["late.toml", "--seeds", "0-39", "--drivers", "perfect", "--workers", "1", "-o", name]
+    asked = ["late.toml", "--seeds", "0-39", "--drivers", "perfect", "--advice", "vector", "--workers", "1", "-o", name]
     child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True)
     wait_until(lambda: finished(folder / name) >= 2)
     workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
@@ -185,7 +185,7 @@ def test_a_stopped_batch_goes_on_where_it_was(folder: Path, first: First, number
 @pytest.mark.processes
 @pytest.mark.slow
 def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
-    asked = ("late.toml", "--seeds", "1", "--drivers", "perfect", "--record", "-o", "b")
+    asked = ("late.toml", "--seeds", "1", "--drivers", "perfect", "--advice", "vector", "--record", "-o", "b")
     assert made(*asked, cwd=folder)["made"] == 1
     (row,) = rows(folder / "b" / "runs.parquet")
     recording = read_recording(folder / row["recording"])
