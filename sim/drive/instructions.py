@@ -308,7 +308,8 @@ def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
         return bool(advice.coach.now.in_s > 0 or force_n <= OBEYED_RATIO * advice.coach.force_n)
     if told.kind is InstructionKind.COAST:
         return bool(force_n <= 0 or advice.coach.now.in_s > 0)
-    return force_n <= 0 or told.speed_mps <= told.to_mps + OVERSPEED_MPS
+    slows = force_n <= OBEYED_RATIO * min(advice.coach.force_n, 0.0)  # Downhill, a speed is held by braking.
+    return bool(slows or told.speed_mps <= told.to_mps + OVERSPEED_MPS)
 
 
 def _misses(coast: _Told, told: _Told, coasted_s: int) -> bool:
