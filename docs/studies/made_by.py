@@ -42,6 +42,7 @@ DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
     "python -m docs.studies.own_drivers": DAY,
     "python -m docs.studies.peers": (*SOLVER, "precompute/tables"),
     "python -m docs.studies.real_trips": (*SOLVER, "sim/trips", "sim/drive"),
+    "das-sim batch": DAY,
     "das-sim compare": (*DAY, "sim/review"),
     "das-sim experiment": (*DAY, "sim/experiment"),
     "das-sim report": (*DAY, "sim/drive", "sim/review"),
@@ -68,7 +69,7 @@ class StaleFigures(UserWarning):
 
 @dataclass(frozen=True, kw_only=True)
 class MadeBy:
-    """Who made what follows on a page; `code` and `on` are None where the tests make it again."""
+    """The command that made a part of a page; `code` and `on` are None if the tests run the command again."""
 
     page: Path
     command: str

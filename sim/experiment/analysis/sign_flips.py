@@ -1,9 +1,9 @@
 """The test that decides on paired differences: flip the signs of the drivers' differences, and see how often the mean
 is as large (R. A. Fisher, The Design of Experiments, 1935, § 21).
 
-If the two conditions are one, a driver's difference might as well have had the other sign. So every pattern of signs is
-equally probable, and p is the share of patterns whose mean is at least as far from 0 as the one found. With few drivers
-all patterns are counted, and p is exact; with many, patterns are drawn at random.
+If the two conditions are one, a driver's difference might as well have had the other sign. Every pattern of signs is
+then equally probable, and p is the share of patterns whose mean is at least as far from 0 as the one found. With few
+drivers all patterns are counted, and p is exact; with many, patterns are drawn at random.
 
 The interval holds each true difference that the same test does not reject. A pattern that flips some drivers is as far
 from 0 as the one found exactly where the mean of these drivers is on the other side of the true difference, so that the

@@ -247,7 +247,7 @@ def _range_sure(drive: Drive) -> list[str]:
         return ["How far the energy above the optimum depends on that train is not known."]
     if drive.likely is None:
         return ["The likely range of the energy above the optimum is not known."]
-    told = [f"The energy above the optimum is likely {_band(drive.likely)}; that of a cause is no surer."]
+    told = [f"The energy above the optimum is likely {_band(drive.likely)}; that of a single cause is less certain."]
     unknowns = [one for one in drive.likely.unknowns if one.name != BRAKING]
     largest = max(unknowns, key=lambda one: one.high_j - one.low_j, default=None)
     if largest is not None:

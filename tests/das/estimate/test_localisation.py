@@ -479,7 +479,8 @@ def test_garbage_in_between_never_moves_a_train_further_than_it_can(wrong: dict[
         check(found)
         if before is not None and before.usable and found.usable and before.restarts == found.restarts:
             way_m, span_s = found.s_m - before.s_m, (found.time_ns - before.time_ns) * NS
-            gate_m = math.hypot(before.position_sd_m, fix.uncertainty_m)  # The fix is uncertain as well.
+            # The gate is as wide as the estimate and the fix are uncertain together.
+            gate_m = math.hypot(before.position_sd_m, fix.uncertainty_m)
             slack_m = 5 * (gate_m + found.position_sd_m) + 10.0
             assert -slack_m <= way_m <= OVERSPEED_RATIO * TRAIN.max_speed_mps * span_s + slack_m
         before = found

@@ -22,7 +22,7 @@ from sim.drive.happenings import Signal
 from sim.drive.limits import signals_passed
 from sim.review.report.figures import first_figure
 from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures
-from sim.review.report.page import ReviewedDrive, as_dict, page, subject_of, write_pdf
+from sim.review.report.page import BROWSERS, ReviewedDrive, as_dict, page, subject_of, write_pdf
 from sim.review.scene import ReviewScene
 from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
 from tests.support.making import das_sim
@@ -201,6 +201,7 @@ def test_an_out_that_ends_in_pdf_is_printed(tmp_path: Path) -> None:
     assert "ends in .html" not in done.stderr
 
 
+A4_MM = 297
 LONG = DriveFinding(
     code="overspeed", label="above the limit", text="Up to 3 km/h above the limit of 110 km/h for 3 s. " * 4,
     start="Rotkreuz Industriegebiet Nord", end="Horgen Oberdorf am Zürichsee", start_m=1000.0, end_m=2000.0,
@@ -208,10 +209,16 @@ LONG = DriveFinding(
 )  # fmt: skip
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
 def test_the_first_page_is_one_page_of_a4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its style says so; where a browser is installed, the printed page says so too."""
     monkeypatch.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
     html = page([fast()], None, "")
+    (margin_mm,) = re.findall(r"@page { size: A4 portrait; margin: (\d+)mm; }", html)
+    ((height_mm, rest),) = re.findall(r"\.first { height: (\d+)mm;([^}]*)}", html)
+    assert 0 <= A4_MM - 2 * int(margin_mm) - int(height_mm) <= 5
+    assert {"overflow: hidden", "break-after: page"} <= set(rest.strip().split("; "))
+    if not any(map(shutil.which, BROWSERS)):
+        return
     end = html.index('<section class="drive"')
     write_pdf(f"{html[:end]}</body></html>", tmp_path / "first.pdf")
     content = (tmp_path / "first.pdf").read_bytes()
