@@ -18,7 +18,7 @@ SPEED_STEP_MPS: Final = 1.0 * KMH
 TARGET_STEP_MPS: Final = 5.0 * KMH
 """The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
 SAME_READING_MPS: Final = 0.5 * KMH
-"""A speed above the allowed one by no more than this (m/s) reads like it."""
+"""A speed above the allowed one by no more than this (m/s) looks the same to a driver."""
 
 
 def step_below(speed_mps: float) -> float:

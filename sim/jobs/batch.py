@@ -190,18 +190,8 @@ def make_run(job: BatchJob) -> JobResult:
 
 
 TEXTS = (
-    *(
-        "scenario",
-        "driver",
-        "friction_policy",
-        "population",
-        "advice",
-        "level",
-        "error",
-        "not_comparable",
-        "happens",
-        "drawn",
-    ),
+    *("scenario", "driver", "friction_policy", "population", "advice", "level"),
+    *("error", "not_comparable", "happens", "drawn"),
     *("recording", "version"),
     *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
     *("true_vehicle_sha256", "true_loss_map_sha256", "driver_sha256", "population_sha256", "inputs_sha256"),
