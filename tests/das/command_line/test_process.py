@@ -99,6 +99,12 @@ print(sys.dont_write_bytecode)
 PLACE = Path("das/__pycache__/das-bytecode")
 
 
+def copy_without_bytecode(folder: Path) -> Path:
+    """The folder, with a copy of das and a numba without bytecode: the tests' own numba may have some or none."""
+    (copy_of(folder, "das") / "numba.py").write_text("")
+    return folder
+
+
 def started(folder: Path, **env: str) -> tuple[str, list[Path]]:
     """Whether a program that was told to write no bytecode heeds it, and the bytecode that is then in the folder."""
     surroundings = {"PYTHONPYCACHEPREFIX": "", **env}
@@ -110,7 +116,7 @@ def started(folder: Path, **env: str) -> tuple[str, list[Path]]:
 @pytest.mark.more
 @pytest.mark.processes
 def test_bytecode_is_kept_apart_where_none_may_be_written_beside_the_sources(tmp_path: Path) -> None:
-    heeds, (kept,) = started(copy_of(tmp_path, "das"))
+    heeds, (kept,) = started(copy_without_bytecode(tmp_path))
     assert heeds == "False"
     assert kept.is_relative_to(PLACE)
 
@@ -118,17 +124,16 @@ def test_bytecode_is_kept_apart_where_none_may_be_written_beside_the_sources(tmp
 @pytest.mark.more
 @pytest.mark.processes
 def test_python_does_as_told_where_the_user_says_where_bytecode_belongs(tmp_path: Path) -> None:
-    assert started(copy_of(tmp_path, "das"), PYTHONPYCACHEPREFIX=str(tmp_path / "mine")) == ("True", [])
+    assert started(copy_without_bytecode(tmp_path), PYTHONPYCACHEPREFIX=str(tmp_path / "mine")) == ("True", [])
 
 
 @pytest.mark.more
 @pytest.mark.processes
 def test_python_does_as_told_where_bytecode_was_installed_or_cannot_be_kept(tmp_path: Path) -> None:
-    copy_of(tmp_path, "das")
+    copy_without_bytecode(tmp_path)
     (tmp_path / "das/__pycache__").write_text("a file: no folder can be made here, whoever we are")
     assert started(tmp_path) == ("True", [])
     (tmp_path / "das/__pycache__").unlink()
-    (tmp_path / "numba.py").write_text("")
     # Beside the source, wherever the tests themselves keep their bytecode.
     kept = tmp_path / "__pycache__" / f"numba.{sys.implementation.cache_tag}.pyc"
     py_compile.compile(str(tmp_path / "numba.py"), cfile=str(kept))
