@@ -36,6 +36,7 @@ DAY: Final = (*SOLVER, "das/advice", "das/cab", "das/estimate", "sim/plant", "si
 DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
     "python -m docs.studies.coach": DAY,
     "python -m docs.studies.display": DAY,
+    "python -m docs.studies.exact_front": (*SOLVER, "precompute/exact"),
     "python -m docs.studies.habits": DAY,
     "python -m docs.studies.known_truth": (*DAY, "sim/experiment/analysis"),
     "python -m docs.studies.own_braking": DAY,
