@@ -1,6 +1,6 @@
 """What helps a driver in a presentation: the same days, with the display of the vector changed in one thing at a time.
 
-`python -m docs.studies.display` writes the table into docs/reference/drivers.md again (about six minutes on one core).
+`python -m docs.studies.display` writes the table into docs/reference/drivers.md again (about five minutes on one core).
 """
 
 from __future__ import annotations
@@ -135,9 +135,7 @@ AS_IT_IS: Final = DisplayVariant("vector as it is", ShownAsIs)
 VARIANTS: Final = (
     DisplayVariant("a tone at each change of the mode: he looks at once", ShownAsIs, tone=True),
     DisplayVariant("effort in steps of 20 %", Steps),
-    DisplayVariant("effort in steps of 20 %, and the tone", Steps, tone=True),
     DisplayVariant("a target speed without effort or preview", TargetSpeed),
-    DisplayVariant("a target speed without effort or preview, and the tone", TargetSpeed, tone=True),
     DisplayVariant("refreshed every 10 s", Refreshed),
     DisplayVariant("next change not announced", Unannounced),
     DisplayVariant("no preview of the next 30 s", WithoutPreview),

@@ -34,15 +34,20 @@ FOLDER: Final = DOCS.parent / "build" / "own-drivers"
 Row = Mapping[str, Any]
 
 
-def driven_rows(
-    folder: Path = FOLDER, days: Sequence[str] = DAYS, seeds: Sequence[int] = SEEDS, workers: int | None = None
-) -> list[Row]:
-    """The rows of all runs, as in the table of `das-sim batch`, driver by driver; DasError if one failed."""
-    asked = Batch(scenarios=days, drivers=DRIVERS, advice=SHOWN, seeds=seeds, level=None, record=False, folder=folder)
-    jobs = list(asked.jobs())
+def asked(folder: Path = FOLDER, days: Sequence[str] = DAYS, seeds: Sequence[int] = SEEDS) -> Batch:
+    """The runs of the table."""
+    return Batch(scenarios=days, drivers=DRIVERS, advice=SHOWN, seeds=seeds, level=None, record=False, folder=folder)
+
+
+def driven_rows(batch: Batch, workers: int | None = None) -> list[Row]:
+    """The rows of all runs, as in the table of `das-sim batch`, driver by driver; DasError if one failed.
+
+    Finished runs are kept in the folder of the batch.
+    """
+    jobs = list(batch.jobs())
     found: list[Row] = []
-    words = JobWords("own-drivers", "runs", "make")
-    runner = Runner(make=make_run, folder=folder, workers=Workers.asked(workers), words=words)
+    words = JobWords(batch.folder.name, "runs", "make")
+    runner = Runner(make=make_run, folder=batch.folder, workers=Workers.asked(workers), words=words)
     runner.run(jobs, lambda rows, _: found.extend(rows[job.inputs_sha256] for job in jobs if job.inputs_sha256 in rows))
     for row in found:
         if row.get("error") is not None:
@@ -97,4 +102,4 @@ def _mean(runs: Mapping[int, Row], name: str) -> float:
 
 
 if __name__ == "__main__":
-    write_table(DOCS / "explanation" / "coach.md", "own-drivers", own_drivers_table(driven_rows()))
+    write_table(DOCS / "explanation" / "coach.md", "own-drivers", own_drivers_table(driven_rows(asked())))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from docs.studies.own_drivers import DRIVERS, SHOWN, driven_rows, own_drivers_table, paired
+from docs.studies.own_drivers import DRIVERS, SHOWN, asked, driven_rows, own_drivers_table, paired
 from tests.support.flat_days import FLAT
 
 
@@ -40,12 +40,12 @@ def test_each_driver_is_compared_with_itself_on_the_same_days() -> None:
 @pytest.mark.slow
 def test_finished_runs_are_kept_and_a_failed_one_is_said(tmp_path: Path) -> None:
     (tmp_path / "flat.toml").write_text(FLAT)
-    first = driven_rows(tmp_path / "runs", [str(tmp_path / "flat.toml")], (0,), 1)
+    first = driven_rows(asked(tmp_path / "runs", [str(tmp_path / "flat.toml")], (0,)), 1)
     assert len(first) == len(DRIVERS) * len(SHOWN)
     kept = (tmp_path / "runs" / "finished.jsonl").stat().st_mtime_ns
-    assert driven_rows(tmp_path / "runs", [str(tmp_path / "flat.toml")], (0,), 1) == first
+    assert driven_rows(asked(tmp_path / "runs", [str(tmp_path / "flat.toml")], (0,)), 1) == first
     assert (tmp_path / "runs" / "finished.jsonl").stat().st_mtime_ns == kept
     stuck = "[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86_400\n"
     (tmp_path / "stuck.toml").write_text(FLAT + stuck)
     with pytest.raises(DasError, match=r"flat, sim.drivers.examples:Lazy, seed 0: .*did not arrive"):
-        driven_rows(tmp_path / "stuck", [str(tmp_path / "stuck.toml")], (0,), 1)
+        driven_rows(asked(tmp_path / "stuck", [str(tmp_path / "stuck.toml")], (0,)), 1)
