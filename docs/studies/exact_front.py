@@ -113,8 +113,8 @@ def bounded_lines() -> Iterator[str]:
     yield (
         f"With one partial run per state and {BUCKET_MS:g} ms (`--level l0-reg --bucket {BUCKET_MS:g}`), "
         f"{exact.labels / MILLION:.2g} million partial runs and {cpu_s:.0f} s of processor time give "
-        f"{len(exact.time_s)} runs that exist, at most {above.max():.4f} % above the dual bound and {above.mean():.4f} %"
-        " in the mean."
+        f"{len(exact.time_s)} runs that exist, at most {above.max():.4f} % above the dual bound and "
+        f"{above.mean():.4f} % in the mean."
     )
 
 

@@ -24,6 +24,9 @@ from das.estimate.calibration import Calibrator, Recalibration
 from das.estimate.effort import Effort
 from das.estimate.ratios import Belief, Estimates
 from das.estimate.settings import CALIBRATION
+from docs.studies.estimation import calibration_table, localisation_table
+from docs.studies.made_by import not_on_page
+from docs.studies.output import DOCS
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
@@ -36,6 +39,7 @@ States = tuple[PlantState, ...]
 START_NS = 10**18
 ROUTE, VEHICLE = load_route("zurich-luzern"), load_vehicle("re460-ic")
 THALWIL, ZUG = (0.0, 12e3, 640.0), (12e3, 29e3, 760.0)
+LEGS = (THALWIL, ZUG)
 SPEED_NOISE_MPS, FORCE_NOISE_RATIO, POSITION_NOISE_M, WANDER_S = 0.05, 0.02, 3.0, 30.0
 SEEDS = range(8)
 FLAT, POINT_MASS = flat(20e3), make_train(resistance=(1e3, 20.0, 4.0))
@@ -129,6 +133,11 @@ def errors(truth: tuple[float, float], leg: tuple[float, float, float]) -> NDArr
     )  # fmt: skip
 
 
+def all_errors() -> NDArray[np.float64]:
+    """Relative errors (truth and leg, seeds, early or end, mass or resistance)."""
+    return np.array([errors(truth, leg)[..., 0] / truth for truth in TRUTHS for leg in LEGS])
+
+
 # --- the recursion ------------------------------------------------------------------------------------------------
 
 
@@ -172,7 +181,7 @@ def test_what_changes_is_followed_with_the_stated_memory() -> None:
 # --- against the plant --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("leg", [THALWIL, ZUG])
+@pytest.mark.parametrize("leg", LEGS)
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_mass_and_resistance_are_found(truth: tuple[float, float], leg: tuple[float, float, float]) -> None:
     """Over the seeds, after 5 km and at the end: the largest error, and the root of the mean square."""
@@ -183,11 +192,21 @@ def test_mass_and_resistance_are_found(truth: tuple[float, float], leg: tuple[fl
 
 def test_the_stated_confidence_is_true() -> None:
     """Within 3 sd in at least 97 % of the runs, and the sd is no empty promise: below 2 % and 6 %."""
-    every = np.concatenate([errors(truth, leg) for truth in TRUTHS for leg in (THALWIL, ZUG)])
+    every = np.concatenate([errors(truth, leg) for truth in TRUTHS for leg in LEGS])
     within = np.abs(every[..., 0]) <= 3 * every[..., 1]
     assert within.mean(axis=(0, 1)).min() >= 0.97
     assert (every[:, 1, :, 1].max(axis=0) < (0.02, 0.06)).all()
     assert (every[..., 0] / every[..., 1]).std() > 0.3
+
+
+def test_the_pages_have_these_figures() -> None:
+    pages = DOCS / "explanation"
+    made = {
+        "calibration.md": calibration_table(all_errors),
+        "localisation.md": localisation_table(driven()),
+    }
+    for name, lines in made.items():
+        assert not_on_page((pages / name).read_text(encoding="utf-8"), lines) == []
 
 
 @pytest.mark.parametrize("wind_mps", [-8.0, 10.0])

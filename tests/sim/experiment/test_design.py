@@ -188,5 +188,8 @@ def test_the_bundled_studies_are_sound() -> None:
     presentations = load_design("presentations")
     assert [len(factor.levels) for factor in presentations.factors] == [5, 3]
     assert presentations.people.count == 24
-    levels = load_design("level-through-a-driver").factors[0].levels
-    assert [level.value for level in levels] == [Level.L2, Level.L3]
+    levels = load_design("level-through-a-driver")
+    assert [level.value for level in levels.factors[0].levels] == [Level.L2, Level.L3]
+    assert [level.value for level in levels.factors[1].levels] == [Presentation.VECTOR, Presentation.COACH]
+    where = {tuple(sorted(one.where.items())) for one in levels.plan.comparisons}
+    assert len(where) == 6, "each display with a perfect follower and with people of either brakes"
