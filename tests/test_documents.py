@@ -101,6 +101,29 @@ def test_what_belongs_to_an_item_of_a_numbered_list_is_indented_by_four(page: Pa
     assert [line for block in blocks for line in re.findall(r"^ {1,3}[-*] .*", block, re.MULTILINE)] == []
 
 
+def hidden_cells(text: str) -> list[str]:
+    """The rows of tables that have not as many cells as their header: browsers leave out what is too much."""
+    found, cells = [], None
+    for line in re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE).splitlines():
+        inside = line.startswith("|")
+        number = len(re.split(r"(?<!\\)\|", line.strip().strip("|"))) if inside else None
+        found += [line] if inside and cells not in (None, number) else []
+        cells = (cells or number) if inside else None
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_row_of_a_table_has_the_cells_of_its_header(page: Path) -> None:
+    assert hidden_cells(page.read_text(encoding="utf-8")) == []
+    assert hidden_cells("| a | b |\n|---|---|\n| 1 | 2 | 3 |\n") == ["| 1 | 2 | 3 |"]
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "explanation").glob("*.md")), ids=lambda page: page.stem)
+def test_an_explanation_of_over_2000_words_has_a_picture(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(text.split()) <= 2000 or "![" in text
+
+
 def test_every_extra_that_is_named_is_one_of_ours_and_is_installed_from_the_checkout() -> None:
     """The package is on no index: its name with an extra is known to nobody's pip."""
     with (ROOT / "pyproject.toml").open("rb") as file:

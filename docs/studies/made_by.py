@@ -5,8 +5,9 @@ A mark stands on the line before a table, a picture or a link to a report, and h
     <!-- made by: COMMAND -->                                  the default tests make it, or a part of it, again
     <!-- made by: COMMAND; code: 0123abcd; on: 2026-11-26 -->  made by hand, because it takes long
 
-`python -m docs.studies.made_by` lists the figures made by hand whose code has changed since. After such a command was
-run, `python -m docs.studies.made_by --stamp COMMAND` writes today's code and date; `write_table` does so by itself.
+`python -m docs.studies.made_by` lists the figures made by hand whose code has changed since, and
+`python -m docs.studies.made_by --make-all` makes them again, one command after the other (two hours on two free cores).
+After a command was run alone, `--stamp COMMAND` writes today's code and date; `write_table` does so by itself.
 """
 
 from __future__ import annotations
@@ -16,8 +17,11 @@ import ast
 import hashlib
 import io
 import re
+import shlex
+import subprocess
+import sys
 import tokenize
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -34,23 +38,46 @@ SOLVER: Final = ("das/domain", "das/solver")
 DAY: Final = (*SOLVER, "das/advice", "das/cab", "das/estimate", "sim/plant", "sim/drivers", "sim/world")
 """The code that decides how a simulated day goes. What reads options, draws, records or sends is not in it."""
 DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
+    "python -m docs.studies.bench": (*SOLVER, "das/table", "precompute/bench", "precompute/tables"),
+    "python -m docs.studies.bundled": (*DAY, "sim/experiment"),
     "python -m docs.studies.coach": DAY,
     "python -m docs.studies.display": DAY,
     "python -m docs.studies.exact_front": (*SOLVER, "precompute/exact"),
     "python -m docs.studies.habits": DAY,
+    "python -m docs.studies.human_driver": DAY,
     "python -m docs.studies.known_truth": (*DAY, "sim/experiment/analysis"),
     "python -m docs.studies.own_braking": DAY,
     "python -m docs.studies.own_drivers": DAY,
     "python -m docs.studies.peers": (*SOLVER, "precompute/tables"),
+    "python -m docs.studies.pictures": (*DAY, "sim/drive", "sim/review"),
     "python -m docs.studies.real_trips": (*SOLVER, "sim/trips", "sim/drive"),
-    "das-sim batch": DAY,
-    "das-sim compare": (*DAY, "sim/review"),
-    "das-sim experiment": (*DAY, "sim/experiment"),
-    "das-sim report": (*DAY, "sim/drive", "sim/review"),
-    "das-sim view": (*DAY, "sim/review"),
     "rerun": ("sim/review",),
 }
 """The folders whose code decides a command's figures, by its beginning; a script of docs/studies counts as well."""
+MINUTES: Final[dict[str, float]] = {
+    "python -m docs.studies.bench": 2,
+    "python -m docs.studies.coach_days": 1,
+    "python -m docs.studies.what_if": 0.5,
+    "jupyter execute --inplace docs/tutorials/first-steps.ipynb": 0.5,
+    "python -m docs.studies.pictures review": 0.5,
+    "python -m docs.studies.pictures report": 0.5,
+    "python -m docs.studies.pictures what-if": 1,
+    "python -m docs.studies.bundled smoke": 0.5,
+    "python -m docs.studies.exact_front": 2,
+    "python -m docs.studies.peers": 3,
+    "python -m docs.studies.real_trips": 3,
+    "python -m docs.studies.display": 5,
+    "python -m docs.studies.own_braking": 7,
+    "python -m docs.studies.habits": 8,
+    "python -m docs.studies.bundled pacing": 6,
+    "python -m docs.studies.bundled level-through-a-driver": 12,
+    "python -m docs.studies.bundled presentations": 8,
+    "python -m docs.studies.human_driver": 8,
+    "python -m docs.studies.own_drivers": 8,
+    "python -m docs.studies.known_truth": 8,
+    "python -m docs.studies.coach": 15,
+}
+"""What --make-all makes, in this order, and about how long each takes on two free cores (minutes)."""
 SUFFIXES: Final = (".py", ".toml", ".csv")
 BEGINS: Final = "<!-- made by:"
 MARK: Final = re.compile(
@@ -197,21 +224,66 @@ def _blocks(content: bytes) -> np.ndarray:
     return np.asarray(picture.reduce(BLOCK_PIXELS), dtype=float)
 
 
-def main() -> None:
-    """List what is stale, or stamp the marks of a command that was run."""
-    parser = argparse.ArgumentParser(prog="python -m docs.studies.made_by", description=__doc__)
-    parser.add_argument("--stamp", metavar="COMMAND", help="Write today's code and date into the marks of a command.")
-    command = parser.parse_args().stamp
-    if command is None:
-        for line in changed_since(mark for page in pages() for mark in marks_of(page)):
-            print(line)
-        return
-    code = code_hash(code_paths(command))
+def to_make(marks: Sequence[MadeBy], root: Path = ROOT) -> list[str]:
+    """The commands of --make-all whose figures are on a page: quick ones, and slow ones whose code has changed."""
+    stale = {mark.command for mark in marks if mark.code is None}
+    stale |= {mark.command for mark in marks if mark.code not in (None, code_hash(code_paths(mark.command), root))}
+    return [command for command in MINUTES if command in stale]
+
+
+def make_all(commands: Sequence[str], run: Callable[[Sequence[str]], int]) -> list[str]:
+    """Run commands one after the other, and stamp those that succeed; returns the others.
+
+    `run` runs a command, given as a list of words, and returns its exit code. The stamp has the code of the beginning,
+    so that a figure is stale if its code was changed meanwhile.
+    """
+    failed = []
+    for number, command in enumerate(commands, start=1):
+        left = sum(MINUTES[one] for one in commands[number - 1 :])
+        print(f"{number} of {len(commands)}: {command}, about {MINUTES[command]:g} of {left:g} min left", flush=True)
+        slow = any(command == begins or command.startswith(f"{begins} ") for begins in DEPENDS_ON)
+        code = code_hash(code_paths(command)) if slow else ""
+        words = [sys.executable if word == "python" else word for word in shlex.split(command)]
+        if run(words) != 0:
+            failed.append(command)
+        elif slow:
+            stamp(command, code)
+    return failed
+
+
+def stamp(command: str, code: str) -> None:
+    """Write a code and the date of today into all marks of a command that have them."""
     for page in pages():
         text = page.read_text(encoding="utf-8")
         if (new := stamped(text, command, code, today())) != text:
             write_whole(page, new.encode())
             print(f"written: {page}")
+
+
+def main() -> None:
+    """List what is stale, make it again, or stamp the marks of a command that was run."""
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.made_by", description=__doc__)
+    parser.add_argument("--stamp", metavar="COMMAND", help="Write today's code and date into the marks of a command.")
+    parser.add_argument(
+        "--make-all", action="store_true", help="Make all stale figures again, and stamp them; go on from where it was."
+    )
+    asked = parser.parse_args()
+    marks = [mark for page in pages() for mark in marks_of(page)]
+    if asked.stamp is not None:
+        stamp(asked.stamp, code_hash(code_paths(asked.stamp)))
+    elif asked.make_all:
+        try:
+            failed = make_all(to_make(marks), lambda words: subprocess.run(words, cwd=ROOT, check=False).returncode)
+        except KeyboardInterrupt:
+            sys.exit("stopped; what was finished is stamped, and the same command goes on from there")
+        by_hand = {mark.command for mark in marks if mark.code is not None and mark.command not in MINUTES}
+        for command in sorted(by_hand):
+            print(f"to be made by hand, because it needs a screen: {command}")
+        if failed:
+            sys.exit("failed: " + ", ".join(failed))
+    else:
+        for line in changed_since(marks):
+            print(line)
 
 
 if __name__ == "__main__":

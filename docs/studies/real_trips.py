@@ -1,7 +1,7 @@
-"""`python -m docs.studies.real_trips DATA`: review two real trips again, for docs/explanation/real-trips.md.
+"""`python -m docs.studies.real_trips [DATA]`: review two real trips again, for docs/explanation/real-trips.md.
 
-DATA is the folder with the public data sets (trips, ttobench). The tables of the page and docs/images/real-trips-*.png
-are written; the data stay where they are.
+DATA is the folder with the public data sets (trips, ttobench), by default ../shared/data. The tables of the page and
+docs/images/real-trips-*.png are written; the data stay where they are.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from sim.recording.inputs import DriveInputs
 from sim.review.canvas import INK, LINES, light_figure, named, page_legend
 from sim.review.colors import LIGHT, SEVERAL, Meaning
 from sim.runs.replay.replay import prepare, replay
+from tests.support.benchmark import SHARED
 
 PAGE: Final = DOCS / "explanation" / "real-trips.md"
 PICTURES: Final = DOCS / "images"
@@ -232,7 +233,7 @@ def above_figure(found: Sequence[TripAttribution]) -> Figure:
 def main() -> None:
     """Make the tables and the pictures again."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.real_trips", description=__doc__)
-    parser.add_argument("data", type=Path, help="Folder of the data sets.")
+    parser.add_argument("data", type=Path, nargs="?", default=SHARED, help="Folder of the data sets.")
     found = trip_attributions(parser.parse_args().data)
     possible = [one for one in found if one.possible]
     for name, lines in (

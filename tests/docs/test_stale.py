@@ -14,10 +14,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from docs.studies import coach, coach_days, made_by, null_experiments, paper, what_if
+from docs.studies import coach, coach_days, made_by, null_experiments, paper, relaxed_loss, what_if
 from docs.studies.made_by import ROOT, SAME_PICTURE, StaleFigures, marks_of, not_on_page, pages, picture_difference
 from docs.studies.output import DOCS, Output, write_table
 from tests.support.making import das_precompute, das_sim, printed
@@ -36,11 +37,15 @@ QUICK = {
     "das-precompute loss-map re460-ic --plot docs/images/loss_map_gto.png": "test_maps_of_losses",
     "das-precompute loss-map re460-ic-igbt --plot docs/images/loss_map_igbt.png": "test_maps_of_losses",
     f"das-precompute {' '.join(SENSITIVITY)} --plot docs/images/sensitivity.png": "test_sensitivity",
+    "das-precompute journey stops zurich-luzern re460-ic --buffer 7": "test_a_journey",
     "jupyter execute --inplace docs/tutorials/first-steps.ipynb": "test_outputs_of_the_notebook",
     "python -m docs.studies.coach price": "test_what_calm_costs",
     "python -m docs.studies.coach_days": "test_a_day_of_the_coach_and_the_what_if",
+    "python -m docs.studies.calibrate --check --page": "test_calibrate.py",
+    "python -m docs.studies.estimation": "test_calibration.py",
     "python -m docs.studies.null_experiments": "test_null_experiments",
     "python -m docs.studies.paper --out study": "test_a_picture_of_the_study",
+    "python -m docs.studies.relaxed_loss": "test_what_the_relaxation_allows",
     "python -m docs.studies.what_if": "test_a_day_of_the_coach_and_the_what_if",
     "python -m tests.support.driver_tables": "test_population.py",
 }
@@ -217,6 +222,21 @@ def test_sensitivity(tmp_path: Path) -> None:
     assert same_picture(DOCS / "images" / "sensitivity.png", tmp_path / "picture.png")
 
 
+@pytest.mark.slow
+def test_a_journey(tmp_path: Path) -> None:
+    made = printed(tmp_path, "journey", "stops", "zurich-luzern", "re460-ic", "--buffer", "7").splitlines()
+    page = text_of("explanation/journeys.md")
+    assert not_on_page(page, [line.rstrip() for line in made if line.strip()]) == []
+    assert len(not_on_page(page.replace("446.23 kWh", "446.32 kWh"), made)) == 1
+
+
+def test_what_the_relaxation_allows(tmp_path: Path) -> None:
+    relaxed_loss.main(tmp_path / "picture.png")
+    assert same_picture(relaxed_loss.PICTURE, tmp_path / "picture.png")
+    x = np.array([0.0, 1.0, 2.0, 3.0])
+    assert relaxed_loss.lower_hull(x, np.array([0.0, 5.0, 1.0, 3.0])) == pytest.approx([0.0, 0.5, 1.0, 3.0])
+
+
 def test_a_picture_of_the_study(tmp_path: Path) -> None:
     paper.make(["fig4"], Output(tmp_path))
     assert same_picture(DOCS / "images" / "study" / "fig4.png", tmp_path / "fig4.png")
@@ -343,6 +363,34 @@ def test_a_slow_figure_whose_code_has_changed_is_told(studied: Path, source: str
     assert [(mark.command, mark.what) for mark in marks] == [("das-sim slow x", "| 1 |")]
     told = "page.md: das-sim slow x: its code has changed since 2026-01-02"
     assert list(made_by.changed_since(marks, folder)) == ([told] if changed else [])
+
+
+def test_all_stale_figures_are_made_again_and_stamped(
+    studied: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of three commands one is fresh and one fails: that one keeps its old stamp, and is named."""
+    folder = studied.parent
+    monkeypatch.setattr(made_by, "MINUTES", {"das-sim slow a b": 3, "das-sim slow x": 2, "das-sim slow fails": 1})
+    monkeypatch.setattr(made_by, "pages", lambda: [studied])
+    monkeypatch.setattr(made_by, "code_hash", lambda paths, root=folder: "0000beef")
+    text = "".join(
+        f"<!-- made by: das-sim slow {name}; code: {code}; on: 2026-01-02 -->\n| 1 |\n\n"
+        for name, code in (("x", "12345678"), ("fails", "12345678"), ("a b", "0000beef"))
+    )
+    studied.write_text(text, encoding="utf-8")
+    commands = made_by.to_make(marks_of(studied))
+    assert commands == ["das-sim slow x", "das-sim slow fails"]
+    assert made_by.make_all(commands, lambda words: int(words[-1] == "fails")) == ["das-sim slow fails"]
+    assert capsys.readouterr().out.splitlines()[0] == "1 of 2: das-sim slow x, about 2 of 3 min left"
+    assert [(mark.code, mark.on) for mark in marks_of(studied)] == [
+        ("0000beef", made_by.today()), ("12345678", "2026-01-02"), ("0000beef", "2026-01-02"),
+    ]  # fmt: skip
+
+
+def test_every_slow_figure_can_be_made_by_one_command() -> None:
+    slow = {mark.command for mark in MARKS if mark.code is not None and not mark.command.startswith("rerun")}
+    assert sorted(slow - set(made_by.MINUTES)) == []
+    assert sorted(set(made_by.MINUTES) - {mark.command for mark in MARKS}) == []
 
 
 def test_a_mark_that_cannot_be_read_or_whose_command_nobody_knows_is_refused(studied: Path) -> None:
