@@ -53,7 +53,7 @@ def each(of: Runs, column: str) -> np.ndarray:
 
 def less(of: Runs, alone: Runs, column: str) -> np.ndarray:
     """By how much each run has less than the one without advice on the same day."""
-    return each(alone, column) - each(of, column)
+    return np.asarray(each(alone, column) - each(of, column))
 
 
 def presentations_table(found: Mapping[Presentation, Runs]) -> Iterator[str]:

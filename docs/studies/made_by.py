@@ -226,9 +226,12 @@ def _blocks(content: bytes) -> np.ndarray:
 
 def to_make(marks: Sequence[MadeBy], root: Path = ROOT) -> list[str]:
     """The commands of --make-all whose figures are on a page: quick ones, and slow ones whose code has changed."""
-    stale = {mark.command for mark in marks if mark.code is None}
-    stale |= {mark.command for mark in marks if mark.code not in (None, code_hash(code_paths(mark.command), root))}
-    return [command for command in MINUTES if command in stale]
+
+    def is_asked(mark: MadeBy) -> bool:
+        return mark.code is None or mark.code != code_hash(code_paths(mark.command), root)
+
+    asked = {mark.command for mark in marks if mark.command in MINUTES and is_asked(mark)}
+    return [command for command in MINUTES if command in asked]
 
 
 def make_all(commands: Sequence[str], run: Callable[[Sequence[str]], int]) -> list[str]:
