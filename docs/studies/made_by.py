@@ -254,6 +254,15 @@ def make_all(commands: Sequence[str], run: Callable[[Sequence[str]], int]) -> li
     return failed
 
 
+def exit_code(words: Sequence[str]) -> int:
+    """Run a program in the folder of the checkout; returns its exit code, as a shell does where there is none."""
+    try:
+        return subprocess.run(words, cwd=ROOT, check=False).returncode
+    except FileNotFoundError:
+        print(f"{words[0]}: not found")
+        return 127
+
+
 def stamp(command: str, code: str) -> None:
     """Write a code and the date of today into all marks of a command that have them."""
     for page in pages():
@@ -276,7 +285,7 @@ def main() -> None:
         stamp(asked.stamp, code_hash(code_paths(asked.stamp)))
     elif asked.make_all:
         try:
-            failed = make_all(to_make(marks), lambda words: subprocess.run(words, cwd=ROOT, check=False).returncode)
+            failed = make_all(to_make(marks), exit_code)
         except KeyboardInterrupt:
             sys.exit("stopped; what was finished is stamped, and the same command goes on from there")
         by_hand = {mark.command for mark in marks if mark.code is not None and mark.command not in MINUTES}
