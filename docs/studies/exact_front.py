@@ -33,14 +33,14 @@ BUCKET_MS: Final = 3.0
 MILLION: Final = 1e6
 
 
-class Solved(NamedTuple):
+class TimedFront(NamedTuple):
     """An exact front, and the processor time of all threads that it took (s)."""
 
     front: ExactFront
     cpu_s: float
 
     @classmethod
-    def of(cls, section: Section, buffer_ratio: float, bucket_ms: float = 0.0, grid: Grid | None = None) -> Solved:
+    def of(cls, section: Section, buffer_ratio: float, bucket_ms: float = 0.0, grid: Grid | None = None) -> TimedFront:
         """Find the front of a section to a buffer."""
         began = time.process_time()
         front = solve_exact(section, buffer_ratio, grid=grid, limits=Limits(bucket_ms=bucket_ms))
@@ -68,7 +68,7 @@ def case_table(levels: Sequence[Level] = LEVELS, buffers: Sequence[float] = BUFF
     yield f"|---|{'---:|' * (5 + len(buffers))}"
     for level in levels:
         section = case(level)
-        exact, cpu_s = Solved.of(section, max(buffers))
+        exact, cpu_s = TimedFront.of(section, max(buffers))
         front = solve_front(section)
         below, above = 100.0 * exact.gap_ratio, 100.0 * exact.swept_gap_ratio
         cells = [
@@ -87,7 +87,7 @@ def growth_table(lengths_km: Sequence[float] = LENGTHS_KM, buffer_ratio: float =
     yield "| length | points of the front | partial runs kept, million | processor s |"
     yield "|---:|---:|---:|---:|"
     for length_km in lengths_km:
-        exact, cpu_s = Solved.of(case(Level.L3, length_km), buffer_ratio)
+        exact, cpu_s = TimedFront.of(case(Level.L3, length_km), buffer_ratio)
         yield f"| {length_km:g} km | {len(exact.time_s)} | {exact.labels / MILLION:.2g} | {cpu_s:.1f} |"
 
 
@@ -102,13 +102,13 @@ def step_table(steps_kmh: Sequence[float] = SPEED_STEPS_KMH) -> Iterator[str]:
     for step_kmh in steps_kmh:
         grid = Grid(speed_kmh=step_kmh)
         least_s = solve_exact(section, 0.0, grid=grid).least_time_s
-        exact, _ = Solved.of(section, time_s / least_s - 1.0 + 1e-6, grid=grid)
+        exact, _ = TimedFront.of(section, time_s / least_s - 1.0 + 1e-6, grid=grid)
         yield f"| {step_kmh:g} km/h | {solver_against(front, exact, time_s)} |"
 
 
 def bounded_lines() -> Iterator[str]:
     """The sentence on L0 REG, whose front is found between bounds."""
-    exact, cpu_s = Solved.of(case(Level.L0_REG), BUFFERS[-1], BUCKET_MS)
+    exact, cpu_s = TimedFront.of(case(Level.L0_REG), BUFFERS[-1], BUCKET_MS)
     above = 100.0 * (exact.energy_j - exact.bound_j) / np.maximum(np.abs(exact.energy_j), 1.0)
     yield (
         f"With one partial run per state and {BUCKET_MS:g} ms (`--level l0-reg --bucket {BUCKET_MS:g}`), "
