@@ -1,8 +1,10 @@
-"""The tables of the bundled studies, from what `das-sim experiment analyse --json` prints."""
+"""The tables of the bundled studies, from what `das-sim experiment analyse --json` prints; what --make-all makes."""
 
 from __future__ import annotations
 
+from docs.studies import pictures
 from docs.studies.bundled import COLUMNS, PICTURES, conditions_table, differences_table
+from docs.studies.made_by import MINUTES
 from sim.experiment.design import bundled_studies
 from sim.experiment.measures import MEASURES
 
@@ -43,6 +45,12 @@ def test_differences_have_interval_and_decision() -> None:
     ]
 
 
+def made_of(script: str) -> set[str]:
+    """The names that --make-all gives to a script."""
+    return {one.split()[-1] for one in MINUTES if one.startswith(f"python -m docs.studies.{script} ")}
+
+
 def test_every_bundled_study_is_made_and_every_column_is_a_measure() -> None:
-    assert set(PICTURES) == set(bundled_studies())
+    assert set(PICTURES) == set(bundled_studies()) == made_of("bundled")
+    assert set(pictures.PICTURES) == made_of("pictures")
     assert {name for columns in COLUMNS.values() for name in columns} <= set(MEASURES)
