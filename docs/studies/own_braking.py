@@ -1,6 +1,6 @@
 """What is gained by planning with the driver's own braking: the same days, with the train's braking and with his.
 
-`python -m docs.studies.own_braking` writes the table into docs/reference/drivers.md again (about seven minutes on
+`python -m docs.studies.own_braking` writes the table into docs/reference/drivers.md again (about 13 minutes on
 one core).
 """
 
