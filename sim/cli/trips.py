@@ -70,6 +70,7 @@ def trip(
 
 def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None) -> tuple[dict[str, Any], Any]:
     """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
+    from sim.runs.replay.replay import smoothed_parts
     from sim.trips.estimate import estimate_run
     from sim.trips.report import describe, draw_trip, write_cleaned
     from sim.trips.trip import open_trip, trip_section
@@ -77,7 +78,7 @@ def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None)
     with tempfile.TemporaryDirectory(prefix="das-trip-") as folder:
         options, read = open_trip(file, options, Path(folder))
         section = trip_section(read, options) if options.vehicle is not None else None
-        found = describe(read, section)
+        found = describe(read, section, smoothed_parts(read))
         if out is not None:
             write_cleaned(out, read)
         if plot is not None:

@@ -30,7 +30,8 @@ from sim.drive.calls import KeptCall, knows_truth
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, estimate_run, one_by_one, over_unknowns
-from sim.trips.profile import DrivenRun
+from sim.trips.profile import DrivenRun, to_profile
+from sim.trips.settings import SMOOTHING
 from sim.trips.trip import recorded_trip
 
 LEAST_WAY_M = 100.0
@@ -116,7 +117,25 @@ def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
             input_j=truth["energy_input_j"] if measured else None,
             friction_j=truth["friction_brake_j"] if measured else None,
         )
-    motion = DrivenMotion.of_run(recorded_trip(recording, line()).run)
+    return smoothed_motions(recording, line())(SMOOTHING.jerk_psd_m2ps5)
+
+
+def smoothed_motions(recording: Recording, route: Route) -> Callable[[float], DrivenMotion]:
+    """A function that smooths the positions of a recording with a density of the jerk (m²/s⁵), on the line as driven.
+
+    The motion has the energy of the friction brake if the recording has brake forces. DasError for positions that
+    cannot be used.
+    """
+    trip = recorded_trip(recording, route)
+
+    def motion(jerk_psd_m2ps5: float) -> DrivenMotion:
+        run = trip.run if jerk_psd_m2ps5 == SMOOTHING.jerk_psd_m2ps5 else to_profile(trip.matched, 1.0, jerk_psd_m2ps5)
+        return _with_friction(recording, DrivenMotion.of_run(run))
+
+    return motion
+
+
+def _with_friction(recording: Recording, motion: DrivenMotion) -> DrivenMotion:
     return replace(motion, friction_j=_friction_j(recording, motion.time_ns, motion.speed_mps))
 
 
@@ -298,9 +317,10 @@ def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed) -> EnergyRange:
 class LikelyRange:
     """The likely range (J) of the energy above the optimum, and its range for each unknown on its own.
 
-    Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
-    no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
-    and in its optimum; NaN if such a train could not have driven so, or if forces were measured.
+    Mass, resistance, wind and the smoothing of the positions are independent of each other, so their deviations add as
+    squares. How the train braked is no deviation: `by_friction_j` is the energy above the optimum if the friction brake
+    did all braking, in the drive and in its optimum; NaN if such a train could not have driven so, or if forces were
+    measured.
     """
 
     low_j: float
@@ -309,14 +329,15 @@ class LikelyRange:
     unknowns: tuple[Unknown, ...]
 
 
-def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
+def likely_range(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> LikelyRange | None:
     """The likely range of an estimated energy above the optimum; None for a drive of more than `MOST_LEGS` legs.
 
-    Train, wind and brakes are the same for the drive and its optimum in every case.
+    Train, wind and brakes are the same for the drive and its optimum in every case. Without `smoothed`, the motion is
+    taken to be known.
     """
     if len(legs) > MOST_LEGS:
         return None
-    above_j = _above_in_cases(legs)
+    above_j = _above_in_cases(legs, smoothed)
     unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
     likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum.balance.input for one in legs), unknowns)
     known = any(leg.leg.motion.friction_j is not None for leg in legs)
@@ -329,9 +350,7 @@ def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
     )
 
 
-def _above_in_cases(
-    legs: Sequence[ComparedLeg], smoothed: Smoothed | None = None
-) -> Callable[[DrivenCase], float | None]:
+def _above_in_cases(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> Callable[[DrivenCase], float | None]:
     """A function that gives the energy above the optimum (J) in a case; None if such a train could not have driven so.
 
     Without `smoothed`, the motion stays as it is, even in a case with other smoothing.

@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,14 +33,15 @@ from das.solver.solve import solve_front
 from sim.drive.attribution.driven_legs import (
     DrivenLeg,
     DrivenMotion,
+    Smoothed,
     legs_of,
 )
 from sim.drive.calls import calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import input_files, sha256
-from sim.trips.estimate import DrivenEstimate, estimate_run
-from sim.trips.profile import DrivenRun
+from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
+from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
 
@@ -177,6 +179,17 @@ def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
         return (DrivenLeg(start=start, end=end, motion=motion),)
     stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
     return legs_of(trip.path, motion, [start, *calls_on_the_way(stood, course, told), end])
+
+
+def smoothed_legs(trip: Trip) -> Smoothed:
+    """The legs of a trip when its record is smoothed otherwise."""
+    return cache(lambda jerk_psd_m2ps5: driven_legs(trip, to_profile(trip.matched, 1.0, jerk_psd_m2ps5)))
+
+
+def smoothed_parts(trip: Trip) -> SmoothedParts:
+    """The motion of the same legs."""
+    legs = smoothed_legs(trip)
+    return lambda jerk: [DrivenPart(one.time_s, one.motion.s_m, one.motion.speed_mps) for one in legs(jerk)]
 
 
 def _check(options: ReplayOptions) -> None:

@@ -23,10 +23,9 @@ from sim.drive.attribution.driven_legs import (
     section_of_leg,
 )
 from sim.recording.inputs import DriveInputs
-from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, driven_legs
+from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, smoothed_legs, smoothed_parts
 from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import EnergyRange, energy_range
-from sim.trips.profile import to_profile
 from sim.trips.report import direction_by_posts, line_not_used, unknowns
 from sim.trips.settings import ESTIMATE
 from sim.trips.trip import Trip
@@ -63,7 +62,7 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
     legs = tuple(compared(leg) for leg in job.legs)
     each = tuple(one.section_energy for one in legs)
     why_not = why_not_comparable(each, whole=trip.whole, direction_known=trip.direction_known)
-    found = None if why_not else range_above(legs, lambda jerk: driven_legs(trip, to_profile(trip.matched, 1.0, jerk)))
+    found = None if why_not else range_above(legs, smoothed_legs(trip))
     above = AboveOptimum(
         sections=each,
         measured=False,
@@ -71,7 +70,7 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
         likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
         worst=None if found is None else EnergyBand(found.low_j, found.high_j),
     )
-    return TripEnergies(legs=legs, above=above, energy=energy_range(section, trip.matched), above_range=found)
+    return TripEnergies(legs=legs, above=above, energy=energy_range(section, smoothed_parts(trip)), above_range=found)
 
 
 def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> dict[str, Any]:
@@ -110,11 +109,9 @@ def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
     likely = above.likely
     return {
         "min_time_s": sum(one.optimum.least_time_s for one in found.legs),
-        "energy_driven_kwh": kwh(above.driven_j),
-        "energy_driven_low_kwh": kwh(energy.low_j),
-        "energy_driven_high_kwh": kwh(energy.high_j),
-        "energy_driven_unknowns": unknowns(energy),
-        "energy_optimum_kwh": kwh(above.optimum_j),
+        "energy_low_kwh": kwh(energy.low_j),
+        "energy_high_kwh": kwh(energy.high_j),
+        "energy_unknowns": unknowns(energy),
         "optimum_time_s": sum(one.optimum.time_s for one in found.legs),
         "driving_time_s": sum(one.leg.trip_s for one in found.legs),
         "optimum_fit": str(Fit.LATE if above.too_fast else found.legs[0].optimum.fit),
@@ -138,8 +135,8 @@ def _sections(found: TripEnergies) -> list[dict[str, Any]]:
             "from": one.start,
             "to": one.end,
             "trip_s": one.trip_s,
-            "driven_kwh": kwh(one.driven_j),
-            "optimum_kwh": kwh(one.optimum_j),
+            "energy_kwh": kwh(one.driven_j),
+            "energy_optimum_kwh": kwh(one.optimum_j),
             "optimum_fit": str(leg.optimum.fit),
         }
         for one, leg in zip(found.above.sections, found.legs, strict=True)
@@ -156,7 +153,7 @@ def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
         "timetable_fit": str(wanted.fit),
         "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
         "timetable_energy_kwh": kwh(wanted.balance.input),
-        "driven_late_s": (job.arrived_ns - job.timing.arrival_ns) * NS,
+        "late_s": (job.arrived_ns - job.timing.arrival_ns) * NS if job.legs[-1].end.arrived_ns else None,
     }
 
 
@@ -217,8 +214,8 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("trip time", f"{found['trip_time_s']:.0f} s"),
         ("least possible time", f"{found['min_time_s']:.0f} s"),
         ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
-        ("energy as driven (estimated)", f"{found['energy_driven_kwh']:.1f} kWh"),
-        ("  it may have been", f"{found['energy_driven_low_kwh']:.0f} to {found['energy_driven_high_kwh']:.0f} kWh"),
+        ("energy as driven (estimated)", f"{found['energy_kwh']:.1f} kWh"),
+        ("  it may have been", f"{found['energy_low_kwh']:.0f} to {found['energy_high_kwh']:.0f} kWh"),
         (
             f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
             f"{found['energy_optimum_kwh']:.1f} kWh",
@@ -235,7 +232,7 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if len(found["sections"]) < 2:
         return [("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh")]
     return [
-        (f"  {one['from']} – {one['to']}", f"{one['driven_kwh']:.1f} kWh, optimum {one['optimum_kwh']:.1f} kWh")
+        (f"  {one['from']} – {one['to']}", f"{one['energy_kwh']:.1f} kWh, optimum {one['energy_optimum_kwh']:.1f} kWh")
         for one in found["sections"]
     ]
 
@@ -246,7 +243,7 @@ def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if found["above_optimum_kwh"] is None:
         return [(what, NOT_COMPARABLE)]
     ratio = found["above_optimum_ratio"]
-    share = "" if ratio is None else f" ({100 * ratio:.1f} %)"
+    share = "" if ratio is None else f" ({100 * ratio:.1f} % of the energy driven)"
     certain = f"{found['above_optimum_kwh']:+.1f} kWh{share}" if found["above_optimum_certain"] else "perhaps nothing"
 
     def ends(which: str) -> str:
