@@ -28,7 +28,7 @@ from sim.drive.above_optimum import (
 )
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
-from sim.drive.events.chronicle import events_of
+from sim.drive.events.chronicle import LineAndTrain, events_of
 from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
 from sim.drive.instructions import InstructionFigures, recorded_instructions
@@ -365,8 +365,8 @@ class Drive(DrivenEnergy):
     def events(self) -> tuple[DriveEvent, ...]:
         """Everything that happened, in order of time."""
         top_mps = math.inf if isinstance(self._inputs, DasError) else self._inputs.vehicle.max_speed_mps
-        found = (self.recording, self.course, self.calls, self.silences, self.limit_mps, top_mps)
-        return events_of(*found, zone=self.zone)
+        known = LineAndTrain(self.limit_mps, top_mps, self.zone)
+        return events_of(self.recording, self.course, self.calls, self.silences, known)
 
     @cached_property
     def _any_attribution(self) -> Attribution | DasError:

@@ -210,29 +210,31 @@ DELAY_STEP_S: Final = 15.0
 """A delay that differs by at least this (s) from that of the last such event is an event; smaller changes are many."""
 
 
-def events_of(
-    recording: Recording,
-    trip: DrivenCourse,
-    made: tuple[KeptCall, ...],
-    silent: tuple[Span, ...],
-    limit_mps: Floats,
-    top_mps: float,
-    zone: tzinfo = UTC,
-) -> tuple[DriveEvent, ...]:
-    """Everything that happened on a recorded drive, in order of time, with times of day in a time zone.
+class LineAndTrain(NamedTuple):
+    """The limit at every position of a course (m/s), the top speed of its train (m/s; infinite if not known), and the
+    time zone of the line."""
 
-    `made` says how the drive kept each stop, `silent` are the times without advice, `limit_mps` is the limit at every
-    position of its course, and `top_mps` the top speed of its train (infinite: not known).
+    limit_mps: Floats
+    top_mps: float
+    zone: tzinfo
+
+
+def events_of(
+    recording: Recording, trip: DrivenCourse, made: tuple[KeptCall, ...], silent: tuple[Span, ...], known: LineAndTrain
+) -> tuple[DriveEvent, ...]:
+    """Everything that happened on a recorded drive, in order of time, with the line's times of day.
+
+    `made` says how the drive kept each stop, and `silent` are the times without advice.
     """
     found = (
         *call_events(trip, made),
         *stand_events(trip, made),
-        *_told_events(recording, trip, zone),
-        *advice_events(recording, trip, zone),
+        *_told_events(recording, trip, known.zone),
+        *advice_events(recording, trip, known.zone),
         *replan_events(recording, trip),
         *withdrawal_events(recording, trip, silent),
-        *overspeed_events(trip, limit_mps),
-        *top_speed_events(trip, top_mps),
+        *overspeed_events(trip, known.limit_mps),
+        *top_speed_events(trip, known.top_mps),
         *(decision_events(recording, trip) if recording.of(topics.DECISION) else driver_events(recording, trip)),
         *pause_events(recording, trip),
         *deviation_events(recording, trip),

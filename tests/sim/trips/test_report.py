@@ -294,7 +294,7 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
     told = replay_report.above_rows(
         {**figures, "above_optimum_certain": True, "above_optimum_low_kwh": 0.6, "above_optimum_high_kwh": 2.0}
     )
-    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 %)")
+    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 % of the energy driven)")
     assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "1 to 2 kWh")]
 
 

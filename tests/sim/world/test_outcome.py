@@ -25,8 +25,8 @@ from tests.support.flat_days import service_of
 
 KEYS = [
     *("scenario", "seed", "level", "late_s", "stops", "running_time_s"),
-    *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_optimum_kwh"),
-    *("above_optimum_kwh", "above_optimum_ratio", "not_comparable"),
+    *("energy_kwh", "energy_optimum_kwh", "above_optimum_kwh", "above_optimum_ratio", "not_comparable"),
+    *("energy_at_stops_kwh", "energy_planned_kwh"),
     *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *("component_loss_kwh", "resistance_kwh", "friction_brake_kwh", "unreturned_kwh", "comfort_kwh"),
     *("component_loss_ratio", "resistance_ratio", "friction_brake_ratio", "unreturned_ratio", "comfort_ratio"),
