@@ -27,8 +27,7 @@ from sim.experiment.measures import known
 from sim.review.report.page import as_dict as report_dict
 from sim.review.report.page import subject_of
 from sim.world.scenario import bundled_scenarios
-from tests.reference.test_real_trips import kolback
-from tests.support.benchmark import shared_data, train_path
+from tests.support.benchmark import shared_data, track_path, train_path
 from tests.support.flat_days import FLAT
 from tests.support.making import REPOSITORY, das_sim, refusal
 
@@ -221,15 +220,18 @@ def test_a_trip_its_replay_and_a_what_if_of_it_have_one_set_of_figures(folder: P
 @pytest.mark.parametrize("name", ["clean", "dropouts", "cut"])
 def test_a_real_trip_has_one_set_of_figures_or_one_refusal(tmp_path: Path, name: str, train: str) -> None:
     """With each of three trains, of which one or the other cannot have driven so, and without its second half."""
-    shared_data(module=False)
-    record, *options = kolback("clean" if name == "cut" else name)
+    trips = shared_data(module=False) / "trips"
+    record = trips / f"kolback_vasteras_{'clean' if name == 'cut' else name}.csv"
     if name == "cut":
-        rows = Path(record).read_text(encoding="utf-8").splitlines(keepends=True)
-        record = str(tmp_path / "cut.csv")
-        Path(record).write_text("".join(rows[: len(rows) // 2]), encoding="utf-8")
-    options[options.index("--vehicle") + 1] = str(train_path(train))
-    told = run(tmp_path, "replay", record, *options, "-o", "replayed.mcap")
-    looked_at = run(tmp_path, "trip", record, *options)
+        rows = record.read_text(encoding="utf-8").splitlines(keepends=True)
+        record = tmp_path / "cut.csv"
+        record.write_text("".join(rows[: len(rows) // 2]), encoding="utf-8")
+    options = [
+        *("--route", str(track_path("SE_Vasteras_Kolback")), "--vehicle", str(train_path(train))),
+        *("--reverse", "--line", str(trips / "kolback_vasteras_kmposts.csv")),
+    ]
+    told = run(tmp_path, "replay", str(record), *options, "-o", "replayed.mcap")
+    looked_at = run(tmp_path, "trip", str(record), *options)
     found = of_recording(tmp_path / "replayed.mcap")
     check_same(replay=figures(told), trip=figures(looked_at["energy"]), **found)
     assert (told["not_comparable"] == NOT_WHOLE) == (name == "cut")
