@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.advice import Instruction
-from das.advice.coach.announcing import Notices, aim_mps, traction
+from das.advice.coach.announcing import Notices, aim_mps, told_mps, traction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
 from das.advice.goal import TrainState
@@ -68,6 +68,8 @@ class PhaseNow:
         highest = highest_mps(schedule, number, state.s_m)
         if target > highest + SAME_READING_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             target = target_below(highest)
+        if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+            target = told_mps(target, schedule.section, target)
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
@@ -141,7 +143,7 @@ class PhaseNow:
             may_roll = v_mps > target + settings.brake.rolls_above_mps and rolled_w <= target**2
         else:
             stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
-            may_roll = v_mps >= settings.brake.last_mps or stands_short
+            may_roll = way_m >= settings.brake.by_eye_m or stands_short
         has_begun = state.s_m >= schedule.begin_m(number)
         if not slows and self.back == 0 and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
             may_roll = False
