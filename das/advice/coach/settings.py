@@ -66,7 +66,7 @@ class BrakeShowingSettings:
     rolls_above_mps: float = 8.0 * KMH
     """A driver this near to the speed that he brakes to is not told to coast: he would react too late."""
     by_eye_m: float = BY_EYE_M
-    """A driver nearer than this to his stop is not told to hold a low speed any more, unless he would stop clearly short
+    """A driver nearer than this to his stop is no longer told to hold a low speed, unless he would stop clearly short
     of it (`short_ratio`, `short_m`): he brakes by eye."""
     short_ratio: float = 0.1
     """A train that brakes for its stop counts as stopping clearly short if this share of the planned braking is

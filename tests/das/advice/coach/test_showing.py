@@ -657,12 +657,28 @@ def test_no_speed_is_shown_above_what_the_line_allows_on_the_way_of_a_phase(kind
 def test_coasting_does_not_stand_to_a_speed_that_the_end_of_its_phase_does_not_allow() -> None:
     """The phase of a new reference ends nearer to the stop; otherwise the instruction would stay for 8 s."""
     coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
-    assert coasts.at(0.0, 4500.0, 15.0).now.speed_mps == pytest.approx(25.0)
+    assert coasts.at(0.0, 4500.0, 25.0).now.speed_mps == pytest.approx(25.0)
     end_m = section().end_m - 120.0
     allowed = float(np.interp(end_m, section().node_m, section().envelope_mps))
     assert allowed < 20.0
     holds = shown_of((NotchRegime.HOLD, 0.0, 15.0), (NotchRegime.BRAKE, end_m, 0.0), showing=coasts.showing)
     assert holds.at(1.0, 4530.0, 15.0).now.mode is Regime.CRUISE
+
+
+def test_coasting_that_leads_to_another_speed_says_that_speed() -> None:
+    """A train that begins to coast 30 km/h below its schedule is not told the speed to which the schedule coasts."""
+    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    assert coasts.at(0.0, 4300.0, 25.0).now.speed_mps == pytest.approx(25.0)
+    slow = [coasts.at(10.0 + i, 4310.0 + 17.0 * i, 17.0 - 0.02 * i).now for i in range(20)]
+    assert {one.mode for one in slow} == {Regime.COAST}
+    assert {round(one.speed_mps / KMH) for one in slow} <= {55, 60}
+    assert coasts.at(40.0, 4620.0, 15.0).now.speed_mps == slow[-1].speed_mps, "at its end the speed stays"
+
+
+def test_a_driver_who_rolls_up_to_the_speed_to_hold_is_not_told_to_hold_it_yet() -> None:
+    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.HOLD, 3000.0, 25.0))
+    assert coasts.at(0.0, 2900.0, 25.0).now.mode is Regime.COAST
+    assert coasts.at(20.0, 3200.0, 24.0).now.mode is Regime.CRUISE, "on the level it would never get there"
 
 
 def test_a_brake_is_announced_where_a_train_faster_than_its_schedule_comes_to_the_curve(display: Shown) -> None:
