@@ -410,7 +410,7 @@ def test_who_has_braked_so_early_that_he_would_stand_short_of_the_stop_is_told_t
 
 
 def test_who_brakes_too_much_near_the_stop_goes_on_by_eye(display: Shown) -> None:
-    """At 4 m/s 70 m before the stop the brake stays shown; only one who would stand 8 m short of it is told to creep."""
+    """At 4 m/s 70 m before the stop the brake stays shown; one who would stand 8 m short of it is told to creep."""
     end_m = section().end_m
     display.at(0.0, end_m - 100.0, 10.0)
     soon = [display.at(10.0 + i, end_m - 70.0, 4.0) for i in range(20)]
