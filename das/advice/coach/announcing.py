@@ -251,9 +251,8 @@ def aim_mps(schedule: Schedule, number: int) -> float:
 
 def told_mps(speed_mps: float, section: Section, highest_mps: float) -> float:
     """The speed to tell a driver for a speed of the schedule that is no whole step: the nearest step, or a limit."""
-    limits_mps = section.limit_mps
-    near = np.abs(limits_mps - speed_mps) < SAME_MPS
-    return speed_mps if near.any() else rounded_mps(speed_mps, TARGET_STEP_MPS, math.inf, highest_mps)
+    limit_mps = float(section.limit_mps[np.abs(section.limit_mps - speed_mps).argmin()])
+    return rounded_mps(speed_mps, TARGET_STEP_MPS, limit_mps, highest_mps)
 
 
 def traction(share: float, target_mps: float) -> Instruction:

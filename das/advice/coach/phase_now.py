@@ -35,12 +35,13 @@ coasting takes too long (`BRAKES_BACK`)."""
 class PhaseScene(NamedTuple):
     """What the instruction of a phase depends on besides the train.
 
-    That is the brakes of the section, the instruction shown now, whether it is a brake that is due already, the
-    forecast of the reference, and what has been announced.
+    That is the brakes of the section, the instruction shown now, for how long it has been shown (s), whether it is a
+    brake that is due already, the forecast of the reference, and what has been announced.
     """
 
     brakes: ShownBrakes
     shown: Instruction
+    shown_s: float
     brake_begun: bool
     foreseen: Foreseen
     notices: Notices
@@ -143,7 +144,8 @@ class PhaseNow:
         shown, end_m, ahead = self._scene.shown, schedule.begin_m(number + 1), self._scene.brakes.ahead
         told = shown.speed_mps if shown.mode is Regime.COAST else target
         here_m = max(state.s_m, schedule.begin_m(number))
-        if end_m - here_m < state.v_mps * COASTS_ON_S:
+        young = shown.mode is Regime.COAST and self._scene.shown_s < self._settings.least_shown_s
+        if young or end_m - here_m < state.v_mps * COASTS_ON_S:
             return told
         nodes_m, speeds_mps = schedule.section.node_m, ahead.rolling_mps(here_m, state.v_mps)
         ends_mps = float(np.interp(end_m, nodes_m[-len(speeds_mps) :], speeds_mps))

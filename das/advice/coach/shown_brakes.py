@@ -203,7 +203,7 @@ class ShownBrakes:
         needed = self.ahead.effort_to(from_m, state.v_mps, end_m, target)
         if schedule.brakes_by_effort(number):  # No limit asks for this brake: the motors' is enough.
             needed = min(max(needed, float(schedule.phases[number].share)), 1.0)
-        return NeededBrake(needed, target, end_m)
+        return NeededBrake(max(needed, 0.0), target, end_m)
 
     def back_to(self, target_mps: float, effort: float) -> Instruction:
         """The instruction to brake back to a speed to hold, with an effort that is rounded up for display."""
