@@ -21,8 +21,9 @@ from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.summary import Summary
 from das.domain.units import NS, kmh, kwh
-from sim.drive.attribution.driven_legs import DrivenLeg
+from sim.drive.attribution.driven_legs import DrivenLeg, since_departure_j
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
 from sim.drive.events.chronicle import place_text
@@ -103,8 +104,8 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
         time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
-        energy_j=_energy_j(drive, time_ns, "balance_j"),
-        motors_first_j=_energy_j(drive, time_ns, "motors_j"),
+        energy_j=since_departure_j(legs, drive.energies, time_ns),
+        motors_first_j=since_departure_j(legs, drive.energies, time_ns, "motors_j"),
         advised_mode=mode,
         advised_mps=advised_mps,
     )
@@ -118,14 +119,6 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     stood_m = np.array([legs[0].motion.s_m[0], *(leg.motion.s_m[-1] for leg in legs)])
     stops_m = np.array([legs[0].start.s_m, *(leg.end.s_m for leg in legs)])
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
-
-
-def _energy_j(drive: Drive, time_ns: Times, name: str) -> Floats:
-    """Energy since the first departure (J), summed over the legs: what is drawn at stops in between is in none."""
-    total_j = np.zeros(len(time_ns))
-    for leg, energies in zip(drive.legs, drive.energies, strict=True):
-        total_j += np.interp(time_ns, leg.motion.time_ns, getattr(energies, name))
-    return total_j
 
 
 def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
@@ -179,8 +172,8 @@ class PartedStretch:
     lost_j: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AlignedDrives:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AlignedDrives(Summary):
     """Drives at the same positions; arrays have the shape (drives, rows), and the first drive is the reference.
 
     `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
@@ -227,6 +220,24 @@ class AlignedDrives:
             lost_j=lost - lost[:, :1],
             own_energies=own,
         )
+
+    def facts(self) -> dict[str, str]:
+        """The way that is compared, how each drive differs from the first, and what advice saved, in sentences."""
+        told = {
+            drive.label: f"{sentences(self, number)[0]} {self.saved_by_advice(number).sentence}"
+            for number, drive in enumerate(self.drives)
+            if number
+        }
+        first_m, last_m = (place_text(float(at_m)) for at_m in self.s_m[[0, -1]])
+        return {"way": f"{first_m} to {last_m}", "first": self.drives[0].label, **told}
+
+    def columns(self) -> dict[str, Floats]:
+        """The drives as arrays of shape (rows,), by names with units; columns of a drive end in its number, from 1."""
+        found = {"s_m": self.s_m, "limit_mps": self.limit_mps}
+        for number in range(len(self.drives)):
+            for name in ("time_s", "speed_mps", "energy_j", "lost_j"):
+                found[f"{name}_{number + 1}"] = getattr(self, name)[number]
+        return found
 
     @property
     def clock_s(self) -> Floats:

@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
+from das.drawing.colors import LINES, SEVERAL
 from sim.drive.happenings import Span
 from sim.recording.course import Floats, Times
-from sim.review.colors import LIGHT, SEVERAL, Meaning, Theme
+from sim.review.colors import LIGHT, Meaning, Theme
 from sim.review.lanes import Lane
 from sim.review.scene import Mark
 from sim.review.series import QUANTITIES, STYLES
@@ -246,8 +247,6 @@ def _times(*time_ns: int) -> Times:
     return np.array(time_ns, dtype=np.int64)
 
 
-LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
-"""Line styles of the drives that are compared, in the order of the drives."""
 INK: Final = LIGHT.ink
 PAGE_WIDTH_IN: Final = 9.0
 TEXT_POINTS: Final = 8.5

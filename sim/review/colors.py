@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from das.drawing.colors import BACKGROUND, GRID, INK, LIMIT
+
 
 class Meaning(StrEnum):
     """What a colour says, wherever it is used."""
@@ -56,7 +58,7 @@ _COLORS: Final = {
     Meaning.DRIVEN: ("#4aa3ff", "#0072b2", "#2f86d6"),
     Meaning.ADVISED: ("#ff9a28", "#d55e00", "#d9730d"),
     Meaning.SHOWN: ("#fff0a0", "#2a1fb0", "#4848f0"),
-    Meaning.LIMIT: ("#c8646e", "#8c1d18", "#b5313a"),
+    Meaning.LIMIT: ("#c8646e", LIMIT, "#b5313a"),
     Meaning.OPTIMUM: ("#35c995", "#009e73", "#14996b"),
     Meaning.OPERATOR: ("#b08ce0", "#6a3fb0", "#9673d3"),
     Meaning.GRADIENT: ("#b59a6a", "#7d6437", "#9c8150"),
@@ -75,7 +77,7 @@ DARK, LIGHT, VIEWER = (
     for i, (name, background, ink, grid) in enumerate(
         (
             ("dark", "#0d1011", "#cad8de", "#2b3236"),
-            ("light", "#ffffff", "#222222", "#d9d9d9"),
+            ("light", BACKGROUND, INK, GRID),
             ("viewer", "#1c1f21", "#7c878d", "#7c878d"),
         )
     )
@@ -97,9 +99,6 @@ MODES: Final = {
 }
 """Colours of the advised modes, as patches in lanes; the same on either background."""
 
-SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
-"""Colours of drives that are compared, or of groups, in their order: those of Okabe and Ito, which people with any
-colour vision tell apart. They have no meaning of their own; lines differ in style as well."""
 EFFICIENCY_GREYS: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
 """Greys of an efficiency map, from bad to good: light, so that points stand out."""
 STANDING_GREY: Final = "#707880"
