@@ -1,4 +1,4 @@
-"""The driver of the bundled recording as a driver of simulated days, who can be shown the coach."""
+"""The driver of the bundled recording, who can be shown the coach when his trip is driven anew."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ class RecordedDriver:
     """Drives as in the bundled recording: alone as fast as the limits allow, never minding the clock.
 
     With the coach he does what he read at his last glance: he holds or goes for its speed, with no more than its
-    effort, in his own manner and with his own wandering. Limits and stops he keeps as ever. He brakes with the motors
-    first, as the train of the recording did.
+    effort, in his own manner and with his own wandering. Limits of the line and stops he keeps as ever; temporary
+    restrictions he does not know, for there are none on his trip. He brakes with the motors first, as the train of the
+    recording did.
     """
 
     def __init__(self, line: LineKnowledge, seed: int = 0) -> None:
