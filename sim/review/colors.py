@@ -17,7 +17,7 @@ class Meaning(StrEnum):
 
     DRIVEN = "driven"
     """What the train did, and what the driver set."""
-    BEFORE = "before"
+    OTHER_DRIVE = "other drive"
     """What the train did in the other drive of its trip with which this one is compared."""
     ADVISED = "advised"
     """What the node computes: advice, prediction, estimate."""
@@ -56,7 +56,7 @@ class Theme:
 _COLORS: Final = {
     # on a dark background, on white, and in the viewer
     Meaning.DRIVEN: ("#4aa3ff", "#0072b2", "#2f86d6"),
-    Meaning.BEFORE: ("#2b55ff", "#00004b", "#a52d87"),
+    Meaning.OTHER_DRIVE: ("#2b55ff", "#00004b", "#a52d87"),
     Meaning.ADVISED: ("#ff9a28", "#d55e00", "#d9730d"),
     Meaning.SHOWN: ("#fff0a0", "#2a1fb0", "#4848f0"),
     Meaning.LIMIT: ("#c8646e", "#8c1d18", "#b5313a"),
@@ -103,7 +103,7 @@ MODES: Final = {
 SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 """Colours of drives that are compared, or of groups, in their order: those of Okabe and Ito, which people with any
 colour vision tell apart. They have no meaning of their own; lines differ in style as well."""
-COMPARED: Final = (LIGHT.of[Meaning.BEFORE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
+COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
 """Colours of drives that are compared, in their order, on white; lines differ in style as well. All are what a train
 did: the first is the drive with which the others are compared."""
 EFFICIENCY_GREYS: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")

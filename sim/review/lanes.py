@@ -24,7 +24,7 @@ STATES: Final = {
     "ready": Meaning.NO_ADVICE,
     "waiting": Meaning.NO_ADVICE,
 }
-WAY: Final = "way"
+WAY: Final = "stops"
 """The lane of where the train was: at a stop, or on the way to one."""
 COST: Final = "driving cost"
 """The lane of what the driving cost above the optimum."""
@@ -55,8 +55,8 @@ class Lane(NamedTuple):
 
 
 def lane_entity(name: str) -> str:
-    """The entity of a lane in the viewer."""
-    return f"mode/{name.replace(' ', '_')}"
+    """The entity of a lane in the viewer, which shows the name of the entity: at the root, in ASCII, without spaces."""
+    return name.replace(" ", "_").capitalize()
 
 
 def lanes(drive: Drive) -> tuple[Lane, ...]:
@@ -84,7 +84,7 @@ def instructions(drive: Drive) -> Lane:
             colors[text] = MODES[_name(das_pb2.Mode, view.mode)]
         if text != changes[-1].state:
             changes.append(Change(entry.message.time_ns, text))
-    return Lane("said", tuple(changes[1:]), colors)
+    return Lane("shown", tuple(changes[1:]), colors)
 
 
 def _instruction(view: AdviceView) -> str:

@@ -85,9 +85,13 @@ COSTS: Final = {
 """What a colour of the cost means if several causes of the drive share it; otherwise the legend names the cause."""
 
 
-def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
-    """The picture of a recording as a matplotlib figure; DasError for a recording without positions."""
-    scene = ReviewScene.of(Drive(source=recording)).with_attribution()
+def picture_of(recording: Recording, theme: Theme = LIGHT, *, beside: Recording | None = None) -> Figure:
+    """The picture of a recording as a matplotlib figure, with the curves of another drive under its own.
+
+    Raises DasError for a recording without positions.
+    """
+    other = None if beside is None else Drive(source=beside)
+    scene = ReviewScene.of(Drive(source=recording), other).with_attribution()
     day = [*on_this_day(recording), *filter(None, [scene.filled_from])]
     above = [Panel(QUANTITIES[name].title, height) for name, height in zip(OVER_DISTANCE, DISTANCE_IN, strict=True)]
     above[0] = above[0]._replace(above_in=NAMES_IN + TITLE_IN + LINE_IN * len(day))

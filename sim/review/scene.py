@@ -19,11 +19,12 @@ from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.events.event import EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
+from sim.review.beside import partings, series_beside
 from sim.review.colors import Meaning, Theme
-from sim.review.lanes import COST, Change, Lane, lanes
+from sim.review.lanes import COST, Change, Lane, instructions, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
 
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
@@ -152,8 +153,8 @@ class ReviewScene:
     """Where the energy went; None until `with_attribution` has found it, or if it is not known."""
 
     @classmethod
-    def of(cls, drive: Drive) -> ReviewScene:
-        """The scene of a recorded drive, without its energy attribution; DasError if it has no position at all."""
+    def of(cls, drive: Drive, beside: Drive | None = None) -> ReviewScene:
+        """The scene of a drive, with another one beside it, without its energy attribution; DasError for no position."""
         recording, trip, clock = drive.recording, drive.course, drive.clock
         filled = filled_in(drive)
         happened = happenings(recording, trip, drive.silences)
@@ -163,15 +164,16 @@ class ReviewScene:
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
                 **_without_silence(series(recording, trip), drive.silences),
                 **filled.series,
+                **series_beside(drive, beside),
             },
-            placed=tuple(_placed(drive)),
+            placed=tuple(_placed(drive, beside)),
             lanes=lanes(drive),
             stops=tuple(
                 (stop.name, stop.s_m) for one in recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
             ),
             places=tuple(_places(drive)),
             marks=tuple(_mark(one, trip, clock) for one in happened),
-            bookmarks=tuple(_bookmark(one, clock) for one in drive.events if one.kind not in ROUTINE),
+            bookmarks=_bookmarks(drive, beside),
             way=MapTrack.of(recording) or filled.way,
             filled_from=filled.source,
         )
@@ -201,6 +203,12 @@ class ReviewScene:
     def clock(self) -> DriveClock:
         """The clock of the drive."""
         return self.drive.clock
+
+    @property
+    def lanes_in_words(self) -> tuple[Lane, ...]:
+        """The lanes; that of the display has its words ("hold 120") instead of modes, if it said how to drive."""
+        said = instructions(self.drive)
+        return tuple(said if one.name == said.name and said.changes else one for one in self.lanes)
 
     @property
     def quantities(self) -> set[str]:
@@ -251,9 +259,12 @@ class ReviewScene:
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
-def _placed(drive: Drive) -> Iterator[Trace]:
-    """The first plan, and by how much the train was faster than the speed shown to keep."""
+def _placed(drive: Drive, beside: Drive | None) -> Iterator[Trace]:
+    """The first plan, the other drive, and by how much the train was faster than the speed shown to keep."""
     trip, plan, shown = drive.course, FirstPlans.of(drive.recording), drive.shown
+    if beside is not None:
+        there = (beside.course.s_m >= trip.s_m.min()) & (beside.course.s_m <= trip.s_m.max())
+        yield Trace("speed/other", beside.course.s_m[there], beside.course.speed_mps[there] / KMH)
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
         yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)
@@ -292,10 +303,15 @@ def _mark(one: Happening, trip: DrivenCourse, clock: DriveClock) -> Mark:
     return Mark(one.time_ns, where_and_when(one, trip, clock), HAPPENING_MEANINGS.get(one.kind))
 
 
-def _bookmark(one: DriveEvent, clock: DriveClock) -> Mark:
-    """A bookmark whose text gives its time as all tables do, because rerun itself shows seconds."""
-    text = f"{clock.shown(one.time_ns)}  {place_text(one.s_m)}  {one.kind}: {one.text}"
-    return Mark(one.time_ns, text, BOOKMARK_MEANINGS.get(one.kind))
+def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
+    """The bookmarks; the list of the viewer shows their times beside the texts."""
+    found = [
+        Mark(one.time_ns, f"{place_text(one.s_m)}  {one.text}", BOOKMARK_MEANINGS.get(one.kind))
+        for one in drive.events
+        if one.kind not in ROUTINE
+    ]
+    found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
+    return tuple(sorted(found, key=lambda one: one.time_ns))
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:

@@ -23,7 +23,7 @@ from sim.world.disturbances import NOTHING
 
 LETTERS: Final = 150
 """Largest number of characters in a line under the headline of a picture."""
-NO_ADVICE: Final = "## No advice is shown"
+NO_ADVICE: Final = "# No advice is shown"
 NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
 
 
@@ -147,13 +147,13 @@ def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
 
 def _of_cab(cab: Any, said: DisplayWords) -> str:
     view = recorded_view(cab)
-    head = NO_ADVICE if view is None else f"## {presenter_of(view.presentation).headline(view, said.language)}"
+    head = NO_ADVICE if view is None else f"# {presenter_of(view.presentation).headline(view, said.language)}"
     rows = [("limit", speed_words(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
     if view is not None:
         shows = presenter_of(view.presentation)
         rows[:0] = [
             ("effort advised", _share(view.lever_ratio)),
-            ("next", _next(shows.mode_words(view.next_mode, said.language), view.next_change_s)),
+            ("next", _next(shows.mode_words(view.next_mode, said.language), view.next_change_s, view.next_speed_mps)),
             ("why", wording.words(view.reason, *said)),
         ]
     if view is not None and view.mode == Regime.DEPART:
@@ -168,7 +168,7 @@ def _of_cab(cab: Any, said: DisplayWords) -> str:
 
 def _of_advice(advice: Any, said: DisplayWords) -> str:
     if advice.mode == Regime.NONE:
-        return _text(f"## No advice: {withdrawal_words(advice)}", [], NODE_ALONE)
+        return _text(f"# No advice: {withdrawal_words(advice)}", [], NODE_ALONE)
     language = said.language
     rows = [
         ("effort advised", _share(advice.advised_force_ratio)),
@@ -178,17 +178,19 @@ def _of_advice(advice: Any, said: DisplayWords) -> str:
     if advice.mode == Regime.DEPART:
         name = mode_words(advice.next_mode, language) if advice.next_mode else ""
         how = _departure(name, advice.departure_speed_mps, advice.departure_force_ratio)
-        return _text(f"## {mode_words(advice.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
+        return _text(f"# {mode_words(advice.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
     head = mode_words(advice.mode, language)
-    return _text(f"## {head}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
+    return _text(f"# {head}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
 
 
 def _share(ratio: float) -> str:
     return f"{ratio / PERCENT:+.0f} %" if math.isfinite(ratio) else ""
 
 
-def _next(name: str, in_s: float) -> str:
-    return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
+def _next(name: str, in_s: float, speed_mps: float = math.nan) -> str:
+    """The next change, with its speed if the display shows one."""
+    what = ", ".join(filter(None, (name, speed_words(speed_mps))))
+    return f"{what}, in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
 
 
 def _departure(name: str, speed_mps: float, ratio: float) -> str:
