@@ -3,39 +3,35 @@
 from __future__ import annotations
 
 import shlex
-import sys
 import tempfile
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from das.command_line.printing import busy, paragraph, progress_bar, tell, typed
-from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from das.domain.units import KM, NS, PERCENT, kwh
 from sim.cli.options import new_recording, removed_if_unused
-from sim.cli.trips import replayed
+from sim.cli.trips import bundled_recording, replayed
 from sim.drivers.kinds import Presentation
-from sim.options import ReplayOptions, WhatIfKind
+from sim.options import ReplayOptions
 
 if TYPE_CHECKING:
     from sim.drive.comparison import AlignedDrives
     from sim.drive.drive import Drive
 
-BUNDLED: Final = "zurich-zug-late.mcap"
 DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
 """The driver of the bundled recording, who can be shown the coach."""
 HANGS_ON: Final = (
-    "but he is simulated, minds no clock when alone, does what the coach says, and brakes with the motors first in both "
-    "drives: drivers who keep time by themselves saved little or nothing (docs/explanation/coach.md)."
+    "he is simulated, watches no clock when alone, does what the coach says, and brakes with the motors first: drivers "
+    "who keep time by themselves saved about nothing (docs/explanation/coach.md)."
 )
-"""What the figure hangs on, as the end of the sentence that gives it."""
+"""What the figures of the result hang on, as the end of its sentence."""
 
 
 def first_minute() -> None:
     """Replay the bundled recording, drive its trip anew with the coach, and print what came of both."""
     trip = bundled_recording()
-    print(f"replaying the bundled recording {BUNDLED}, then driving its trip with the coach", file=sys.stderr)
     recorded = new_recording("replay")
     with removed_if_unused(recorded):
         replayed(trip, ReplayOptions(), recorded)
@@ -43,16 +39,8 @@ def first_minute() -> None:
     with removed_if_unused(coached):
         found = _with_coach(recorded, coached)
     _print(found)
-    tell(f"See both drives, and what the coach said: {typed('das-sim')} view {shlex.quote(str(coached))}")
-
-
-def bundled_recording() -> Path:
-    """The recording that comes with the program: in an installed package, or in the checkout."""
-    package = Path(__file__).parents[1]
-    for path in (package / "bundled" / BUNDLED, package.parent / "recordings" / BUNDLED):
-        if path.is_file():
-            return path
-    raise DasError(f"{BUNDLED}: the bundled recording is missing from this installation")
+    files = f"{shlex.quote(str(coached))} --beside {shlex.quote(str(recorded))}"
+    tell(f"See it: {typed('das-sim')} view {files}")
 
 
 def _with_coach(recorded: Path, coached: Path) -> AlignedDrives:
@@ -76,29 +64,27 @@ def _with_coach(recorded: Path, coached: Path) -> AlignedDrives:
 def _print(found: AlignedDrives) -> None:
     """Print both drives beside each other, and in one sentence what the coach was worth and what that hangs on."""
     before, after = (one.drive for one in found.drives)
-    alone, coached = (float(one[-1]) for one in found.energy_j)
+    alone_j, coached_j = (float(one[-1]) for one in found.energy_j)
     start, end = before.calls[0], before.calls[-1]
     rows = (
         ("", "as recorded", "with the coach"),
         (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
         (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
-        ("energy drawn", f"{kwh(alone):.0f} kWh", f"{kwh(coached):.0f} kWh"),
+        ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(coached_j):.0f} kWh"),
         ("instructions in the cab", "none", f"{after.instructions.changes}"),
     )
-    way = f"{before.travelled.way_m / KM:.0f} km on an illustrative line"
-    tell(f"A late train from {start.name} to {end.name}, {way}, twice with the same driver:")
+    tell(f"A late train from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km; the same driver twice:")
     width = max(len(name) for name, _, _ in rows)
     for name, one, other in rows:
         tell(f"{name:<{width}}  {one:>12}  {other:>14}")
-    paragraph(_result(found, alone, coached))
-
-
-def _result(found: AlignedDrives, alone_j: float, coached_j: float) -> str:
-    """The result in one sentence, with what the figure hangs on."""
-    change = (coached_j - alone_j) / alone_j / PERCENT
     equal = found.equal_arrival(1)
-    at_equal = equal.why_not if equal.ratio is None else f"{-equal.ratio / PERCENT:.0f} % at equal arrival"
-    return f"With the coach he needed {-change:.0f} % less energy, {at_equal}; {HANGS_ON}"
+    at_equal = f"{_less(equal.ratio)} at the same arrival time" if equal.ratio is not None else equal.why_not
+    driven = f"{_less((coached_j - alone_j) / alone_j)} energy"
+    paragraph(f"With the coach the same driver needed {driven}, {at_equal}; {HANGS_ON}")
+
+
+def _less(ratio: float) -> str:
+    return f"{abs(ratio) / PERCENT:.0f} % {'less' if ratio < 0 else 'more'}"
 
 
 def _times(found: AlignedDrives, *, first: bool) -> list[str]:

@@ -87,6 +87,9 @@ def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None)
     return found, read.matched.report.cleaning
 
 
+BUNDLED: Final = "zurich-zug-late.mcap"
+
+
 def replay(
     trip: TripArgument,
     options: ReplayOptions,
@@ -129,6 +132,15 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
         print(f"stopped; recorded so far: {out}", file=sys.stderr)
         raise
     return result(job, outcome, energies)
+
+
+def bundled_recording() -> Path:
+    """The recording that comes with the program: in an installed package, or in the checkout."""
+    package = Path(__file__).parents[1]
+    for path in (package / "bundled" / BUNDLED, package.parent / "recordings" / BUNDLED):
+        if path.is_file():
+            return path
+    raise DasError(f"{BUNDLED}: the bundled recording is missing from this installation")
 
 
 TIMETABLE_STEP_S: Final = 6.0

@@ -12,11 +12,9 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from das.bus import das_pb2, topics
-from das.domain.units import KMH
 from sim.recording.course import Floats, Times
 from sim.review.colors import VIEWER, Meaning, rgba
-from sim.review.scene import ReviewScene
+from sim.review.scene import NOTHING, ReviewScene
 from sim.review.words import DisplayWords, cards
 
 DIAL, CAB_CARD = "dial", "cab"
@@ -34,7 +32,8 @@ HANDS: Final = {
     "shown": (Meaning.SHOWN, (0.80, 1.0), 5.0),
     "driven": (Meaning.DRIVEN, (0.0, 0.76), 3.0),
 }
-"""What each hand shows, where it begins and ends (shares of the radius), and its width (px)."""
+"""The hands by the speeds that they show, where each begins and ends (shares of the radius), and its width (px). A hand
+without a speed, as when nothing is shown, stands at 0."""
 
 
 def send_cab(
@@ -48,23 +47,14 @@ def send_cab(
         out.send_columns(CAB_CARD, timeline(np.array([card.time_ns for card in found])), columns)
     top_kmh = STEP_KMH * np.ceil(1.02 * max((scene.extent("speed") or (0.0, 0.0))[1], 5.0 * STEP_KMH) / STEP_KMH)
     _scale(out, top_kmh)
-    for name, (time_ns, speed_kmh) in _speeds(scene).items():
-        meaning, ends, width = HANDS[name]
+    for name, (meaning, ends, width) in HANDS.items():
+        time_ns, speed_kmh = scene.series.get(f"speed/{name}", NOTHING)
+        if not len(time_ns):
+            continue
         looks = rr.LineStrips2D.from_fields(colors=rgba(VIEWER.of[meaning]), radii=rr.Radius.ui_points(0.5 * width))
         out.log(f"{DIAL}/{name}", looks, static=True)
-        strips = np.stack([_at(speed_kmh / top_kmh, RADIUS * share) for share in ends], axis=1)
+        strips = np.stack([_at(np.nan_to_num(speed_kmh) / top_kmh, RADIUS * share) for share in ends], axis=1)
         out.send_columns(f"{DIAL}/{name}", timeline(time_ns), rr.LineStrips2D.columns(strips=strips.astype(np.float32)))
-
-
-def _speeds(scene: ReviewScene) -> dict[str, tuple[Times, Floats]]:
-    """The speed of each hand (km/h) over time; a hand without a speed stands at 0."""
-    trip = scene.trip
-    cab = scene.recording.columns(topics.CAB, "time_ns", "presentation", "advised_speed_mps")
-    shown = np.where(cab["presentation"] == das_pb2.Cab.PRESENTATION_NONE, 0.0, cab["advised_speed_mps"])
-    found = {"driven": (trip.time_ns, trip.speed_mps / KMH), "limit": scene.series["speed/limit"]}
-    if len(shown):
-        found["shown"] = (cab["time_ns"], shown / KMH)
-    return {name: (time_ns, np.nan_to_num(values)) for name, (time_ns, values) in found.items()}
 
 
 def _at(share: Floats, radius: float) -> Floats:

@@ -14,8 +14,8 @@ import rerun.blueprint as rrb
 
 from das.bus.topics import CAB, EVENT, LOG
 from das.domain.units import NS
-from sim.review.lanes import COST, WAY, lane_entity
 from sim.review.cab_display import CAB_CARD, DIAL, EXTENT
+from sim.review.lanes import COST, WAY, lane_entity
 from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, ENERGY, FURNITURE, MARGIN, WIDTH, Timelines
 from sim.review.scene import ReviewScene
 from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, QUANTITIES, MapTrack

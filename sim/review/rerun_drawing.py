@@ -10,8 +10,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from datetime import datetime, timedelta, tzinfo
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np

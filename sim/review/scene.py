@@ -26,6 +26,7 @@ from sim.review.beside import partings, series_beside
 from sim.review.colors import Meaning, Theme
 from sim.review.lanes import COST, Change, Lane, instructions, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
+from sim.review.words import attribution_text
 
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
 """The quantities that viewer and picture draw over distance as well as over time."""
@@ -154,7 +155,10 @@ class ReviewScene:
 
     @classmethod
     def of(cls, drive: Drive, beside: Drive | None = None) -> ReviewScene:
-        """The scene of a drive, with another one beside it, without its energy attribution; DasError for no position."""
+        """The scene of a drive, with another one beside it, and without its energy attribution.
+
+        Raises DasError if the drive has no position at all.
+        """
         recording, trip, clock = drive.recording, drive.course, drive.clock
         filled = filled_in(drive)
         happened = happenings(recording, trip, drive.silences)
@@ -355,7 +359,7 @@ class AttributionView:
     def of(cls, attribution: Attribution) -> AttributionView:
         """The view of an energy attribution."""
         return cls(
-            text=_attribution_text(attribution),
+            text=attribution_text(attribution),
             series=_attribution_series(attribution),
             placed=tuple(_attribution_by_place(attribution)),
             spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
@@ -438,25 +442,3 @@ def _motors(leg: LegAttribution) -> Iterator[MotorPoints]:
     """The forces of the motors in the optimum of a leg, and as driven."""
     for name, run in (("motors/optimum", leg.optimum.trajectory), ("motors/driven", leg.energies.trajectory)):
         yield MotorPoints(name, run.mean_speed_mps(), run.force_el_n)
-
-
-def _attribution_text(attribution: Attribution) -> str:
-    """The energy attribution as a table (Markdown)."""
-    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
-    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
-    source = "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured it"
-    return "\n".join(
-        [
-            f"### Above the optimum for the same times: {attribution.above.words}",
-            "",
-            "| | kWh |",
-            "|---|---:|",
-            f"| optimum for the same times | {kwh(attribution.optimum_j):.1f} |",
-            *rows,
-            f"| **as driven** | **{kwh(attribution.driven_j):.1f}** |",
-            "",
-            f"Energy at the current collector, {source}.",
-            "",
-            *meanings,
-        ]
-    )

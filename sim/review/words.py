@@ -14,6 +14,7 @@ from das.advice.wording import Language
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, PERCENT, kwh
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.drive import Drive
 from sim.drive.happenings import withdrawal_words
 from sim.drivers.messages import recorded_view
@@ -44,6 +45,28 @@ def summary(drive: Drive, filled_from: str = "") -> str:
     for name, entries in recording.metadata.items():
         lines += _table(name.capitalize(), [readable(key, value) for key, value in entries.items()])
     return "\n".join(lines)
+
+
+def attribution_text(attribution: Attribution) -> str:
+    """The energy attribution as a table (Markdown)."""
+    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
+    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
+    source = "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured it"
+    return "\n".join(
+        [
+            f"### Above the optimum for the same times: {attribution.above.words}",
+            "",
+            "| | kWh |",
+            "|---|---:|",
+            f"| optimum for the same times | {kwh(attribution.optimum_j):.1f} |",
+            *rows,
+            f"| **as driven** | **{kwh(attribution.driven_j):.1f}** |",
+            "",
+            f"Energy at the current collector, {source}.",
+            "",
+            *meanings,
+        ]
+    )
 
 
 def headline(drive: Drive) -> str:

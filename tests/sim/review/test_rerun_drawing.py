@@ -44,7 +44,7 @@ def rows_by_entity(rrd: Path) -> dict[str, int]:
     found: dict[str, int] = {}
     for piece in reader.stream(store=reader.recordings()[0]).to_chunks():
         rows = 0 if piece.is_static else piece.num_rows
-        assert piece.is_static or set(piece.timeline_names) == {"drive_clock", "time_of_day", "position_m"}
+        assert piece.is_static or set(piece.timeline_names) == {"clock in UTC (no zone)", "drive_clock", "position_m"}
         found[piece.entity_path] = found.get(piece.entity_path, 0) + rows
     return found
 
@@ -60,9 +60,9 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     for name in every_second:
         assert found[f"/{name}"] == SECONDS, name
     assert found["/deviation/operator"] == 11  # held to the end of the trip
-    assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
-    assert found["/mode/node"] == 3
-    assert found["/mode/no_advice"] == 2  # withdrawn, and back
+    assert found["/Advised"] == 4  # full traction, none, full traction, coast
+    assert found["/Node"] == 3
+    assert found["/No_advice"] == 2  # withdrawn, and back
     chronicle = Drive(source=open_recording(whole))
     worth = [one for one in chronicle.events if one.kind not in ROUTINE]
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
@@ -93,5 +93,5 @@ def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
     assert len(data["speed/advised"][0]) == 30
     view.save_view(open_recording(path), tmp_path / "view.rrd")
     found = rows_by_entity(tmp_path / "view.rrd")
-    assert found["/mode/node"] == 1
-    assert found["/mode/advised"] == 1
+    assert found["/Node"] == 1
+    assert found["/Advised"] == 1
