@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any, Final
 
 import numpy as np
@@ -36,6 +37,8 @@ from sim.review.words import headline, on_this_day
 
 TITLE_IN, LINE_IN = 0.35, 0.19
 """Height (in) of the title, and of each line below it."""
+TITLE_POINTS, TITLE_LETTERS = 11.0, 120
+"""Size of the title, and the number of letters up to which it has this size; a longer one is smaller."""
 AXIS_IN: Final = 0.45
 """Room (in) for the name and the numbers of a horizontal axis."""
 CLOCK_AXIS_IN: Final = 0.6
@@ -101,7 +104,9 @@ def picture_of(recording: Recording, theme: Theme = LIGHT, *, beside: Recording 
     _over_distance(dict(zip(OVER_DISTANCE, axes, strict=False)), scene, theme)
     _over_time(dict(zip(below, axes[len(above) :], strict=True)), scene, theme)
     top = 1.0 - 0.7 * TITLE_IN / figure.get_figheight()
-    figure.text(0.5, top, headline(scene.drive), color=theme.ink, ha="center", fontsize=11.0)
+    title = headline(scene.drive)
+    points = TITLE_POINTS * min(1.0, TITLE_LETTERS / len(title))
+    figure.text(0.5, top, title, color=theme.ink, ha="center", fontsize=points)
     for number, line in enumerate(day):
         y = 1.0 - (TITLE_IN + (number + 0.55) * LINE_IN) / figure.get_figheight()
         figure.text(0.5, y, line, color=theme.ink, ha="center", fontsize=SMALL)
@@ -215,7 +220,7 @@ def _over_time(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:
             curve(axis, name, along(at), values, theme)
     start, end = scene.ends_s
     margin = max(MARGIN_RATIO * (end - start), 1.0)
-    title = f"Clock of the drive (min:s): 0:00 is {clock.zero_is}. Under it the time of day (UTC)"
+    title = f"Clock of the drive (min:s): 0:00 is {clock.zero_is}. Under it the time of day ({scene.drive.zone})"
     share_x(list(axes.values()), (start - margin, end + margin), title, theme)
     _ticks(list(axes.values()), scene)
     for name, axis in axes.items():
@@ -248,7 +253,8 @@ def _ticks(axes: Sequence[Any], scene: ReviewScene) -> None:
     (start_s, end_s), clock = scene.ends_s, scene.clock
     step = next((one for one in TICKS_S if (end_s - start_s) / one <= MOST_TICKS), TICKS_S[-1])
     at_s = step * np.arange(np.ceil(start_s / step), np.floor(end_s / step) + 1)
-    texts = [f"{minutes(one)}\n{clock.of_day(clock.zero_ns + round(one / NS))}" for one in at_s.tolist()]
+    zero, zone = clock.zero_ns * NS, scene.drive.zone
+    texts = [f"{minutes(one)}\n{datetime.fromtimestamp(round(zero + one), zone):%H:%M:%S}" for one in at_s.tolist()]
     for axis in axes:
         axis.set_xticks(at_s, texts)
 
