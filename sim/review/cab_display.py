@@ -53,11 +53,11 @@ def send_cab(
             continue
         looks = rr.LineStrips2D.from_fields(colors=rgba(VIEWER.of[meaning]), radii=rr.Radius.ui_points(0.5 * width))
         out.log(f"{DIAL}/{name}", looks, static=True)
-        strips = np.stack([_at(np.nan_to_num(speed_kmh) / top_kmh, RADIUS * share) for share in ends], axis=1)
+        strips = np.stack([on_dial(np.nan_to_num(speed_kmh) / top_kmh, RADIUS * share) for share in ends], axis=1)
         out.send_columns(f"{DIAL}/{name}", timeline(time_ns), rr.LineStrips2D.columns(strips=strips.astype(np.float32)))
 
 
-def _at(share: Floats, radius: float) -> Floats:
+def on_dial(share: Floats, radius: float) -> Floats:
     """Places in the plane at shares of the scale, in shape (shares, 2)."""
     angle = np.radians(START_DEG + SWEEP_DEG * np.clip(share, 0.0, 1.0))
     return np.column_stack((radius * np.cos(angle), -radius * np.sin(angle)))
@@ -66,10 +66,10 @@ def _at(share: Floats, radius: float) -> Floats:
 def _scale(out: rr.RecordingStream, top_kmh: float) -> None:
     """Send the scale with its figures."""
     shares = np.arange(0.0, top_kmh + 1.0, STEP_KMH) / top_kmh
-    ticks = np.stack([_at(shares, RADIUS), _at(shares, 0.9 * RADIUS)], axis=1)
-    lines = [_at(np.linspace(0.0, 1.0, 121), RADIUS), *ticks]
+    ticks = np.stack([on_dial(shares, RADIUS), on_dial(shares, 0.9 * RADIUS)], axis=1)
+    lines = [on_dial(np.linspace(0.0, 1.0, 121), RADIUS), *ticks]
     ink, thin = rgba(VIEWER.ink), rr.Radius.ui_points(0.7)
     out.log(f"{DIAL}/scale", rr.LineStrips2D(lines, colors=ink, radii=thin), static=True)
     labels, nothing = [f"{share * top_kmh:.0f}" for share in shares], rr.Radius.ui_points(0.0)
-    figures = rr.Points2D(_at(shares, 0.64 * RADIUS), labels=labels, colors=ink, radii=nothing, show_labels=True)
+    figures = rr.Points2D(on_dial(shares, 0.64 * RADIUS), labels=labels, colors=ink, radii=nothing, show_labels=True)
     out.log(f"{DIAL}/figures", figures, static=True)

@@ -81,8 +81,6 @@ COSTS: Final = {
     Meaning.ADVISED: "driven as advised",
     Meaning.DANGER: "signal at danger",
     Meaning.LIMIT: "restriction",
-    Meaning.WARNING: "hurried, and yet late",
-    Meaning.NO_ADVICE: "rest",
     Meaning.LOST: "lost otherwise",
 }
 """What a colour of the cost means if several causes of the drive share it; otherwise the legend names the cause."""

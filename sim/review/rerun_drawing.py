@@ -175,8 +175,8 @@ def _lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     entity = lane_entity(lane.name)
     time_ns = np.array([change.time_ns for change in lane.changes])
     ends_ns = np.maximum(np.append(time_ns, lines.trip.time_ns[-1]), lines.opening_ns)
-    letters = np.diff(ends_ns) / float(lines.trip.time_ns[-1] - lines.opening_ns) * LANE_LETTERS
-    texts = [_fitting(change.state, room) for change, room in zip(lane.changes, letters, strict=True)]
+    letters = np.diff(ends_ns) / max(float(lines.trip.time_ns[-1] - lines.opening_ns), 1.0) * LANE_LETTERS
+    texts = [fitting(change.state, room) for change, room in zip(lane.changes, letters, strict=True)]
     # A value is told from another one with the same colour and the same words by its end, which is not shown.
     values = {f"{change.state}|{text}": (text, change.state) for change, text in zip(lane.changes, texts, strict=True)}
     shades = np.array([rgba(lane.color(state, VIEWER)) for _, state in values.values()], dtype=np.uint32)
@@ -186,7 +186,7 @@ def _lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
     out.send_columns(entity, lines.of(time_ns), rr.StateChange.columns(state=states))
 
 
-def _fitting(state: str, letters: float) -> str:
+def fitting(state: str, letters: float) -> str:
     """The words of a state, or else the figure in them, or else nothing: whatever fits into a number of letters."""
     figure = FIGURE.search(state)
     for text in (state, figure[0] if figure else ""):

@@ -19,7 +19,7 @@ from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import EventKind
+from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.beside import partings, series_beside
@@ -69,8 +69,6 @@ COST_MEANINGS: Final = {
     EnergyCause.SIGNAL: Meaning.DANGER,
     EnergyCause.RESTRICTION: Meaning.LIMIT,
     EnergyCause.AS_ADVISED: Meaning.ADVISED,
-    EnergyCause.LATENESS: Meaning.WARNING,
-    EnergyCause.REST: Meaning.NO_ADVICE,
     **dict.fromkeys(OTHER_THAN_ADVISED, Meaning.AGAINST),
 }
 """What the colours of costs mean; the other causes have the colour of energy lost."""
@@ -310,12 +308,17 @@ def _mark(one: Happening, trip: DrivenCourse, clock: DriveClock) -> Mark:
 def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
     """The bookmarks; the list of the viewer shows their times beside the texts."""
     found = [
-        Mark(one.time_ns, f"{place_text(one.s_m)}  {one.text}", BOOKMARK_MEANINGS.get(one.kind))
+        Mark(one.time_ns, f"{place_text(one.s_m)}  {_named(one)}", BOOKMARK_MEANINGS.get(one.kind))
         for one in drive.events
         if one.kind not in ROUTINE
     ]
     found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
     return tuple(sorted(found, key=lambda one: one.time_ns))
+
+
+def _named(event: DriveEvent) -> str:
+    """The words of an event; those of a person are called a note."""
+    return f"note: {event.text}" if event.kind is EventKind.NOTE else event.text
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:

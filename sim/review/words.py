@@ -212,8 +212,8 @@ def _share(ratio: float) -> str:
 
 def _next(name: str, in_s: float, speed_mps: float = math.nan) -> str:
     """The next change, with its speed if the display shows one."""
-    what = ", ".join(filter(None, (name, speed_words(speed_mps))))
-    return f"{what}, in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
+    to = f", {speed_words(speed_mps)}," if speed_mps > 0 else ""
+    return f"{name}{to} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
 
 
 def _departure(name: str, speed_mps: float, ratio: float) -> str:

@@ -14,8 +14,8 @@ PAGES = ("README.md", "docs/tutorials/own-line.md", "docs/tutorials/first-replay
 ELSEWHERE = ("pytest", "das-node")
 """Programs of other tests: the tests themselves, and the node, which runs until it is stopped."""
 WRITTEN = (
-    "both.png", "my-line/posts.csv", "my-line/run.png", "my-line/tables/build.json", "run.png", "tables/build.json", "x.png",
-    "zug-luzern.png",
+    "both.png", "my-line/posts.csv", "my-line/run.png", "my-line/tables/build.json", "run.png", "tables/build.json",
+    "x.png", "zug-luzern.png",
 )  # fmt: skip
 """Files that the commands of all pages leave behind, beside recordings."""
 
@@ -33,7 +33,10 @@ def run(words: list[str], folder: Path) -> str:
     """Run a command line in a folder as the page says it; what it printed."""
     program, *arguments = words
     coached = next(iter((folder / "recordings").glob("replay-*-coach.mcap")), folder)
-    named = {"recordings/replay-….mcap": str(coached).replace("-coach", ""), "recordings/replay-…-coach.mcap": str(coached)}
+    named = {
+        "recordings/replay-….mcap": str(coached).replace("-coach", ""),
+        "recordings/replay-…-coach.mcap": str(coached),
+    }
     arguments = [named.get(one, one) for one in arguments]
     assert program in ("das-sim", "das-precompute"), words
     done = das_sim(*arguments, cwd=folder) if program == "das-sim" else das_precompute(folder, *arguments)

@@ -79,12 +79,13 @@ def test_what_the_driver_saw() -> None:
 
 def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
     held: dict[str, Any] = {"presentation": 4, "mode": 4, "display_speed_mps": 20.0, "next_mode": 6, "next_change_s": 8}
+    held["next_speed_mps"] = 10.0
     reason = das_pb2.Reason(code=das_pb2.REASON_POINT_EARLIEST, at_m=1500.0, time_ns=at_ns(0), late_s=math.nan)
     recording = recorded(cab(0, reason=reason, **held), cab(1, presentation=1, mode=3, display_speed_mps=20.0))
     said = DisplayWords(Language.DE, ZoneInfo("Europe/Zurich"))
     coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
     assert coach.startswith("# ausrollen, 72 km/h")
-    assert "| next | bremsen in 8 s |" in coach
+    assert "| next | bremsen, 36 km/h, in 8 s |" in coach
     assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in coach
     assert top.startswith("# Höchstgeschwindigkeit 72 km/h")
 
