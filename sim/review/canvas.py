@@ -311,19 +311,20 @@ def as_image(figure: Figure) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
-SAID_IN: Final = 0.95
-"""Height (in) of the panel of what a display said, whose words stand upright."""
-SAID_SHARE: Final = 0.16
+SAID_IN, STRIP_IN = 1.14, 0.2
+"""Height (in) of the panel of what a display said, whose words stand upright, and of one without words."""
+SAID_SHARE: Final = 0.15
 """The coloured strip of such a panel, as a share of its height; the words stand above it."""
-WORDS_APART: Final = 0.014
-"""Words stand at least this share of the axis apart; where instructions are closer, the later words move on."""
+WORDS_APART, MOST_CROWDED = 0.014, 1.5
+"""Words stand at least this share of the axis apart; where instructions are closer, the later words move on by up to
+as much, or are left out. A display with more instructions than `MOST_CROWDED` times those with room has none."""
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:
     """Compared drives over the position: speeds, what displays said, and time and lost energy, each minus that of the
     first drive."""
     said = [(one, lane) for one in aligned.drives if (lane := instructions(one.drive)).changes]
-    figure, axes = light_figure((2.6, *[SAID_IN] * len(said), 1.3, 1.3))
+    figure, axes = light_figure((2.6, *(SAID_IN if _has_words(lane) else STRIP_IN for _, lane in said), 1.3, 1.3))
     (speed, *told), (time, energy) = axes[:-2], axes[-2:]
     at_km = aligned.s_m / KM
     curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)
@@ -334,7 +335,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
             time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)
             energy.plot(at_km, kwh(aligned.lost_j[i] - aligned.lost_j[0]), **style)
     for axis, (drive, lane) in zip(told, said, strict=True):
-        _said(axis, drive, lane, whose=len(said) > 1)
+        _said(axis, drive, lane)
     for axis in (time, energy):
         axis.axhline(0.0, color=COMPARED[0], linewidth=1.0)
     legs = aligned.drives[0].legs
@@ -351,22 +352,34 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     return figure
 
 
-def _said(axis: Any, on_track: DriveOnTrack, lane: Lane, *, whose: bool) -> None:
-    """Draw what the display of a drive said, and where: a strip in the colours of the modes, and the words above it."""
+def _said(axis: Any, on_track: DriveOnTrack, lane: Lane) -> None:
+    """Draw what the display of a drive said, and where: a strip in the colours of the modes, and the words above it.
+
+    A display that changes too often for its words has the strip alone.
+    """
     drive, written = on_track.drive, -np.inf
-    whole_km = float(np.ptp(drive.course.s_m)) / KM
+    apart = WORDS_APART * float(np.ptp(drive.course.s_m)) / KM
+    room = _has_words(lane)
+    height = SAID_SHARE if room else 1.0
     end = lane.changes[-1]._replace(time_ns=int(drive.course.time_ns[-1]), state="")
     for change, following in pairwise([*lane.changes, end]):
         start, until = drive.course.at(_times(change.time_ns, following.time_ns), drive.course.s_m) / KM
         if not change.state or until <= start:
             continue
         color = lane.color(change.state, LIGHT)
-        axis.broken_barh([(start, until - start)], (0.0, SAID_SHARE), facecolor=color, edgecolor="none")
-        written = max(start, written + WORDS_APART * whole_km)
-        if written <= until + WORDS_APART * whole_km and written < drive.course.s_m[-1] / KM - 0.01 * whole_km:
-            axis.text(written, SAID_SHARE + 0.03, change.state, rotation=90.0, ha="left", va="bottom", color=INK,
+        axis.broken_barh([(start, until - start)], (0.0, height), facecolor=color, edgecolor="none")
+        place = max(start, written + apart)
+        if room and place <= start + apart and place < drive.course.s_m[-1] / KM - 0.7 * apart:
+            written = place
+            axis.text(place, SAID_SHARE + 0.03, change.state, rotation=90.0, ha="left", va="bottom", color=INK,
                       fontsize=TEXT_POINTS - 1.0)  # fmt: skip
     axis.set_ylim(0.0, 1.0)
     axis.set_yticks([])
     axis.grid(visible=False)
-    named(axis, y=f"Shown in the cab{f' of{chr(10)}{on_track.label}' if whose else ''}\n(km/h)")
+    axis.set_title(on_track.label, loc="left", color=INK, fontsize=TEXT_POINTS, pad=2.0)
+    named(axis, y="Shown in the\ncab (km/h)" if room else "")
+
+
+def _has_words(lane: Lane) -> bool:
+    """Whether most words of a lane have room."""
+    return len(lane.changes) * WORDS_APART <= MOST_CROWDED
