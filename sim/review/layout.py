@@ -38,7 +38,7 @@ class Row(NamedTuple):
     title: str = ""
 
 
-DRIVING: Final = (WAY, "shown", "signal", COST)
+DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
 NODE: Final = ("advised", "node", "no advice")
 """`DRIVING` and `NODE` name the lanes about the driving and the lanes about the node."""
 LANES: Final = "/"
@@ -46,7 +46,7 @@ LANES: Final = "/"
 TABS: Final = {
     "Over time": (
         Row("speed", 2.0),
-        Row(LANES, 0.6, lanes=DRIVING, title="What the display said, and what the driving cost (kWh)"),
+        Row(LANES, 0.6, lanes=DRIVING, title="What was said, and what the driving cost (kWh)"),
         Row("lever", 1.2),
     ),
     "Energy": (Row("lost", 1.0), Row("energy", 1.0, "LeftTop")),
@@ -76,7 +76,7 @@ def blueprint(scene: ReviewScene, *, with_map: bool) -> rrb.Blueprint:
         rrb.Horizontal(
             rrb.Vertical(_over_distance(), _over_time(scene), row_shares=[0.9, 1.0]),
             rrb.Vertical(*_cab(scene), rrb.Tabs(*_tabs(scene, with_map=with_map)), row_shares=[1.0, 0.8, 1.1]),
-            column_shares=[2.2, 1.0],
+            column_shares=[2.05, 1.0],
         ),
         rrb.TimePanel(timeline=Timelines.of_scene(scene).line_clock, state="collapsed", play_state="Paused"),
         rrb.BlueprintPanel(state="hidden"),
@@ -126,10 +126,16 @@ def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical 
     """The views for which there is something to show, one under the other; None if there are none."""
     found = scene.quantities | ALWAYS
     lanes = {lane.name for lane in scene.lanes} | {COST}  # the lane of costs is found later
+    rows = tuple(row._replace(lanes=_said(row.lanes, lanes)) for row in rows)
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
     shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]
     axis = _whole_trip(scene)
     return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=shares, name=name) if shown else None
+
+
+def _said(lanes: tuple[str, ...], found: set[str]) -> tuple[str, ...]:
+    """The lanes; without that of the modes advised where that of the display stands beside it."""
+    return tuple(one for one in lanes if not (one == "advised" and {"shown"} & found & set(lanes)))
 
 
 def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:

@@ -45,7 +45,7 @@ SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, 
 """Colours of the track at standstill and at the highest speed: grey, and the blue of what was driven."""
 TRACK_PIECES: Final = 300
 REACHED_M: Final = 200.0
-"""A stop at most this far (m) beyond the ends of the train's course is drawn on the track as well."""
+"""A stop at most this far (m) beyond the ends of the train's course is drawn as well."""
 
 WIDTH: Final = 1600.0
 """Width of the trip in the plane."""
@@ -382,7 +382,11 @@ def _texts(
 
 def _stops(out: rr.RecordingStream, plane: Plane, scene: ReviewScene) -> None:
     """Send a line at every stop, and its name above it."""
-    texts = [(float(plane.x(s_m)), 14.0, name) for name, s_m in scene.stops if plane.start_m <= s_m <= plane.end_m + KM]
+    texts = [
+        (float(plane.x(s_m)), 14.0, name)
+        for name, s_m in scene.stops
+        if plane.start_m - REACHED_M <= s_m <= plane.end_m + KM
+    ]
     if texts:
         lines = [np.array([(x, 28.0), (x, BOTTOM)]) for x, _, _ in texts]
         out.log("distance/stops", rr.LineStrips2D(lines, colors=INK, radii=THIN), static=True)
