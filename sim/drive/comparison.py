@@ -58,12 +58,6 @@ class DriveOnTrack:
         """The vehicle, as the journey names it."""
         return str(self.recording.of(topics.JOURNEY)[-1].message.vehicle_id)
 
-    @property
-    def route(self) -> tuple[str, bool]:
-        """The route as the journey names it, and whether it is driven from its end."""
-        journey = self.recording.of(topics.JOURNEY)[-1].message
-        return str(journey.route_id), bool(journey.reversed)
-
     def at(self, s_m: Floats, values: Floats) -> Floats:
         """Values of the drive at positions; where the train stood, the value when it came to a stand."""
         first = np.append(True, np.diff(self.s_m) > 0)
@@ -131,13 +125,21 @@ def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
     return modes[last].astype(np.int64), speeds[last]
 
 
-def check_one_line(drives: list[DriveOnTrack]) -> None:
+def check_one_line(recordings: Sequence[Recording]) -> None:
     """Raise DasError if drives are not of one line and direction, because their positions mean different places."""
-    first = drives[0]
-    for other in drives[1:]:
-        if other.route != first.route:
-            ways = [f"{name}{' reversed' if back else ''}" for name, back in (first.route, other.route)]
-            raise DasError(f"{other.recording.path}: drives {ways[1]}, {first.recording.path} drives {ways[0]}")
+    ways = [_way(one) for one in recordings]
+    for other, way in zip(recordings, ways, strict=True):
+        if way != ways[0]:
+            raise DasError(f"{other.path}: drives {way}, {recordings[0].path} drives {ways[0]}")
+
+
+def _way(recording: Recording) -> str:
+    """The line and the direction of a recording, in words."""
+    journeys = recording.of(topics.JOURNEY)
+    if not journeys:
+        return "an unknown line"
+    journey = journeys[-1].message
+    return f"{journey.route_id}{' reversed' if journey.reversed else ''}"
 
 
 STEP_M = 10.0
@@ -197,7 +199,7 @@ class AlignedDrives(Summary):
         """Align drives over the part of the line that all of them drove; DasError if there is none."""
         if not step_m > 0 or math.isinf(step_m):
             raise DasError(f"--step {step_m:g}: expected metres > 0")
-        check_one_line(list(drives))
+        check_one_line([one.recording for one in drives])
         low_m = max(float(drive.s_m[0]) for drive in drives)
         high_m = min(float(drive.s_m[-1]) for drive in drives)
         if high_m - low_m < step_m:

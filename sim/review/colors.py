@@ -19,6 +19,8 @@ class Meaning(StrEnum):
 
     DRIVEN = "driven"
     """What the train did, and what the driver set."""
+    OTHER_DRIVE = "other drive"
+    """What the train did in the other drive of its trip with which this one is compared."""
     ADVISED = "advised"
     """What the node computes: advice, prediction, estimate."""
     SHOWN = "shown"
@@ -56,6 +58,7 @@ class Theme:
 _COLORS: Final = {
     # on a dark background, on white, and in the viewer
     Meaning.DRIVEN: ("#4aa3ff", "#0072b2", "#2f86d6"),
+    Meaning.OTHER_DRIVE: ("#2b55ff", "#00004b", "#a52d87"),
     Meaning.ADVISED: ("#ff9a28", "#d55e00", "#d9730d"),
     Meaning.SHOWN: ("#fff0a0", "#2a1fb0", "#4848f0"),
     Meaning.LIMIT: ("#c8646e", LIMIT, "#b5313a"),
@@ -99,6 +102,9 @@ MODES: Final = {
 }
 """Colours of the advised modes, as patches in lanes; the same on either background."""
 
+COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
+"""Colours of drives that are compared, in their order, on white; lines differ in style as well. All are what a train
+did: the first is the drive with which the others are compared."""
 EFFICIENCY_GREYS: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
 """Greys of an efficiency map, from bad to good: light, so that points stand out."""
 STANDING_GREY: Final = "#707880"
