@@ -8,6 +8,7 @@ from typing import Final
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from sim.bundled.hurried import DriverStyle, HurriedDriver
 from sim.drivers.cab import AdviceView, CabView, Efforts
+from sim.drivers.handling import HEEDING
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, lever
@@ -56,6 +57,8 @@ def _told(view: AdviceView | None, speed_mps: float, efforts: Efforts) -> tuple[
         return view.shown_speed_mps, view.lever_ratio * efforts.traction_n
     if view.mode == Regime.COAST and speed_mps > view.shown_speed_mps:
         return math.inf, 0.0
+    if view.mode in BRAKES and math.isnan(view.lever_ratio):  # He stops by eye, and does not speed up before.
+        return max(speed_mps, HEEDING.creeps_mps), math.inf
     if view.mode in BRAKES and speed_mps > view.shown_speed_mps:
         return math.inf, view.lever_ratio * efforts.brakes_n
     return view.shown_speed_mps, math.inf
