@@ -235,11 +235,9 @@ class AlignedDrives(Summary):
 
     def columns(self) -> dict[str, Floats]:
         """The drives as arrays of shape (rows,), by names with units; columns of a drive end in its number, from 1."""
-        found = {"s_m": self.s_m, "limit_mps": self.limit_mps}
-        for number in range(len(self.drives)):
-            for name in ("time_s", "speed_mps", "energy_j", "lost_j"):
-                found[f"{name}_{number + 1}"] = getattr(self, name)[number]
-        return found
+        names, drives = ("time_s", "speed_mps", "energy_j", "lost_j"), range(len(self.drives))
+        each = {f"{name}_{number + 1}": getattr(self, name)[number] for number in drives for name in names}
+        return {"s_m": self.s_m, "limit_mps": self.limit_mps, **each}
 
     @property
     def clock_s(self) -> Floats:
