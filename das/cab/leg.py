@@ -207,7 +207,7 @@ class Leg:
         least = self._settings.coach.showing.effort.step_ratio
         effort = max(min(max(needed, least), largest), min(shown, ahead.largest(state.v_mps)))
         force_n = ahead.force_n(effort, state.s_m, state.v_mps)
-        return replace(advice, coach=self._coach.brakes(effort, force_n, reason, state.v_mps))
+        return replace(advice, coach=self._coach.brakes(effort, force_n, reason, state))
 
     def _forget(self) -> None:
         """Forget the plan and the reference of the coach."""

@@ -1,7 +1,8 @@
 """Every message of the coach on a day, in the order in which the driver sees them, for reading as a driver would.
 
 `python -m docs.studies.coach_messages clear-day 1` prints the day with seed 1: when, where, at which speed, what is
-shown, and what is announced. A message is printed when its kind, speed, effort or reason changes.
+shown, and what is announced. A message is printed when its kind, speed, effort or reason changes; of a brake, the
+effort is the share of the motors that is asked for, which is more of the controller as the train slows down.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from das.advice.wording import instruction_words, words
 from das.domain.units import KM, KMH, NS, PERCENT
 from docs.studies.driving import watched_run
 from sim.drivers.kinds import Presentation
-from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO
 from sim.world.scenario import load_scenario
 from sim.world.service import prepare_service
 
@@ -34,8 +34,8 @@ def messages(scenario: str, seed: int) -> Iterator[str]:
             text = f"nothing ({advice.cause.label})"
         else:
             now, reason = coach.now, words(coach.reason, zone=zone)
-            steps = 0 if math.isnan(coach.lever_ratio) else round(coach.lever_ratio / EFFORT_STEP_RATIO)
-            shown = (KIND_OF.get(now.mode, now.mode), now.speed_mps, steps, reason)
+            effort = 0.0 if math.isnan(coach.lever_ratio) else now.effort_ratio
+            shown = (KIND_OF.get(now.mode, now.mode), now.speed_mps, effort, reason)
             due = f", in {now.in_s:.0f} s" if now.in_s >= 1.0 else ""
             following = " | ".join(f"{told(one)} in {one.in_s:.0f} s" for one in coach.following)
             text = f"{told(now, coach.lever_ratio)}{due}" + (f" [{reason}]" if reason else "") + f"  next: {following}"

@@ -135,12 +135,13 @@ class Coach:
         """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
         return self._showing.stands_at_mark(state)
 
-    def brakes(self, effort: float, force_n: float, reason: Reason, v_mps: float) -> Coaching:
+    def brakes(self, effort: float, force_n: float, reason: Reason, state: TrainState) -> Coaching:
         """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast."""
         self.forget()
         now = self._showing.braking(effort)
         found = Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
-        return as_read(found, self._section.largest_n(v_mps))
+        stop_m = self._section.end_m - state.s_m if effort < 1.0 else math.inf
+        return as_read(found, self._section.largest_n(state.v_mps), stop_m)
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
         """The advice for a standing train that is due to depart: stand until cleared, then follow the reference.

@@ -152,7 +152,8 @@ class PhaseNow:
         if abs(ends_mps - told) <= COAST_MISSES_MPS:
             return told
         on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
-        highest = float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps))
+        ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
+        highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
         return told_mps(min(max(ends_mps, self._settings.brake.creep_mps), highest), schedule.section, highest)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:

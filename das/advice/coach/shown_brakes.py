@@ -218,8 +218,10 @@ class ShownBrakes:
         `speeds_mps` are the train's speeds at the nodes ahead of it.
         """
         nodes_m = self.ahead.section.node_m[-len(speeds_mps) :]
-        needed = self.ahead.needed(s_m, float(np.interp(s_m, nodes_m, speeds_mps)))
-        if needed.effort <= 0.0:
+        passes_mps = float(np.interp(s_m, nodes_m, speeds_mps))
+        needed = self.ahead.needed(s_m, passes_mps)
+        # Above a limit that does not fall, a driver who rolls on is told to hold it, not to brake for what is far off.
+        if needed.effort <= 0.0 or not self.ahead.is_due(s_m, passes_mps + OVERSPEED_MPS, self._settings.lead.least_s):
             return None
         return brake_of(max(needed.effort, self._settings.effort.step_ratio), needed.target_mps)
 

@@ -856,3 +856,14 @@ def test_a_driver_just_above_the_speed_to_hold_is_not_told_to_brake_for_a_far_li
     holds = Instruction(mode=Regime.CRUISE, speed_mps=80 * KMH)
     assert brakes.safe(holds, state, 90 * KMH) is holds
     assert brakes.safe(holds, state._replace(v_mps=84 * KMH), 90 * KMH).mode in BRAKES
+
+
+def test_no_brake_is_announced_for_rolling_above_a_limit_that_does_not_fall() -> None:
+    """Down the Albis tunnel a train rolls above 120 km/h; the brake for 110 km/h at km 25.4 comes later."""
+    here = section_of(("zurich-luzern", 1))
+    brakes, nodes_m = ShownBrakes(here, SETTINGS), here.node_m
+    rolling = np.full(int((nodes_m > 21000.0).sum()), 121.5 * KMH)
+    assert brakes.brake_at(21500.0, rolling) is None
+    for_110 = brakes.brake_at(25300.0, rolling)
+    assert for_110 is not None
+    assert for_110.speed_mps == pytest.approx(110 * KMH)
