@@ -200,11 +200,11 @@ class DrivenEnergy(DrivenWay):
 
     @cached_property
     def legs(self) -> tuple[DrivenLeg, ...]:
-        """The motion between the stops that were served; DasError if the train served fewer than two.
+        """The motion between the stops that were served, else the longest part between equal speeds.
 
-        Stops of a replayed trip count even if its journey does not name them.
+        Stops of a replayed trip count even if its journey does not name them. DasError if there is no such part.
         """
-        from sim.drive.attribution.driven_legs import legs_of
+        from sim.drive.attribution.driven_legs import legs_of, open_legs
 
         names = [] if self.said is None else [one.start for one in self.said.sections[1:]]
         on_the_way = [name for name in names if name not in {one.name for one in self.calls}]
@@ -213,7 +213,10 @@ class DrivenEnergy(DrivenWay):
             stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
             more = calls_on_the_way(stops, self.course, reported_course(self.recording))
             calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
-        return legs_of(self.recording.path, self.motion, calls)
+        part = bool(self.said is not None and self.said.part)
+        if not part and sum(one.served for one in calls) > 1:
+            return legs_of(self.recording.path, self.motion, calls)
+        return open_legs(self.recording.path, self.motion, self.inputs.route, self.inputs.vehicle, calls)
 
     @cached_property
     def energies(self) -> tuple[LegEnergies, ...]:

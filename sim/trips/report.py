@@ -156,6 +156,14 @@ def direction_by_posts(trip: Trip) -> str:
     )
 
 
+def part_words(part: str) -> str:
+    """A sentence that says which part of an open trip is compared; `part` has its ends."""
+    return (
+        f"the trip does not stand at both its stops: the energies are those of its longest part between equal speeds, "
+        f"{part}, beside an optimum with the same speeds there"
+    )
+
+
 def line_not_used(trip: Trip) -> str | None:
     """A sentence that says why kilometre posts were not needed; None if they were."""
     if trip.line_not_used is None:
@@ -188,9 +196,9 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
         tell(f"note: {found['line_not_used']}")
     for note in found["not_known"]:
         tell(f"not known: {note}")
-    if found["energy"] is not None and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
+    if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
-        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has")
+        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has (marked by --plot)")
 
 
 def cleaning_table(report: CleaningReport) -> Table:
@@ -265,8 +273,8 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     return table
 
 
-def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
-    """Draw a trip over the position; without an estimate there are no forces.
+def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None, section: Section | None = None) -> None:
+    """Draw a trip over the position; without an estimate there are no forces, and no fastest run without a section.
 
     The suffix of `path` (.png, .pdf, .svg) decides the kind of picture. Raises DasError without matplotlib.
     """
@@ -275,7 +283,7 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
     figure, axes = pyplot.subplots(
         len(heights), 1, figsize=(12, 3 + sum(heights)), sharex=True, height_ratios=heights, layout="constrained"
     )
-    _speeds(axes[0], trip)
+    _speeds(axes[0], trip, section)
     _distances(axes[1], trip)
     if driven is not None:
         draw_forces(axes[2], driven)
@@ -284,9 +292,12 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
     pyplot.close(figure)
 
 
-def _speeds(axis: Any, trip: Trip) -> None:
+def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
     matched, run = trip.matched, trip.run
     axis.plot(run.s_m / KM, trip.route.limits_mps.at(run.s_m) / KMH, color="0.45", linewidth=1, label="limit")
+    if section is not None:
+        name, fastest_mps = f"fastest run of {section.vehicle.id}", section.fastest_run.speed_mps
+        axis.plot(section.node_m / KM, fastest_mps / KMH, color="tab:green", linewidth=1, linestyle="--", label=name)
     axis.plot(run.s_m / KM, run.speed_mps / KMH, color="tab:blue", label="smooth run")
     for which, colour, label in (
         (~matched.dropout, "black", "measured"),
@@ -297,7 +308,7 @@ def _speeds(axis: Any, trip: Trip) -> None:
             axis.plot(matched.s_m[shown] / KM, matched.speed_mps[shown] / KMH, ".", color=colour, ms=3, label=label)
     axis.set_ylabel("speed, km/h")
     axis.set_ylim(bottom=0)
-    axis.legend(loc="lower center", ncols=4)
+    axis.legend(loc="lower center", ncols=5)
     kept = f"{matched.report.cleaning.kept} of {matched.report.cleaning.read} points"
     axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}")
 
@@ -312,18 +323,34 @@ def _distances(axis: Any, trip: Trip) -> None:
 
 
 def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
-    """Draw the wheel forces of motors and friction brake; peaks that are not held are cut, and the title names them."""
+    """Draw the wheel forces of motors and friction brake, the largest ones of the vehicle, and where more was needed.
+
+    Peaks that are not held are cut, and the title names them.
+    """
     at_km = driven.trajectory.s_m / KM
+    together_n = driven.trajectory.force_el_n + driven.trajectory.force_friction_n
     axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
     if driven.trajectory.force_friction_n.any():
         axis.stairs(driven.trajectory.force_friction_n / KN, at_km, baseline=0, color="tab:red", label="friction brake")
+    for largest_n, label in ((driven.traction_n, "largest of this vehicle"), (-driven.brakes_n, None)):
+        axis.plot(at_km[:-1], largest_n / KN, color="tab:green", linewidth=1, linestyle="--", label=label)
+    if driven.beyond.any():
+        more_n = np.where(driven.beyond, together_n, 0.0)
+        axis.stairs(
+            more_n / KN,
+            at_km,
+            baseline=0,
+            fill=True,
+            color="tab:purple",
+            label=f"more than it has, for {ESTIMATE.held_s} s",
+        )
     axis.axhline(0, color="0.3", linewidth=0.5)
     axis.set_ylabel("wheel force, kN")
-    force_kn = (driven.trajectory.force_el_n + driven.trajectory.force_friction_n) / KN
+    force_kn = together_n / KN
     shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(driven)) / KN
     cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
+    axis.set_ylim(*(shown_kn * np.array([-1.0, 1.0]) if shown_kn > 0 else (None, None)))
     if cut:
-        axis.set_ylim(-shown_kn, shown_kn)
         axis.set_title(f"cut, as shorter than {ESTIMATE.held_s} s: {', '.join(cut)}", fontsize="small")
     axis.legend(loc="upper right")
 

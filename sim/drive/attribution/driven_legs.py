@@ -20,17 +20,19 @@ from das.domain.losses import LossMap
 from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.trajectory import Trajectory
-from das.domain.units import NS
+from das.domain.units import KMH, NS
+from das.domain.vehicle import Vehicle
 from das.solver.front import Front
-from das.solver.section import Section, build_section, rebuilt
+from das.solver.section import Section, SectionOptions, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy
-from sim.drive.calls import KeptCall, knows_truth
+from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy, passing_name
+from sim.drive.calls import STANDING_MPS, KeptCall, knows_truth
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, estimate_run, one_by_one, over_unknowns
 from sim.trips.profile import DrivenRun
+from sim.trips.settings import FINDING
 from sim.trips.trip import recorded_trip
 
 LEAST_WAY_M = 100.0
@@ -67,7 +69,8 @@ class DrivenMotion:
 class DrivenLeg:
     """The motion from a stand at one stop to the stand at the next stop that was served.
 
-    In the first and the last sample the train stands; their times are the refined departure and arrival.
+    In the first and the last sample the train stands; their times are the refined departure and arrival. A leg of a
+    part between equal speeds begins or ends at that speed instead.
     """
 
     start: KeptCall
@@ -149,9 +152,59 @@ def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
         time_ns, speed_mps = cut.time_ns.copy(), cut.speed_mps.copy()
         # From rest to rest: a leg lasts from the recorded departure to the arrival, and its optimum has all that time.
         time_ns[0], time_ns[-1] = start.departed_ns, end.arrived_ns
-        speed_mps[0] = speed_mps[-1] = 0.0
+        speed_mps[0], speed_mps[-1] = start.passed_mps, end.passed_mps
         s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
         yield DrivenLeg(start=start, end=end, motion=replace(cut, time_ns=time_ns, speed_mps=speed_mps, s_m=s_m))
+
+
+EQUAL_MPS: Final = 0.5
+"""Two speeds count as equal if each is within this (m/s) of the same speed."""
+LEAST_PART_M: Final = 1000.0
+"""A part between equal speeds that is shorter than this (m) says nothing about the drive."""
+
+
+def open_legs(
+    path: Path, motion: DrivenMotion, route: Route, vehicle: Vehicle, stood: Iterable[KeptCall] = ()
+) -> tuple[DrivenLeg, ...]:
+    """The legs of the longest part of a drive between equal speeds, for one that does not stand at both its stops.
+
+    `stood` are the stops on the way. The train carries as much kinetic energy into the part as out of it, so that its
+    energy is comparable. Both ends are within the limits of line and vehicle. DasError if the part is shorter than 1 km,
+    or if the drive is faster than the vehicle.
+    """
+    vehicle = fast_enough(vehicle, motion)
+    v, s_m = motion.speed_mps, motion.s_m
+    limit_mps = np.minimum(route.limits_over_train(vehicle.train_length_m).at(s_m), vehicle.max_speed_mps)
+    allowed = (v <= limit_mps) & (s_m >= 0.0) & (s_m <= route.length_m)
+    longest = (0, 0)
+    for level in np.arange(0.0, v.max() + EQUAL_MPS, EQUAL_MPS):
+        there = np.flatnonzero(allowed & (np.abs(v - level) <= EQUAL_MPS))
+        if len(there) and s_m[there[-1]] - s_m[there[0]] > s_m[longest[1]] - s_m[longest[0]]:
+            longest = (int(there[0]), int(there[-1]))
+    first, last = longest
+    if s_m[last] - s_m[first] < LEAST_PART_M:
+        top_mps = vehicle.max_speed_mps
+        faster = f"the trip runs {v.max() / KMH:.0f} km/h, which is faster than this train, {top_mps / KMH:.0f} km/h"
+        raise DasError(f"{path}: {NOT_COMPARABLE}: {faster if v.max() > top_mps else NOT_WHOLE}")
+    if v[first] < STANDING_MPS:  # the part begins when the train leaves
+        first = int(np.flatnonzero(s_m <= s_m[first])[-1])
+    if v[last] < STANDING_MPS:
+        last = int(np.flatnonzero(s_m >= s_m[last])[0])
+    ends = [_passing(motion, i) for i in (first, last)]
+    inside = [
+        one for one in stood if one.served and ends[0].s_m + LEAST_WAY_M < one.stood_m < ends[1].s_m - LEAST_WAY_M
+    ]
+    return legs_of(path, motion, [ends[0], *inside, ends[1]])
+
+
+def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
+    """A sample of a motion as an end of a leg."""
+    s_m, time_ns, speed_mps = float(motion.s_m[sample]), int(motion.time_ns[sample]), float(motion.speed_mps[sample])
+    speed_mps = speed_mps if speed_mps >= STANDING_MPS else 0.0
+    return KeptCall(
+        name=passing_name(s_m, speed_mps), s_m=s_m, due_arrival_ns=0, due_departure_ns=0,
+        arrived_ns=time_ns, departed_ns=time_ns, stood_m=s_m, passed_mps=speed_mps,
+    )  # fmt: skip
 
 
 def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
@@ -160,12 +213,28 @@ def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
 
 
 def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:
-    """The section from stand to stand with these restrictions; DasError if the train cannot run there."""
+    """The section of a leg, with these restrictions, and with its speeds at both ends (0 at a stop).
+
+    Raises DasError if the train cannot run there.
+    """
     first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
     restrictions = sorted(told)
     route = inputs.route.with_restrictions(restrictions) if restrictions else inputs.route
     start_m, end_m = max(first_m, 0.0), min(last_m, route.length_m)
-    return build_section(route, inputs.vehicle, level=inputs.level, start_m=start_m, end_m=end_m)
+    ends = SectionOptions(start_speed_mps=leg.start.passed_mps, end_speed_mps=leg.end.passed_mps)
+    vehicle = fast_enough(inputs.vehicle, leg.motion)
+    return build_section(route, vehicle, level=inputs.level, start_m=start_m, end_m=end_m, options=ends)
+
+
+def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
+    """The vehicle with the top speed that it was driven with, if that is at most 5 % above the one in its file.
+
+    Otherwise no optimum could arrive as early as such a drive. Losses must be known up to that speed.
+    """
+    top_mps, own_mps = float(motion.speed_mps.max()), vehicle.max_speed_mps
+    losses = (one for one in vehicle.losses.values() if isinstance(one, LossMap))
+    known_mps = min([FINDING.overspeed_ratio * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
+    return replace(vehicle, max_speed_mps=top_mps) if own_mps < top_mps <= known_mps else vehicle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -285,10 +354,11 @@ def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
     return EnergyBand(middle_j - low_j, middle_j + high_j)
 
 
-def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed) -> EnergyRange:
+def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> EnergyRange:
     """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
 
-    Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone. A case
+    Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone, and
+    without `smoothed` it stays as it is. A case
     in which the train could not have driven a leg in its trip time is left out; the assumed case must be possible.
     """
     return over_unknowns(_above_in_cases(legs, smoothed))
@@ -327,6 +397,16 @@ def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
         by_friction_j=math.nan if friction_j is None else friction_j,
         unknowns=unknowns,
     )
+
+
+def driven_in_cases(legs: Sequence[ComparedLeg]) -> Callable[[DrivenCase], float]:
+    """A function that gives the energy of some legs as driven (J) in a case; their motion stays as it is."""
+
+    def driven_j(case: DrivenCase) -> float:
+        sections = (section_in(one.front.section, case) for one in legs)
+        return math.fsum(leg_energies(section, one.leg).driven_j for section, one in zip(sections, legs, strict=True))
+
+    return driven_j
 
 
 def _above_in_cases(

@@ -24,6 +24,7 @@ from das.cab.heard import DelayHeard, JourneyHeard, OrderedStop, PositionHeard, 
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.units import NS
+from das.domain.vehicle import Vehicle
 from das.estimate.fix import PositionFix, Quality
 from das.solver.front import Front
 from das.solver.section import Section
@@ -33,6 +34,7 @@ from sim.drive.attribution.driven_legs import (
     DrivenLeg,
     DrivenMotion,
     legs_of,
+    open_legs,
 )
 from sim.drive.calls import calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
@@ -177,6 +179,15 @@ def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
         return (DrivenLeg(start=start, end=end, motion=motion),)
     stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
     return legs_of(trip.path, motion, [start, *calls_on_the_way(stood, course, told), end])
+
+
+def open_part(trip: Trip, vehicle: Vehicle) -> tuple[DrivenLeg, ...]:
+    """The legs of the longest part of a trip between equal speeds; DasError if there is none."""
+    motion, matched = DrivenMotion.of_run(trip.run), trip.matched
+    course = DrivenCourse(time_ns=motion.time_ns, s_m=motion.s_m, speed_mps=motion.speed_mps)
+    told = DrivenCourse(time_ns=matched.time_ns, s_m=matched.s_m, speed_mps=matched.speed_mps)
+    stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
+    return open_legs(trip.path, motion, trip.route, vehicle, calls_on_the_way(stood, course, told))
 
 
 def _check(options: ReplayOptions) -> None:
