@@ -1,9 +1,9 @@
 """Finding the train of a recorded trip: which of several trains can have driven it, how heavy, how easily running.
 
-A record shows the motion, not the forces. Three things tell trains apart nevertheless. A train cannot exceed its effort.
-Its driver often uses the full effort, or none: there the force is known for each train, so that the motion gives mass
-and resistance. And the speeds come near the top speed, or never do. The windows of motion are those of the calibration
-on board, with the full effort of the train in place of a measured force (docs/explanation/trip-energy.md).
+A record shows the motion, not the forces. Three things tell trains apart nevertheless. A train cannot exceed its
+effort. Its driver often uses the full effort, or none: there the force is known for each train, so that the motion
+gives mass and resistance. And the speeds come near the top speed, or never do. The windows of motion are those of the
+calibration on board, with the full effort of the train in place of a measured force (docs/explanation/find-train.md).
 """
 
 from __future__ import annotations
@@ -148,8 +148,8 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
     windows = windows_of(trip, vehicle, noise_mps)
     if len(windows) < FINDING.least_windows:
         raise DasError(
-            f"{trip.path}: {len(windows)} stretches of {FINDING.window_samples} s in steady view above "
-            f"{CALIBRATION.sample.slowest_mps / KMH:.0f} km/h, expected at least {FINDING.least_windows} to find a train"
+            f"{trip.path}: too short to find its train: {len(windows)} stretches of {FINDING.window_samples} s above "
+            f"{CALIBRATION.sample.slowest_mps / KMH:.0f} km/h, expected at least {FINDING.least_windows}"
         )
     fits = np.array([_WindowFit.of(window, vehicle).log_density for window in windows])
     posterior = RATIOS.log_prior + FINDING.window_weight * fits.sum(axis=0)

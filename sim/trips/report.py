@@ -224,7 +224,11 @@ def _matching_table(found: dict[str, Any]) -> Table:
     if matching["median_m"] is not None:
         figures = " / ".join(f"{matching[name]:.1f}" for name in ("median_m", "p95_m", "max_m"))
         table.add_row("distance from the line, median / 95 % / most", f"{figures} m")
-    anchored = {"route": "the route's geometry", "positions": "positions of the record"}
+    anchored = {
+        "route": "the route's geometry",
+        "stops": "coordinates of the route's stops",
+        "positions": "positions of the record",
+    }
     anchor = anchored.get(matching["anchor"], f"stands at {matching['anchor']}, scale {matching['scale']:.5f}")
     table.add_row("position from", anchor)
     if matching["stand_uncertainty_m"] > 0:

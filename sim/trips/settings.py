@@ -6,7 +6,7 @@ The values are assumptions unless a field says otherwise. They were tried on cle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from das.domain.units import KMH
@@ -219,7 +219,7 @@ class FindingSettings:
     """A driver who holds a speed accelerates by this (m/s², one standard deviation)."""
     hardest_braking_mps2: float = 1.0
     """No driver brakes harder than this (m/s²) in service, however strong the brakes are."""
-    shares: RegimeShares = RegimeShares()
+    shares: RegimeShares = field(default_factory=RegimeShares)
     mass_ratio_bounds: tuple[float, float] = (0.7, 1.4)
     """Bounds of the mass: an empty train, and an overloaded train."""
     resistance_ratio_bounds: tuple[float, float] = (0.5, 2.0)
@@ -235,7 +235,7 @@ class FindingSettings:
     steps: int = 36
     """Values of either ratio that are tried."""
     certain_sds: float = 2.0
-    """A window needs more effort than the train has only if noise of this many standard deviations does not explain it."""
+    """A window needs more effort than the train has only if noise of this many standard deviations is no reason."""
     beyond_ratio: float = 0.02
     """A train cannot have driven a trip that needs more effort in more than this share of the time …"""
     beyond_windows: int = 3

@@ -35,8 +35,9 @@ class Trip:
     """A trip matched to a route as driven, its smooth run, and the journey and delays of a recording.
 
     `reversed` says that it ran against the route's file. `direction_known` is False if only kilometre posts give its
-    positions, because they do not show the direction. `line_not_used` is the file of kilometre posts given for a trip
-    that has positions on the route. `delays` are pairs of a time (ns) and a delay (s).
+    positions, because they do not show the direction; coordinates of the route's stops do. `line_not_used` is the file
+    of kilometre posts given for a trip that has positions on the route. `delays` are pairs of a time (ns) and a delay
+    (s).
     """
 
     path: Path
@@ -154,7 +155,7 @@ def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog)
     posts = f", or turn the list {said.line} round" if line is not None and not line.on_route else ""
     log.add(FindingKind.OTHER_WAY, record, [0], f"{other.stops[0].name} to {other.stops[-1].name}: {right}{posts}")
     if line is not None:
-        line = Line.from_route(other) if line.on_route else line.turned()
+        line = _line(record, other, said.line) if line.on_route else line.turned()
     return other, not reverse, line
 
 
@@ -171,7 +172,7 @@ def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
 def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
     if record.on_route:
         return None
-    return read_kilometre_posts(posts) if posts is not None else Line.from_route(driven)
+    return read_kilometre_posts(posts).placed(driven) if posts is not None else Line.from_route(driven)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -169,8 +169,8 @@ def open_legs(
     """The legs of the longest part of a drive between equal speeds, for one that does not stand at both its stops.
 
     `stood` are the stops on the way. The train carries as much kinetic energy into the part as out of it, so that its
-    energy is comparable. Both ends are within the limits of line and vehicle. DasError if the part is shorter than 1 km,
-    or if the drive is faster than the vehicle.
+    energy is comparable. Both ends are within the limits of line and vehicle. DasError if the part is shorter than
+    1 km, or if the drive is faster than the vehicle.
     """
     vehicle = fast_enough(vehicle, motion)
     v, s_m = motion.speed_mps, motion.s_m

@@ -73,7 +73,7 @@ def _found(one: FoundTrain, share: float | None) -> dict[str, Any]:
 
 def _energies(trip: Trip, section: Section | None, why_not: str) -> dict[str, Any]:
     """The energy of a trip with a possible train, and that of its optimum, or why they are not known."""
-    nothing = {"energy_driven_kwh": None, "energy_optimum_kwh": None, "compared_part": None}
+    nothing: dict[str, Any] = {"energy_driven_kwh": None, "energy_optimum_kwh": None, "compared_part": None}
     nothing |= {"above_optimum_kwh": None, "above_optimum_ratio": None, "not_comparable": why_not}
     if section is None:
         return nothing
