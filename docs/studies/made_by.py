@@ -50,6 +50,7 @@ DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
     "python -m docs.studies.own_drivers": DAY,
     "python -m docs.studies.peers": (*SOLVER, "precompute/tables"),
     "python -m docs.studies.pictures": (*DAY, "sim/drive", "sim/review"),
+    "python -m docs.studies.planted_trains": (*DAY, "sim/trips"),
     "python -m docs.studies.real_trips": (*SOLVER, "sim/trips", "sim/drive"),
     "rerun": ("sim/review",),
 }

@@ -24,8 +24,10 @@ NOT_COMPARABLE: Final = "not comparable"
 """Every command prints this if it cannot state the energy above the optimum."""
 SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum cannot be compared"
 """Why, by a recording that is older than `Saving.not_comparable`."""
-NOT_WHOLE: Final = "the trip runs neither from standstill to standstill at the stops, nor 1 km between equal speeds"
-"""Why, for a drive without a departure from one stop and an arrival at another, or a part that can be compared."""
+NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
+"""Why, for a drive without a departure from one stop and an arrival at another."""
+NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
+"""Why, for a trip without such a departure and arrival, of which no part can be compared either."""
 _PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")
 """The name of an end of a part between equal speeds."""
 

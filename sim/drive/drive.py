@@ -200,9 +200,10 @@ class DrivenEnergy(DrivenWay):
 
     @cached_property
     def legs(self) -> tuple[DrivenLeg, ...]:
-        """The motion between the stops that were served, else the longest part between equal speeds.
+        """The motion between the stops that were served; DasError if the train served fewer than two.
 
-        Stops of a replayed trip count even if its journey does not name them. DasError if there is no such part.
+        Stops of a replayed trip count even if its journey does not name them. If the replay compared a part between
+        equal speeds, the legs are those of that part.
         """
         from sim.drive.attribution.driven_legs import legs_of, open_legs
 
@@ -213,10 +214,9 @@ class DrivenEnergy(DrivenWay):
             stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
             more = calls_on_the_way(stops, self.course, reported_course(self.recording))
             calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
-        part = bool(self.said is not None and self.said.part)
-        if not part and sum(one.served for one in calls) > 1:
-            return legs_of(self.recording.path, self.motion, calls)
-        return open_legs(self.recording.path, self.motion, self.inputs.route, self.inputs.vehicle, calls)
+        if self.said is not None and self.said.part:
+            return open_legs(self.recording.path, self.motion, self.inputs.route, self.inputs.vehicle, calls)
+        return legs_of(self.recording.path, self.motion, calls)
 
     @cached_property
     def energies(self) -> tuple[LegEnergies, ...]:

@@ -197,17 +197,14 @@ class RegimeShares(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FindingSettings:
-    """How the train of a trip is found; tried on simulated drives (docs/explanation/trip-energy.md)."""
+class TrainWindows:
+    """The windows of the motion by which a train is found, and how exact they are."""
 
-    window_samples: int = 12
+    samples: int = 12
     """Samples of a window, one a second: less shows no acceleration beside the noise, more mixes what a driver does."""
-    window_weight: float = 0.5
+    weight: float = 0.5
     """Weight of a window, because each overlaps half of the one before."""
-    evidence_weight: float = 0.5
-    """Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
-    about as often as its probability says on simulated drives."""
-    least_windows: int = 8
+    least: int = 8
     """A trip with fewer windows is too short to find its train."""
     unmeasured_speed_sd_mps: float = 0.3
     """Noise (m/s) of the speeds of a record that reports none."""
@@ -219,21 +216,35 @@ class FindingSettings:
     """A driver who holds a speed accelerates by this (m/s², one standard deviation)."""
     hardest_braking_mps2: float = 1.0
     """No driver brakes harder than this (m/s²) in service, however strong the brakes are."""
-    shares: RegimeShares = field(default_factory=RegimeShares)
-    mass_ratio_bounds: tuple[float, float] = (0.7, 1.4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatioSearch:
+    """Which masses and resistances of a train are tried, and what is known of them beforehand."""
+
+    mass_bounds: tuple[float, float] = (0.7, 1.4)
     """Bounds of the mass: an empty train, and an overloaded train."""
-    resistance_ratio_bounds: tuple[float, float] = (0.5, 2.0)
+    resistance_bounds: tuple[float, float] = (0.5, 2.0)
     """Bounds of the resistance: a long tail wind, and a storm from ahead."""
+    steps: int = 36
+    """Values of either ratio that are tried."""
     mass_sd: float = 0.1
     """Standard deviation of the mass ratio before the motion is looked at."""
     resistance_log_sd: float = 0.15
     """Standard deviation of the logarithm of the resistance ratio before the motion is looked at."""
     model_sd: float = 0.015
     """The uncertainty of either ratio that no motion removes (one standard deviation)."""
-    known_sd_ratio: float = 0.7
+    known_sd_ratio: float = 0.6
     """A record shows the mass if it reduces the standard deviation to this share of that beforehand."""
-    steps: int = 36
-    """Values of either ratio that are tried."""
+    evidence_weight: float = 0.5
+    """Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
+    about as often as its probability says on simulated drives."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainChoice:
+    """Which trains are possible, and what their speeds say."""
+
     certain_sds: float = 2.0
     """A window needs more effort than the train has only if noise of this many standard deviations is no reason."""
     beyond_ratio: float = 0.02
@@ -248,6 +259,16 @@ class FindingSettings:
     """By this share (the mean of an exponential distribution) drivers stay below what line and train allow."""
     places: int = 500
     """Places along the way at which speeds are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FindingSettings:
+    """How the train of a trip is found; tried on simulated drives (docs/explanation/find-train.md)."""
+
+    windows: TrainWindows = field(default_factory=TrainWindows)
+    shares: RegimeShares = field(default_factory=RegimeShares)
+    ratios: RatioSearch = field(default_factory=RatioSearch)
+    choice: TrainChoice = field(default_factory=TrainChoice)
 
 
 POSITIONS: Final = PositionSettings()

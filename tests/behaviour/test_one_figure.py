@@ -204,8 +204,20 @@ def test_a_cut_recording_is_refused_by_every_command_in_the_same_words(folder: P
         refused = das_sim(*command, cwd=folder)
         assert refused.returncode == 2
         assert refused.stderr.endswith(f"error: cut.mcap: not comparable: {NOT_WHOLE}\n")
-    told = run(folder, "replay", "cut.mcap", "-o", "cut-replayed.mcap")
-    assert told["not_comparable"] == of_report(folder / "cut-replayed.mcap")["not_comparable"] == NOT_WHOLE
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_an_open_trip_is_compared_over_one_part_by_every_command(folder: Path) -> None:
+    """The cut recording as a trip: its longest part between equal speeds has one figure in replay, report and drive."""
+    whole = (folder / "none.mcap").read_bytes()
+    (folder / "open.mcap").write_bytes(whole[: len(whole) // 2])
+    told = run(folder, "replay", "open.mcap", "-o", "open-replayed.mcap")
+    path = folder / "open-replayed.mcap"
+    assert told["compared_part"] == Drive.read(path).above.part  # type: ignore[union-attr]
+    assert told["above_optimum_kwh"] > 0.0
+    assert told["energy_driven_low_kwh"] < told["energy_driven_kwh"] < told["energy_driven_high_kwh"]
+    check_same(replay=figures(told), report=of_report(path), drive=of_drive(path))
 
 
 @pytest.mark.more

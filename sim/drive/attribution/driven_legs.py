@@ -26,7 +26,7 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy, passing_name
+from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy, passing_name
 from sim.drive.calls import STANDING_MPS, KeptCall, knows_truth
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
@@ -168,9 +168,8 @@ def open_legs(
 ) -> tuple[DrivenLeg, ...]:
     """The legs of the longest part of a drive between equal speeds, for one that does not stand at both its stops.
 
-    `stood` are the stops on the way. The train carries as much kinetic energy into the part as out of it, so that its
-    energy is comparable. Both ends are within the limits of line and vehicle. DasError if the part is shorter than
-    1 km, or if the drive is faster than the vehicle.
+    `stood` are the stops on the way. As much kinetic energy enters the part as leaves it. Both ends are within the
+    limits of line and vehicle. DasError if the part is shorter than 1 km, or if the drive is faster than the vehicle.
     """
     vehicle = fast_enough(vehicle, motion)
     v, s_m = motion.speed_mps, motion.s_m
@@ -183,24 +182,22 @@ def open_legs(
             longest = (int(there[0]), int(there[-1]))
     first, last = longest
     if s_m[last] - s_m[first] < LEAST_PART_M:
-        top_mps = vehicle.max_speed_mps
-        faster = f"the trip runs {v.max() / KMH:.0f} km/h, which is faster than this train, {top_mps / KMH:.0f} km/h"
-        raise DasError(f"{path}: {NOT_COMPARABLE}: {faster if v.max() > top_mps else NOT_WHOLE}")
+        top_kmh, own_kmh = v.max() / KMH, vehicle.max_speed_mps / KMH
+        faster = f"the trip runs {top_kmh:.0f} km/h, which is faster than this train, {own_kmh:.0f} km/h"
+        raise DasError(f"{path}: {NOT_COMPARABLE}: {faster if top_kmh > own_kmh else NO_PART}")
     if v[first] < STANDING_MPS:  # the part begins when the train leaves
         first = int(np.flatnonzero(s_m <= s_m[first])[-1])
     if v[last] < STANDING_MPS:
         last = int(np.flatnonzero(s_m >= s_m[last])[0])
-    ends = [_passing(motion, i) for i in (first, last)]
-    inside = [
-        one for one in stood if one.served and ends[0].s_m + LEAST_WAY_M < one.stood_m < ends[1].s_m - LEAST_WAY_M
-    ]
-    return legs_of(path, motion, [ends[0], *inside, ends[1]])
+    start, end = (_passing(motion, sample) for sample in (first, last))
+    inside = [one for one in stood if start.s_m + LEAST_WAY_M < one.stood_m < end.s_m - LEAST_WAY_M]
+    return legs_of(path, motion, [start, *inside, end])
 
 
 def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
     """A sample of a motion as an end of a leg."""
-    s_m, time_ns, speed_mps = float(motion.s_m[sample]), int(motion.time_ns[sample]), float(motion.speed_mps[sample])
-    speed_mps = speed_mps if speed_mps >= STANDING_MPS else 0.0
+    s_m, time_ns = float(motion.s_m[sample]), int(motion.time_ns[sample])
+    speed_mps = float(motion.speed_mps[sample]) * bool(motion.speed_mps[sample] >= STANDING_MPS)
     return KeptCall(
         name=passing_name(s_m, speed_mps), s_m=s_m, due_arrival_ns=0, due_departure_ns=0,
         arrived_ns=time_ns, departed_ns=time_ns, stood_m=s_m, passed_mps=speed_mps,
@@ -229,11 +226,11 @@ def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restricti
 def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
     """The vehicle with the top speed that it was driven with, if that is at most 5 % above the one in its file.
 
-    Otherwise no optimum could arrive as early as such a drive. Losses must be known up to that speed.
+    Otherwise no optimum could arrive as early. Losses must be known up to that speed.
     """
     top_mps, own_mps = float(motion.speed_mps.max()), vehicle.max_speed_mps
     losses = (one for one in vehicle.losses.values() if isinstance(one, LossMap))
-    known_mps = min([FINDING.overspeed_ratio * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
+    known_mps = min([FINDING.choice.overspeed_ratio * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
     return replace(vehicle, max_speed_mps=top_mps) if own_mps < top_mps <= known_mps else vehicle
 
 
@@ -358,8 +355,8 @@ def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> Energ
     """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
 
     Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone, and
-    without `smoothed` it stays as it is. A case
-    in which the train could not have driven a leg in its trip time is left out; the assumed case must be possible.
+    without `smoothed` it stays as it is. A case in which the train could not have driven a leg in its trip time is left
+    out; the assumed case must be possible.
     """
     return over_unknowns(_above_in_cases(legs, smoothed))
 
