@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +14,7 @@ import sim
 from das.domain.files.load import catalogue
 from das.domain.units import kwh
 from sim.cli.trips import bundled_recording
-from sim.drive.above_optimum import NOT_WHOLE
+from sim.drive.above_optimum import NO_PART, NOT_WHOLE
 from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
@@ -209,15 +210,20 @@ def test_a_cut_recording_is_refused_by_every_command_in_the_same_words(folder: P
 @pytest.mark.processes
 @pytest.mark.slow
 def test_an_open_trip_is_compared_over_one_part_by_every_command(folder: Path) -> None:
-    """The cut recording as a trip: its longest part between equal speeds has one figure in replay, report and drive."""
-    whole = (folder / "none.mcap").read_bytes()
-    (folder / "open.mcap").write_bytes(whole[: len(whole) // 2])
-    told = run(folder, "replay", "open.mcap", "-o", "open-replayed.mcap")
-    path = folder / "open-replayed.mcap"
+    """The record ends as the train rolls: its longest part between equal speeds; or while it starts: no part."""
+    assert das_sim("trip", "none.mcap", "-o", "none.csv", cwd=folder).returncode == 0
+    rows = (folder / "none.csv").read_text(encoding="utf-8").splitlines()
+    where = ("--route", "flat-6km", "--vehicle", "re460-ic")
+    found = []
+    for name, part in (("open", 0.8), ("start", 0.2)):
+        (folder / f"{name}.csv").write_text("\n".join(rows[: int(part * len(rows))]) + "\n", encoding="utf-8")
+        found.append(run(folder, "replay", f"{name}.csv", *where, "-o", f"{name}.mcap"))
+    told, path = {**found[0], "driven_late_s": math.nan}, folder / "open.mcap"  # it does not arrive
+    check_same(replay=figures(told), report=of_report(path), drive=of_drive(path))
     assert told["compared_part"] == Drive.read(path).above.part  # type: ignore[union-attr]
     assert told["above_optimum_kwh"] > 0.0
     assert told["energy_driven_low_kwh"] < told["energy_driven_kwh"] < told["energy_driven_high_kwh"]
-    check_same(replay=figures(told), report=of_report(path), drive=of_drive(path))
+    assert found[1]["not_comparable"] == of_report(folder / "start.mcap")["not_comparable"] == NO_PART
 
 
 @pytest.mark.more
