@@ -131,7 +131,7 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
         better = f" (try {trip.better_stops})" if trip.better_stops else ""
         notes.append(f"how the rest of the section was driven: the trip does not stand at both its stops{better}")
     if section is None:
-        return [*notes, "forces and energies: give a --vehicle"]
+        return [*notes, "forces and energies: give a --vehicle, or look for the train with --vehicles all"]
     notes += [
         "the true train and its load, the wind, and how brakes were blended: their ranges are in the table",
         "what auxiliaries drew: those of the vehicle's file are in the estimate",

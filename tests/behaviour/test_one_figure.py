@@ -207,6 +207,7 @@ def test_a_cut_recording_is_refused_by_every_command_in_the_same_words(folder: P
         assert refused.stderr.endswith(f"error: cut.mcap: not comparable: {NOT_WHOLE}\n")
 
 
+@pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
 def test_an_open_trip_is_compared_over_one_part_by_every_command(folder: Path) -> None:

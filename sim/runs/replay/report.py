@@ -294,7 +294,10 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
         notes.append(f"the train stood at {names} on the way: it is compared section by section with the same stands")
     if found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["beyond_vehicle_ratio"]
-        notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
+        notes.append(
+            f"in {share:.0f} % of the time the trip asks more force than this vehicle has: das-sim trip marks where "
+            "(--plot), and looks for other trains (--vehicles all)"
+        )
     if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:
         notes.append("with the unknowns at their worst it took no more than the optimum, or hardly more")
     if found["direction_note"]:
