@@ -66,6 +66,7 @@ MINUTES: Final[dict[str, float]] = {
     "python -m docs.studies.bundled smoke": 0.5,
     "python -m docs.studies.exact_front": 2,
     "python -m docs.studies.peers": 3,
+    "python -m docs.studies.planted_trains": 6,
     "python -m docs.studies.real_trips": 0.5,
     "python -m docs.studies.display": 5,
     "python -m docs.studies.own_braking": 13,
