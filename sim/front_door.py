@@ -87,9 +87,8 @@ def run_day(
     states = {
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
     }
-    return SimulatedDay(
-        states=states, outcome=outcome(day, run).as_dict(), balance=day.plant.balance(run.legs[0][0], run.legs[-1][1])
-    )
+    balance = day.plant.balance(run.legs[0][0], run.legs[-1][1])
+    return SimulatedDay(states=states, outcome=outcome(day, run, kind).as_dict(), balance=balance)
 
 
 def _person(driver: DriverKind | OwnClass, number: int | None) -> Participant | None:

@@ -168,7 +168,7 @@ class Coaching:
     `target_m` and `target_s` are distance and time to where the speed of `now` is reached, or no longer held. `force_n`
     is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps the reference here;
     while braking, `force_n` differs from it because the effort shown is rounded up. `lever_ratio` is the effort of
-    `now` on the controller's scale (−1 … 1); NaN for a speed to hold.
+    `now` on the controller's scale (−1 … 1); NaN where none is shown: for a speed to hold, and to brake by eye.
     """
 
     now: Instruction

@@ -10,13 +10,15 @@ from dataclasses import replace
 from typing import Final
 
 from das.advice.advice import Coaching
-from das.advice.regimes import TRACTION, Regime
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import KMH
 
 SPEED_STEP_MPS: Final = 1.0 * KMH
 """The speeds that a driver reads are whole multiples of this."""
 TARGET_STEP_MPS: Final = 5.0 * KMH
 """The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
+BY_EYE_M: Final = 300.0
+"""Nearer than this to his stop (m) a driver brakes by eye: he sees the platform, and no effort is shown to him."""
 SAME_READING_MPS: Final = 0.5 * KMH
 """A speed above the allowed one by no more than this (m/s) looks the same to a driver."""
 
@@ -47,14 +49,18 @@ def lever_ratio(force_n: float, largest_n: tuple[float, float]) -> float:
     return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
 
 
-def as_read(coaching: Coaching, largest_n: tuple[float, float]) -> Coaching:
+def as_read(coaching: Coaching, largest_n: tuple[float, float], stop_m: float = math.inf) -> Coaching:
     """The coach's advice as a driver reads it: rounded speeds, and the effort of the instruction.
 
-    An acceleration keeps its effort up to its speed. A speed to hold has none. `largest_n` are the forces (N) that
-    traction and both brakes can give at the train's speed.
+    An acceleration keeps its effort up to its speed. A speed to hold has none, nor has the end of a brake for a stop.
+    `largest_n` are the forces (N) that traction and both brakes can give at the train's speed, `stop_m` is the distance
+    to the stop (m).
     """
     now = coaching.now
-    if now.mode is Regime.CRUISE:
+    by_eye = now.mode in BRAKES and step_below(now.speed_mps) == 0.0 and stop_m < BY_EYE_M
+    if by_eye:
+        now = replace(now, mode=Regime.REDUCED_BRAKE)
+    if by_eye or now.mode is Regime.CRUISE:
         shown_ratio = math.nan
     elif now.mode in TRACTION:
         shown_ratio = now.effort_ratio

@@ -701,7 +701,7 @@ class Coaching(_message.Message):
     reference_force_n: _builtins.float
     """[N] wheel force that keeps to the reference here; the effort shown stands for a while"""
     lever_ratio: _builtins.float
-    """[ratio] effort of the instruction on the controller's scale, −1 … 1; NaN: a speed to hold"""
+    """[ratio] effort of the instruction on the controller's scale, −1 … 1; NaN: none is shown"""
     @_builtins.property
     def now(self) -> Global___Coaching.Instruction: ...
     @_builtins.property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from typing import Any
 
 import numpy as np
@@ -114,15 +114,19 @@ class Restriction:
     @property
     def words(self) -> str:
         """The restriction in words, for example "80 km/h, km 20.00 to 22.00 from 08:10:00 until 08:20:00 UTC"."""
-        place = f"km {self.start_m / KM:.2f} to {self.end_m / KM:.2f}"
-        return f"{self.limit_mps / KMH:.4g} km/h, {place}{self.window_words()}"
+        return self.words_in(UTC)
 
-    def window_words(self) -> str:
+    def words_in(self, zone: tzinfo) -> str:
+        """The same with times of day in a time zone."""
+        place = f"km {self.start_m / KM:.2f} to {self.end_m / KM:.2f}"
+        return f"{self.limit_mps / KMH:.4g} km/h, {place}{self.window_words(zone)}"
+
+    def window_words(self, zone: tzinfo = UTC) -> str:
         """The window in words, for example " from 08:10:00 until 08:20:00 UTC"; nothing if both ends are open."""
         ends = (("from", self.valid_from_ns), ("until", self.valid_until_ns))
-        said = [f" {word} {_clock(moment_ns)}" for word, moment_ns in ends if moment_ns]
-        return "".join(said) + " UTC" if said else ""
+        said = [f" {word} {_clock(moment_ns, zone)}" for word, moment_ns in ends if moment_ns]
+        return f"{''.join(said)} {zone}" if said else ""
 
 
-def _clock(moment_ns: int) -> str:
-    return (_EPOCH + timedelta(microseconds=moment_ns // 1000)).strftime("%H:%M:%S")
+def _clock(moment_ns: int, zone: tzinfo) -> str:
+    return (_EPOCH + timedelta(microseconds=moment_ns // 1000)).astimezone(zone).strftime("%H:%M:%S")

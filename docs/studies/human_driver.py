@@ -68,7 +68,7 @@ def presentations_table(found: Mapping[Presentation, Runs]) -> Iterator[str]:
     for shown, of in found.items():
         saved = [""] * 4
         if shown is not ALONE:
-            total, times = (less(of, alone, f"energy_{name}kwh") for name in ("", "hindsight_"))
+            total, times = (less(of, alone, f"energy_{name}kwh") for name in ("", "optimum_"))
             friction = less(of, alone, "energy_blending_kwh").mean()
             saved = [paired(total), f"{times.mean():.1f}", f"{(total - times).mean():.1f}", f"{friction:.1f}"]
         changes = "" if shown is ALONE else f"{each(of, 'advice_changes_per_min').mean():.1f}"
@@ -98,7 +98,7 @@ def _worth(found: Mapping[Presentation, Runs], *, at_equal_arrival: bool) -> str
     coach, alone = found[Presentation.COACH], found[ALONE]
     saved = less(coach, alone, "energy_kwh")
     if at_equal_arrival:
-        saved = saved - less(coach, alone, "energy_hindsight_kwh")
+        saved = saved - less(coach, alone, "energy_optimum_kwh")
     return paired(100.0 * saved / each(alone, "energy_kwh").mean())
 
 

@@ -58,7 +58,7 @@ def driven_rows(batch: Batch, workers: int | None = None) -> list[Row]:
 def own_drivers_table(rows: Sequence[Row]) -> Iterator[str]:
     """The lines of the table: a driver, a day and what was shown, as means over the seeds.
 
-    Of what a driver takes less with advice, `energy_hindsight_kwh` is due to other running times; the rest is saved by
+    Of what a driver takes less with advice, `energy_optimum_kwh` is due to other running times; the rest is saved by
     advice, `energy_blending_kwh` of it by less friction braking where the motors could brake.
     """
     yield (
@@ -83,7 +83,7 @@ def _line(names: tuple[str, str, str], runs: Mapping[int, Row], alone: Mapping[i
     saved, changes = [""] * 4, ""
     if runs is not alone:
         percent = 100.0 * less("").mean() / _mean(alone, "energy_kwh")
-        parts = (less("hindsight_").mean(), less("blending_").mean())
+        parts = (less("optimum_").mean(), less("blending_").mean())
         saved = [paired(less("")), *(f"{value:+.1f}" for value in (percent, *parts))]
         changes = f"{_mean(runs, 'advice_changes_per_min'):.1f}"
     late, over = f"{round(_mean(runs, 'late_s')):+d}", f"{_mean(runs, 'over_limit_s'):.1f}"

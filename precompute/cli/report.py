@@ -51,7 +51,7 @@ def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str
         "requested_time_s": answer.requested_s,
         "fit": str(answer.fit),
         "feasible": answer.feasible,
-        "energy_input_kwh": kwh(answer.balance.input),
+        "energy_kwh": kwh(answer.balance.input),
         "energy_irreversible_kwh": kwh(answer.balance.irreversible),
         "energy_stored_kwh": kwh(answer.balance.stored),
         "ledger_kwh": answer.balance.as_kwh(),
@@ -152,16 +152,16 @@ def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
     energies = (f"{name}\nkWh" for name in ("input", "lost", "stored"))
     for name in ("time s", "buffer %", *energies, "saved\n%", "λ kW", "gap %", "ms", "fit"):
         table.add_column(name, justify="right", no_wrap=True)
-    first = results[0]["energy_input_kwh"]
+    first = results[0]["energy_kwh"]
     for result in results:
         buffer = 100 * (result["time_s"] / result["min_time_s"] - 1)
         table.add_row(
             f"{result['time_s']:.1f}",
             f"{buffer:.2f}",
-            f"{result['energy_input_kwh']:.2f}",
+            f"{result['energy_kwh']:.2f}",
             f"{result['energy_irreversible_kwh']:.2f}",
             f"{result['energy_stored_kwh']:+z.2f}",
-            f"{100 * (1 - result['energy_input_kwh'] / first):.1f}" if len(results) > 1 and first else "–",
+            f"{100 * (1 - result['energy_kwh'] / first):.1f}" if len(results) > 1 and first else "–",
             _price(result),
             f"{100 * result['gap_ratio']:.3f}" if result["gap_ratio"] is not None else "–",
             f"{1e3 * result['solve_s']:.0f}",
@@ -200,7 +200,7 @@ def journey_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) 
     return {
         "journey": plan.journey.id,
         "time_s": plan.time_s,
-        "energy_input_kwh": kwh(plan.input_j),
+        "energy_kwh": kwh(plan.input_j),
         "comfort_kwh": kwh(plan.comfort_j),
         "bound_kwh": _finite(kwh(plan.bound_j)),
         "table_bound_kwh": _finite(kwh(plan.table_bound_j)),
@@ -224,7 +224,7 @@ def _section_json(section: SectionPlan) -> dict[str, Any]:
         "min_time_s": section.least_time_s,
         "buffer_ratio": section.buffer_ratio,
         "lambda_kw": [_finite(price_w / KW) for price_w in section.lambda_w],
-        "energy_input_kwh": kwh(section.balance.input),
+        "energy_kwh": kwh(section.balance.input),
         "ledger_kwh": section.balance.as_kwh(),
         "feasible": section.feasible,
         "passings": [

@@ -154,7 +154,7 @@ def outcome_row(outcome: VariationOutcome) -> dict[str, Any]:
 def _run(prefix: str, run: Followed | Solution | None) -> dict[str, float | None]:
     return {
         f"{prefix}time_s": run.time_s if run else None,
-        f"{prefix}energy_input_kwh": kwh(run.balance.input) if run else None,
+        f"{prefix}energy_kwh": kwh(run.balance.input) if run else None,
     }
 
 
@@ -179,7 +179,7 @@ def print_rows(section: Section, planned: dict[str, Any], rows: list[dict[str, A
     buffer_percent = 100 * (planned["time_s"] / planned["min_time_s"] - 1)
     paragraph(
         f"plan: {planned['time_s']:.1f} s (buffer {buffer_percent:.2f} %, {planned['fit']}), "
-        f"{planned['energy_input_kwh']:.2f} kWh; % of energy are of these"
+        f"{planned['energy_kwh']:.2f} kWh; % of energy are of these"
     )
     for row in rows:
         if row["trouble"] is not None:

@@ -186,9 +186,9 @@ def _point(exact: ExactFront, fast: Front, buffer_percent: float) -> dict[str, f
     return {
         "buffer_percent": buffer_percent,
         "time_s": time_s,
-        "energy_input_kwh": kwh(energy_j),
+        "energy_kwh": kwh(energy_j),
         "supported_kwh": kwh(float(exact.supported_j[index])),
-        "fast_energy_input_kwh": kwh(fast_j),
+        "fast_energy_kwh": kwh(fast_j),
         "fast_difference_ratio": fast_j / energy_j - 1,
     }
 
@@ -217,9 +217,9 @@ def _print(section: Section, result: dict[str, Any]) -> None:
         table.add_row(
             f"{point['buffer_percent']:g}",
             f"{point['time_s']:.2f}",
-            f"{point['energy_input_kwh']:.3f}",
+            f"{point['energy_kwh']:.3f}",
             f"{point['supported_kwh']:.3f}",
-            f"{point['fast_energy_input_kwh']:.3f}",
+            f"{point['fast_energy_kwh']:.3f}",
             f"{100 * point['fast_difference_ratio']:+.3f}",
         )
     print_table(table, LEGEND)

@@ -174,6 +174,8 @@ def sensitivity(
 ) -> None:
     """Say by how many points the gap to the optimum changes with one standard deviation of each parameter.
 
+    A point is 1 % of the optimum for the times as driven.
+
     Every parameter is set one standard deviation below and above its median, while all others stay at their
     medians; days and random numbers are the same. A parameter that the population does not draw is varied by a fifth
     of its default.
@@ -235,5 +237,5 @@ def _print_sensitivity(found: Sequence[Sensitivity]) -> None:
         name = f"{one.advice}, {varied.name}" + ("" if varied.drawn else " *")
         figures = (f"{varied.low:.3g}", f"{varied.high:.3g}", shown_points(one), f"{one.energy_kwh:+.1f}")
         table.add_row(name, *figures, varied.source)
-    print_table(table)
+    print_table(table, {"points": "percentage points of the gap, in % of the optimum for the times as driven"})
     tell("* not drawn by the population: varied by a fifth of its default")

@@ -106,14 +106,16 @@ def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
 
     clock = drive.clock
     table = Table()
-    for name in ("time", "UTC", "place", "kind"):
+    for name in ("time", str(clock.zone), "place", "kind"):
         table.add_column(name, no_wrap=True)
     table.add_column("bookmark")
     table.add_column("what happened")
     for one in found:
         shown = (clock.shown(one.time_ns), clock.of_day(one.time_ns), place_text(one.s_m), str(one.kind))
         table.add_row(*shown, one.mark, visible(one.text))
-    print_table(table, {"time": f"minutes and seconds since {clock.of_day(clock.zero_ns)} UTC, {clock.zero_is}"})
+    print_table(
+        table, {"time": f"minutes and seconds since {clock.of_day(clock.zero_ns)} {clock.zone}, {clock.zero_is}"}
+    )
 
 
 def note(

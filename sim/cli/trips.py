@@ -89,6 +89,7 @@ def _look(
     file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None, plot: Path | None
 ) -> tuple[dict[str, Any], Any]:
     """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
+    from sim.runs.replay.replay import stated_parts
     from sim.trips.estimate import estimate_run
     from sim.trips.report import describe, draw_trip, write_cleaned
     from sim.trips.trip import open_trip, trip_section
@@ -102,7 +103,8 @@ def _look(
             tried, section = described_trains(read, trains, options)
         elif options.vehicle is not None:
             section = trip_section(read, options)
-        found = {**describe(read, section), "trains": tried}
+        parts, part = (None, "") if section is None else stated_parts(read, section)
+        found = {**describe(read, section, parts, part), "trains": tried}
         if out is not None:
             write_cleaned(out, read)
         if plot is not None:

@@ -37,6 +37,11 @@ def passing_name(s_m: float, speed_mps: float) -> str:
     return f"km {s_m / KM:.1f} at {speed_mps / KMH:.0f} km/h"
 
 
+def part_between(start: str, end: str) -> str:
+    """The part of a trip between two ends with these names, in words; empty if both are stops."""
+    return f"{start} to {end}" if any(_PASSING.fullmatch(one) for one in (start, end)) else ""
+
+
 class EnergyBand(NamedTuple):
     """The least and the most that an energy may be (J)."""
 
@@ -151,14 +156,16 @@ class AboveOptimum:
 
     @property
     def gap_ratio(self) -> float | None:
-        """Energy driven divided by the optimum's energy, minus 1, as studies state it; None if it cannot be stated."""
+        """The gap to the optimum: energy driven divided by the optimum's, minus 1; None if it cannot be stated.
+
+        Studies compare drivers by it: a kWh is as many points for a wasteful driver as for a thrifty one.
+        """
         return None if self.ratio is None or self.optimum_j <= 0 else self.driven_j / self.optimum_j - 1.0
 
     @property
     def part(self) -> str:
         """Which part of a trip was compared, in words; empty if it ran from standstill to standstill at its stops."""
-        ends = (self.sections[0].start, self.sections[-1].end) if self.sections else ("", "")
-        return f"{ends[0]} to {ends[1]}" if any(_PASSING.fullmatch(end) for end in ends) else ""
+        return part_between(self.sections[0].start, self.sections[-1].end) if self.sections else ""
 
     @property
     def too_fast(self) -> bool:
@@ -168,15 +175,15 @@ class AboveOptimum:
     @property
     def words(self) -> str:
         """The energy above the optimum in kWh and in % of the energy driven, or that it cannot be stated."""
-        above_j, ratio = self.above_j, self.ratio
-        if above_j is None:
-            return NOT_COMPARABLE
-        return energy_words(above_j, ratio)
+        above_j = self.above_j
+        return NOT_COMPARABLE if above_j is None else energy_words(above_j, self.ratio, " of the energy driven")
 
     def as_dict(self) -> dict[str, float | str | None]:
         """The figures by their names in the JSON of every command: kWh, and the share of the energy driven."""
         above_j = self.above_j
         return {
+            "energy_kwh": kwh(self.driven_j),
+            "energy_optimum_kwh": kwh(self.optimum_j),
             "above_optimum_kwh": None if above_j is None else kwh(above_j),
             "above_optimum_ratio": self.ratio,
             "not_comparable": self.why_not or None,
@@ -230,9 +237,9 @@ class AboveOptimum:
         )
 
 
-def energy_words(energy_j: float, ratio: float | None) -> str:
+def energy_words(energy_j: float, ratio: float | None, of: str = "") -> str:
     """An energy above the optimum, or one that advice saved, in kWh and in % of an energy driven (None: not known)."""
-    return f"{kwh(energy_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %)")
+    return f"{kwh(energy_j):+.1f} kWh" + ("" if ratio is None else f" ({100 * ratio:.1f} %{of})")
 
 
 def _band(low_j: float, high_j: float) -> EnergyBand | None:

@@ -344,7 +344,7 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
         "compared_energy_kwh": kwh(float(aligned.energy_j[index, -1])),
         "motors_first": not aligned.own_energies,
         "energy_kwh": None if drive.drive.driven_j is None else kwh(drive.drive.driven_j),
-        "energy_measured": drive.drive.measured,
+        "measured": drive.drive.measured,
         **({} if drive.drive.above is None else drive.drive.above.as_dict()),
         "arrived_late_s": [_number(leg.end.arrived_late_s) for leg in drive.legs],
     }

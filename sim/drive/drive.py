@@ -21,6 +21,7 @@ from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.drive.above_optimum import (
     NOT_COMPARABLE,
+    NOT_WHOLE,
     SAID_BY_THE_RECORDING,
     AboveOptimum,
     SectionEnergy,
@@ -28,7 +29,7 @@ from sim.drive.above_optimum import (
 )
 from sim.drive.attribution.causes import ShownAdvice
 from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
-from sim.drive.events.chronicle import events_of
+from sim.drive.events.chronicle import LineAndTrain, events_of
 from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
 from sim.drive.instructions import InstructionFigures, recorded_instructions
@@ -39,6 +40,7 @@ from sim.recording.inputs import DriveInputs, inputs_of
 from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # these import the solver, which events, notes and stops do not need
+    from sim.drive.attribution import driven_legs
     from sim.drive.attribution.attribution import Attribution
     from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, DrivenMotion, LegEnergies, LikelyRange
 
@@ -111,8 +113,8 @@ class DrivenWay:
 
     @cached_property
     def clock(self) -> DriveClock:
-        """The clock of the drive, which shows 0 at the timetable's departure."""
-        return DriveClock.of(self.recording, int(self.course.time_ns[0]))
+        """The clock of the drive, which shows 0 at the timetable's departure; its times of day are the line's."""
+        return replace(DriveClock.of(self.recording, int(self.course.time_ns[0])), zone=self.zone)
 
     @cached_property
     def calls(self) -> tuple[KeptCall, ...]:
@@ -205,18 +207,34 @@ class DrivenEnergy(DrivenWay):
         Stops of a replayed trip count even if its journey does not name them. If the replay compared a part between
         equal speeds, the legs are those of that part.
         """
-        from sim.drive.attribution.driven_legs import legs_of, open_legs
+        from sim.drive.attribution.driven_legs import legs_of
 
-        names = [] if self.said is None else [one.start for one in self.said.sections[1:]]
-        on_the_way = [name for name in names if name not in {one.name for one in self.calls}]
-        calls = self.calls
+        why_none = "" if self.said is None else self.said.why_not
+        return legs_of(self.recording.path, self.motion, self._leg_calls, why_none or NOT_WHOLE)
+
+    @cached_property
+    def _leg_calls(self) -> tuple[KeptCall, ...]:
+        """The calls between which the legs are: stops, or the ends of a part and the stops in it."""
+        from sim.drive.attribution.open_part import open_calls
+
+        said, calls = self.said, self.calls
+        on_the_way = set() if said is None else {one.start for one in said.sections[1:]} - {one.name for one in calls}
         if on_the_way:
             stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
             more = calls_on_the_way(stops, self.course, reported_course(self.recording))
             calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
-        if self.said is not None and self.said.part:
-            return open_legs(self.recording.path, self.motion, self.inputs.route, self.inputs.vehicle, calls)
-        return legs_of(self.recording.path, self.motion, calls)
+        if said is not None and said.part:
+            return open_calls(self.recording.path, self.motion, self.inputs.route, self.inputs.vehicle, calls)
+        return calls
+
+    @property
+    def smoothed(self) -> driven_legs.Smoothed | None:
+        """How the legs change if the recorded positions are smoothed otherwise; None without usable positions."""
+        from sim.drive.attribution.driven_legs import legs_of, smoothed_motions
+
+        motions = _or_error(lambda: smoothed_motions(self.recording, self.inputs.route))
+        path, calls = self.recording.path, self._leg_calls
+        return None if isinstance(motions, DasError) else lambda jerk: legs_of(path, motions(jerk), calls)
 
     @cached_property
     def energies(self) -> tuple[LegEnergies, ...]:
@@ -238,7 +256,8 @@ class DrivenEnergy(DrivenWay):
     def driven_j(self) -> float | None:
         """Energy at the current collector (J), from each departure to the next arrival; None if not known.
 
-        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured.
+        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured, or that
+        of the part that a replay estimated.
         """
         if self._said_by_simulator is not None:
             return self._said_by_simulator.driven_j
@@ -247,7 +266,9 @@ class DrivenEnergy(DrivenWay):
             motions = [self.motion] if isinstance(found, DasError) else [leg.motion for leg in found]
             return math.fsum(one.drawn_j for one in motions)
         energies = found if isinstance(found, DasError) else _or_error(lambda: self.energies)
-        return None if isinstance(energies, DasError) else math.fsum(one.driven_j for one in energies)
+        if isinstance(energies, DasError):
+            return None if self.said is None else self.said.driven_j
+        return math.fsum(one.driven_j for one in energies)
 
     @property
     def measured(self) -> bool:
@@ -353,7 +374,8 @@ class Drive(DrivenEnergy):
     def events(self) -> tuple[DriveEvent, ...]:
         """Everything that happened, in order of time."""
         top_mps = math.inf if isinstance(self._inputs, DasError) else self._inputs.vehicle.max_speed_mps
-        return events_of(self.recording, self.course, self.calls, self.silences, self.limit_mps, top_mps)
+        known = LineAndTrain(self.limit_mps, top_mps, self.zone)
+        return events_of(self.recording, self.course, self.calls, self.silences, known)
 
     @cached_property
     def _any_attribution(self) -> Attribution | DasError:
@@ -402,13 +424,13 @@ class Drive(DrivenEnergy):
     def likely(self) -> LikelyRange | None:
         """The likely range of an estimated energy above the optimum; None if the energy is measured or not known.
 
-        The bounds that a replay recorded are kept, because they include the uncertainty of smoothing the trip.
+        The bounds that a replay recorded are kept.
         """
         from sim.drive.attribution.driven_legs import likely_range
 
         if self.above is None or self.above.measured or self.not_comparable:
             return None
-        found = likely_range(self.compared)
+        found = likely_range(self.compared, self.smoothed)
         if found is None or self.above.likely is None:
             return found
         return replace(found, low_j=self.above.likely.low_j, high_j=self.above.likely.high_j)

@@ -284,7 +284,8 @@ def _told(advice: Any) -> _Told | None:
     if kind is None or math.isnan(advice.speed_mps):
         return None
     now, time_s = coach.now, advice.time_ns * NS
-    effort = 0 if math.isnan(now.effort_ratio) else round(now.effort_ratio / EFFORT_STEP_RATIO)
+    shows = not (math.isnan(now.effort_ratio) or math.isnan(coach.lever_ratio))
+    effort = round(now.effort_ratio / EFFORT_STEP_RATIO) if shows else 0
     due_s = time_s + now.in_s
     return _Told(kind, now.speed_mps, effort, time_s, advice.s_m, advice.speed_mps, due_s, int(coach.replan.time_ns))
 

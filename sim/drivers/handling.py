@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from das.domain.units import KMH
 from sim.drivers.cab import AT_STOP_M, CabView, Diary, Efforts
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Outlook
@@ -60,6 +61,8 @@ class HeedingSettings:
     made_good_s: float = 20.0
     """A driver who is shown to be this much (s) late drives as fast as allowed; one who is shown to be this much early
     drives just in time."""
+    creeps_mps: float = 10.0 * KMH
+    """A driver who brakes for his stop by eye goes no slower than this before he must brake."""
     least_effort_s: float = 4.0
     """A driver does not begin an acceleration that would be over within this time (s), but holds the speed. Instead of
     braking for so short a time he lets the train roll."""

@@ -344,6 +344,8 @@ class HumanDriver:
         target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
         if math.isnan(effort):
             brakes = advice_kind(view) is InstructionKind.BRAKE
+            if brakes and view.shown_speed_mps <= 0.0:
+                return self._by_eye(cab, outlook)
             effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
         if view.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s
@@ -358,6 +360,10 @@ class HumanDriver:
         if cab.speed_mps <= target:
             return min(self.handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
         return 0.0 if self._soon_over(cab, outlook, effort, target) else self.set_effort(effort)
+
+    def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
+        """The setting of a driver who is told to stop, but not how hard to brake: he brakes once he must."""
+        return self.handling.held(cab, outlook, max(cab.speed_mps, HEEDING.creeps_mps))
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
         """Whether he does not even begin an acceleration or brake to a speed, because it would be over too soon."""

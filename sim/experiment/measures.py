@@ -233,8 +233,8 @@ _LISTED: Final = (
         formula="E: energy at the current collector from departure to arrival, summed over the sections",
     ),
     Measure(
-        name="energy_hindsight_kwh", title="Optimum for the times as driven", unit="kWh", source=NOLD,
-        of=_figure("energy_hindsight_kwh"),
+        name="energy_optimum_kwh", title="Optimum for the times as driven", unit="kWh", source=NOLD,
+        of=_figure("energy_optimum_kwh"),
         formula="E_opt: least energy of the true train for the running times that the sections really took",
     ),
     Measure(

@@ -211,7 +211,7 @@ COUNTS = (
 TRUTHS = ("advice_restless",)
 FIGURES = (
     *("late_s", "running_time_s"),
-    *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_hindsight_kwh", "above_optimum_kwh"),
+    *("energy_kwh", "energy_at_stops_kwh", "energy_planned_kwh", "energy_optimum_kwh", "above_optimum_kwh"),
     "above_optimum_ratio",
     *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
     *(f"{name}_kwh" for name in SHARES),

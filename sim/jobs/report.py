@@ -119,7 +119,7 @@ def _saving(
     def less(name: str) -> Any:
         return np.array([alone[pair][name] - advised[pair][name] for pair in pairs])
 
-    saved = less("energy_kwh") - less("energy_hindsight_kwh")
+    saved = less("energy_kwh") - less("energy_optimum_kwh")
     baseline_kwh = float(np.mean([alone[pair]["energy_kwh"] for pair in pairs]))
     spread = float(saved.std(ddof=1)) if len(pairs) > 1 else float("nan")
     profile, tracking = float(less("energy_profile_kwh").mean()), None
@@ -136,7 +136,7 @@ def _saving(
         saved_kwh=float(saved.mean()),
         saved_ratio=float(saved.mean()) / baseline_kwh,
         interval_kwh=NORMAL_95 * spread / len(pairs) ** 0.5,
-        time_shift_kwh=float(less("energy_hindsight_kwh").mean()),
+        time_shift_kwh=float(less("energy_optimum_kwh").mean()),
         blending_kwh=float(less("energy_blending_kwh").mean()),
         profile_kwh=profile, tracking_kwh=tracking,
     )  # fmt: skip
@@ -160,7 +160,7 @@ def _summed(scenario: str, driver: str, advice: str, rows: Sequence[dict[str, An
         return found
     late_s = np.array([row["late_s"] for row in good])
     found |= {"late_mean_s": float(late_s.mean()), "late_p95_s": float(np.quantile(late_s, 0.95))}
-    for name in ("energy_kwh", "energy_hindsight_kwh", *(f"{share}_kwh" for share in SHARES)):
+    for name in ("energy_kwh", "energy_optimum_kwh", *(f"{share}_kwh" for share in SHARES)):
         found[name] = float(np.mean([row[name] for row in good]))
     total = sum(found[f"{share}_kwh"] for share in SHARES)
     return found | {f"{share}_ratio": found[f"{share}_kwh"] / total for share in SHARES}
@@ -212,5 +212,5 @@ def _cells(group: dict[str, Any]) -> list[str]:
     cells = [names, str(group["runs"]), str(group["failed"])]
     if "energy_kwh" not in group:
         return cells
-    cells += [f"{group['late_mean_s']:+.0f}", f"{group['energy_kwh']:.1f}", f"{group['energy_hindsight_kwh']:.1f}"]
+    cells += [f"{group['late_mean_s']:+.0f}", f"{group['energy_kwh']:.1f}", f"{group['energy_optimum_kwh']:.1f}"]
     return cells + [f"{100 * group[f'{share}_ratio']:.1f}" for share in SHARE_NAMES]

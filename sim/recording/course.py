@@ -9,7 +9,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from typing import Final
 
 import numpy as np
@@ -67,7 +67,7 @@ _OF_DAY: Final = re.compile(r"(?P<h>[01]\d|2[0-3]):(?P<m>[0-5]\d)(?::(?P<s>[0-5]
 
 @dataclass(frozen=True, kw_only=True)
 class DriveClock:
-    """A clock that shows 0 at `zero_ns` (ns since 1970).
+    """A clock that shows 0 at `zero_ns` (ns since 1970); times of day are those of a time zone.
 
     The zero is the timetable's first departure, as in the tables of a run; without a timetable it is the first
     position.
@@ -76,6 +76,7 @@ class DriveClock:
     zero_ns: int
     zero_is: str = "the timetable's departure"
     """What happens at zero, in words for pages."""
+    zone: tzinfo = UTC
 
     @classmethod
     def of_recording(cls, recording: Recording) -> DriveClock:
@@ -107,8 +108,8 @@ class DriveClock:
         return minutes(self.since_s(time_ns))
 
     def of_day(self, time_ns: int) -> str:
-        """The time of day (UTC), "08:16:34"."""
-        return f"{datetime.fromtimestamp(round(time_ns * NS), UTC):%H:%M:%S}"
+        """The time of day in the clock's time zone, "08:16:34"."""
+        return f"{datetime.fromtimestamp(round(time_ns * NS), self.zone):%H:%M:%S}"
 
     def moment_ns(self, text: str) -> int:
         """The moment (ns since 1970) that a user's text names; DasError for a text in none of the `FORMS`."""

@@ -211,7 +211,7 @@ def _over_time(axes: dict[str, Any], scene: ReviewScene, theme: Theme) -> None:
             curve(axis, name, along(at), values, theme)
     start, end = scene.ends_s
     margin = max(MARGIN_RATIO * (end - start), 1.0)
-    title = f"Clock of the drive (min:s): 0:00 is {clock.zero_is}. Under it the time of day (UTC)"
+    title = f"Clock of the drive (min:s): 0:00 is {clock.zero_is}. Under it the time of day ({clock.zone})"
     share_x(list(axes.values()), (start - margin, end + margin), title, theme)
     _ticks(list(axes.values()), scene)
     for name, axis in axes.items():

@@ -77,7 +77,7 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
         ]
     went, driven_j = drive.travelled, drive.driven_j
     rows += [
-        ("start (UTC)", f"{datetime.fromtimestamp(went.start_ns * NS, UTC):%Y-%m-%d %H:%M:%S}"),
+        (f"start ({drive.zone})", f"{datetime.fromtimestamp(went.start_ns * NS, drive.zone):%Y-%m-%d %H:%M:%S}"),
         ("driven", f"{went.way_m / KM:.2f} km"),
         ("time", f"{went.time_s:.0f} s"),
     ]

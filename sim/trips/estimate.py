@@ -7,10 +7,10 @@ how far off they may be.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,6 @@ from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
-from sim.trips.matching import MatchedTrip
-from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.settings import ESTIMATE, SMOOTHING
 
 
@@ -193,7 +191,7 @@ _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
     (BRAKING, "electric first … friction alone", ({"all_friction": False}, {"all_friction": True})),
     (
         "smoothing of the record",
-        f"jerk ÷ and × {ESTIMATE.smoothing_ratio:g}",
+        f"jerk from 1/{ESTIMATE.smoothing_ratio:g} to {ESTIMATE.smoothing_ratio:g} times",
         (
             {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 / ESTIMATE.smoothing_ratio},
             {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 * ESTIMATE.smoothing_ratio},
@@ -203,9 +201,21 @@ _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
 """The name of each unknown, its range in words, and the changes of a case at either end of the range."""
 
 
-def energy_range(section: Section, matched: MatchedTrip) -> EnergyRange:
+class DrivenPart(NamedTuple):
+    """A part of a trip from one stand to the next: times from 0 on, positions and speeds, arrays of one length."""
+
+    time_s: Floats
+    s_m: Floats
+    speed_mps: Floats
+
+
+SmoothedParts = Callable[[float], Sequence[DrivenPart]]
+"""Returns the parts of a trip when its record is smoothed with another density of the jerk (m²/s⁵)."""
+
+
+def energy_range(section: Section, parts: SmoothedParts) -> EnergyRange:
     """How far off the energy of a driven trip may be: inverse dynamics is repeated for every case."""
-    return over_unknowns(driven_energy(section, matched))
+    return over_unknowns(driven_energy(section, parts))
 
 
 def over_unknowns(energy_j: Callable[[DrivenCase], float | None]) -> EnergyRange:
@@ -267,17 +277,13 @@ def _outermost(energy_j: Callable[[DrivenCase], float | None], sign: float) -> f
             return sign * reach(case)
 
 
-def driven_energy(section: Section, matched: MatchedTrip) -> Callable[[DrivenCase], float]:
-    """A function that gives the energy at the collector (J) of a driven trip in a case."""
-
-    @cache
-    def smooth(jerk_psd_m2ps5: float) -> DrivenRun:
-        return to_profile(matched, jerk_psd_m2ps5=jerk_psd_m2ps5)
+def driven_energy(section: Section, parts: SmoothedParts) -> Callable[[DrivenCase], float]:
+    """A function that gives the energy at the collector (J) of a driven trip in a case, the sum of its parts."""
+    smoothed = cache(parts)
 
     def driven_j(case: DrivenCase) -> float:
-        run = smooth(case.jerk_psd_m2ps5)
         other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
-        return estimate_run(other, run.time_s, run.s_m, run.speed_mps).balance.input
+        return sum(estimate_run(other, *part).balance.input for part in smoothed(case.jerk_psd_m2ps5))
 
     return driven_j
 

@@ -16,7 +16,14 @@ from das.domain.trajectory import PART_WORDS
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
 from das.solver.section import Section
 from sim.trips.cleaning import CleaningReport, FindingKind
-from sim.trips.estimate import DrivenEstimate, EnergyRange, energy_range, estimate_run, strongest_held_n
+from sim.trips.estimate import (
+    DrivenEstimate,
+    EnergyRange,
+    SmoothedParts,
+    energy_range,
+    estimate_run,
+    strongest_held_n,
+)
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
@@ -30,10 +37,13 @@ COLUMNS = ("time_ms", "position_m", "speed_mps", "speed_from_positions", "latitu
 _NS_PER_MS = round(MS / NS)
 
 
-def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
+def describe(
+    trip: Trip, section: Section | None, parts: SmoothedParts | None, compared_part: str = ""
+) -> dict[str, Any]:
     """What is in a trip, for JSON (times in s, distances in m, energies in kWh at the current collector).
 
-    Energies are without comfort systems. Without a section, that is without a vehicle, `energy` is None.
+    Energies are those of its parts, without comfort systems: from stop to stop, or of the part of an open trip that is
+    compared with an optimum, if there is one. Without a section, that is without a vehicle, `energy` is None.
     """
     run, report = trip.run, trip.matched.report
     return {
@@ -64,7 +74,8 @@ def describe(trip: Trip, section: Section | None) -> dict[str, Any]:
             "speed_lag_s": run.speed_lag_s,
         },
         "stands": _stands(trip),
-        "energy": None if section is None else _energy(trip, section),
+        "compared_part": compared_part or None,
+        "energy": None if section is None or parts is None else _energy(trip, section, parts),
         "not_known": _not_known(trip, section),
     }
 
@@ -90,17 +101,18 @@ def _stands(trip: Trip) -> list[dict[str, Any]]:
     return rows
 
 
-def _energy(trip: Trip, section: Section) -> dict[str, Any]:
+def _energy(trip: Trip, section: Section, parts: SmoothedParts) -> dict[str, Any]:
     run = trip.run
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
-    spread = energy_range(section, trip.matched)
+    spread = energy_range(section, parts)
     traction_n, braking_n = strongest_held_n(driven)
+    terms = [estimate_run(section, *part).balance.as_kwh() for part in parts(SMOOTHING.jerk_psd_m2ps5)]
     return {
         "vehicle": section.vehicle.name,
         "level": str(section.level),
-        **{f"{name}_kwh": value for name, value in driven.balance.as_kwh().items()},
-        "input_low_kwh": kwh(spread.low_j),
-        "input_high_kwh": kwh(spread.high_j),
+        **{f"{'energy' if name == 'input' else name}_kwh": sum(one[name] for one in terms) for name in terms[0]},
+        "energy_low_kwh": kwh(spread.low_j),
+        "energy_high_kwh": kwh(spread.high_j),
         "unknowns": unknowns(spread),
         "strongest_traction_kn": traction_n / KN,
         "strongest_braking_kn": braking_n / KN,
@@ -194,6 +206,8 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
         print_table(_energy_table(found["energy"]), LEGEND)
     if found["line_not_used"]:
         tell(f"note: {found['line_not_used']}")
+    if found["compared_part"] and not found.get("trains"):
+        tell(f"note: {part_words(found['compared_part'])}")
     for note in found["not_known"]:
         tell(f"not known: {note}")
     if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
@@ -260,8 +274,8 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     table = Table(title=title, title_justify="left")
     for name in ("kWh at the current collector", "estimate", "from", "to"):
         table.add_column(name, justify="left" if "kWh" in name else "right")
-    low, high = energy["input_low_kwh"], energy["input_high_kwh"]
-    table.add_row("net input", f"{energy['input_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
+    low, high = energy["energy_low_kwh"], energy["energy_high_kwh"]
+    table.add_row("net input", f"{energy['energy_kwh']:.1f}", f"{low:.1f}", f"{high:.1f}")
     for u in energy["unknowns"]:
         table.add_row(f"  by {u['name']} ({u['assumed']})", "", f"{u['low_kwh']:.1f}", f"{u['high_kwh']:.1f}")
     for name, words in PART_WORDS.items():

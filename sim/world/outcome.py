@@ -132,11 +132,9 @@ class RunEnergies:
     def as_dict(self) -> dict[str, Any]:
         """The energies (kWh), for programs."""
         return {
-            "energy_kwh": kwh(self.driven_j),
+            **self.above.as_dict(),
             "energy_at_stops_kwh": kwh(self.at_stops_j),
             "energy_planned_kwh": kwh(self.planned_j),
-            "energy_hindsight_kwh": kwh(self.optimum_as_driven_j),
-            **self.above.as_dict(),
             "energy_blending_kwh": kwh(self.blending_j),
             "energy_profile_kwh": kwh(self.profile_j),
             "energy_own_braking_kwh": kwh(self.own_braking_j),

@@ -194,7 +194,7 @@ def test_energies_of_the_recording_are_those_of_the_result(recording: Recording,
     assert last.energy_input_j / 3.6e6 == pytest.approx(found["energy_kwh"] + found["energy_at_stops_kwh"], rel=1e-9)
     shares = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
     assert sum(found[f"{name}_ratio"] for name in shares) == pytest.approx(1.0)
-    assert found["energy_kwh"] > found["energy_hindsight_kwh"] > 0
+    assert found["energy_kwh"] > found["energy_optimum_kwh"] > 0
 
 
 @pytest.mark.processes
@@ -220,7 +220,7 @@ def test_the_recording_holds_what_was_taken_above_the_optimum(recording: Recordi
     said = entry.message
     assert said.measured
     assert kwh(said.driven_j) == pytest.approx(found["energy_kwh"], rel=1e-9)
-    assert kwh(said.optimum_j) == pytest.approx(found["energy_hindsight_kwh"], rel=1e-9)
+    assert kwh(said.optimum_j) == pytest.approx(found["energy_optimum_kwh"], rel=1e-9)
     assert said.likely_low_j == said.worst_high_j == pytest.approx(said.driven_j - said.optimum_j)
     assert sum(one.driven_j for one in said.sections) == pytest.approx(said.driven_j)
     assert sum(one.optimum_j for one in said.sections) == pytest.approx(said.optimum_j)

@@ -16,7 +16,7 @@ NONE, COACH = Presentation.NONE, Presentation.COACH
 
 def row(energy_kwh: float, optimum_kwh: float) -> dict[str, float]:
     return {
-        "energy_kwh": energy_kwh, "energy_hindsight_kwh": optimum_kwh, "energy_blending_kwh": 0.4 * energy_kwh,
+        "energy_kwh": energy_kwh, "energy_optimum_kwh": optimum_kwh, "energy_blending_kwh": 0.4 * energy_kwh,
         "energy_profile_kwh": 7.0, "friction_brake_ratio": 0.141, "late_s": 3.0, "advice_changes_per_min": 1.9,
     }  # fmt: skip
 

@@ -24,7 +24,7 @@ def test_each_driver_is_compared_with_itself_on_the_same_days() -> None:
             "driver": str(driver), "scenario": "day", "advice": str(shown), "seed": seed,
             "energy_kwh": 100.0 * (number + 1) + seed - 5.0 * (shown != "none"),
             "late_s": 2.0 if seed else -5.0, "over_limit_s": 0.5,
-            "energy_hindsight_kwh": 90.0 - 2.0 * (shown != "none"), "energy_blending_kwh": 1.0 * (shown != "none"),
+            "energy_optimum_kwh": 90.0 - 2.0 * (shown != "none"), "energy_blending_kwh": 1.0 * (shown != "none"),
             "advice_changes_per_min": None if shown == "none" else 1.25,
         }
         for (number, driver), shown, seed in product(enumerate(DRIVERS), SHOWN, (2, 0, 1))

@@ -351,11 +351,11 @@ def test_the_command_writes_json_csv_and_a_picture(tmp_path: Path) -> None:
     by_label = {row["label"]: row for row in rows}
     assert len(by_label) == len(rows) == 9
     nothing = by_label["resistance +0 %"]
-    assert (nothing["time_s"], nothing["energy_input_kwh"]) == (plan["time_s"], plan["energy_input_kwh"])
+    assert (nothing["time_s"], nothing["energy_kwh"]) == (plan["time_s"], plan["energy_kwh"])
     for row in rows:
         assert row["followed"], row
         assert row["late_s"] == pytest.approx(row["time_s"] - plan["time_s"])
-        assert row["extra_ratio"] == pytest.approx(row["energy_input_kwh"] / plan["energy_input_kwh"] - 1)
+        assert row["extra_ratio"] == pytest.approx(row["energy_kwh"] / plan["energy_kwh"] - 1)
         if row["step"]:
             assert row["extra_ratio_per_step"] * row["step"] == pytest.approx(row["extra_ratio"])
     # Half of what the plan feeds back: the same forces, whatever the line takes.

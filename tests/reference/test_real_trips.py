@@ -125,8 +125,8 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     assert found["whole_section"]
     assert found["trip_time_s"] == 559
     energy = found["energy"]
-    assert energy["input_low_kwh"] < energy["input_kwh"] < energy["input_high_kwh"]
-    assert energy["input_kwh"] == pytest.approx(217.7, rel=0.02)
+    assert energy["energy_low_kwh"] < energy["energy_kwh"] < energy["energy_high_kwh"]
+    assert energy["energy_kwh"] == pytest.approx(217.7, rel=0.02)
     assert 180 < energy["strongest_braking_kn"] < 260  # the last two seconds of the stop alone ask 383
 
 
@@ -159,8 +159,8 @@ def test_a_dirty_track_becomes_a_reviewed_recording(tmp_path: Path) -> None:
     assert found["messages_lost"] == found["advices_above_limit"] == 0
     assert found["whole_section"]
     assert found["trip_time_s"] == pytest.approx(559, abs=4)
-    assert found["energy_driven_low_kwh"] < found["energy_driven_kwh"] < found["energy_driven_high_kwh"]
-    assert found["energy_driven_kwh"] == pytest.approx(217.7, rel=0.05)
+    assert found["energy_low_kwh"] < found["energy_kwh"] < found["energy_high_kwh"]
+    assert found["energy_kwh"] == pytest.approx(217.7, rel=0.05)
     recording = read_recording(tmp_path / "run.mcap")
     assert recording.metadata["run"]["cleaning"] == found["cleaning_summary"]
     assert "3 × position jump (dropped)" in found["cleaning_summary"]

@@ -240,13 +240,19 @@ def aim_mps(schedule: Schedule, number: int) -> float:
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)
     if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
-        return one.target_mps
+        return told_mps(one.target_mps, section, float(section.envelope_mps[one.begin : end + 1].max()))
     if schedule.brakes_by_effort(number):
-        return one.target_mps
+        return told_mps(one.target_mps, section, float(section.envelope_mps[end]))
     limits = section.limit_mps[one.begin : end] if one.kind is NotchRegime.COAST else section.limit_mps[end : end + 1]
     highest = float(section.envelope_mps[end])
     limit_mps = float(limits.min()) if limits.size else highest  # A brake to the stop has no limit at its end.
     return rounded_mps(one.target_mps, TARGET_STEP_MPS, limit_mps, min(highest, limit_mps))
+
+
+def told_mps(speed_mps: float, section: Section, highest_mps: float) -> float:
+    """The speed to tell a driver for a speed of the schedule that is no whole step: the nearest step, or a limit."""
+    limit_mps = float(section.limit_mps[np.abs(section.limit_mps - speed_mps).argmin()])
+    return rounded_mps(speed_mps, TARGET_STEP_MPS, limit_mps, highest_mps)
 
 
 def traction(share: float, target_mps: float) -> Instruction:

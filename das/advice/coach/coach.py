@@ -102,7 +102,7 @@ class Coach:
             reason=self._reason(kept, shown, state, goal, place),
             replan=kept.reference.replan,
         )
-        return as_read(found, self._section.largest_n(state.v_mps))
+        return as_read(found, self._section.largest_n(state.v_mps), self._section.end_m - state.s_m)
 
     def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Coaching | None:
         """The advice to creep to the stop, for a train so slow that no reference leads there; None for a faster one."""
@@ -114,7 +114,7 @@ class Coach:
             now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
             reference_force_n=force_n, reason=Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name),
         )  # fmt: skip
-        return as_read(found, self._section.largest_n(state.v_mps))
+        return as_read(found, self._section.largest_n(state.v_mps), self._section.end_m - state.s_m)
 
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
         """The advice for a train that stands at a stop and departs in `departs_in_s`."""

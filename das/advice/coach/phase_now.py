@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.advice import Instruction
-from das.advice.coach.announcing import Notices, aim_mps, traction
+from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, traction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
 from das.advice.goal import TrainState
 from das.advice.regimes import TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, TARGET_STEP_MPS, target_below
+from das.domain.units import KMH
 from das.solver.few_switch.as_run import BRIEF_S, GAINS_S
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -20,6 +21,11 @@ from das.solver.few_switch.schedule import Schedule
 
 CREEPS_FOR_S = 6.0
 """A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
+COAST_MISSES_MPS, COASTS_ON_S = 5.0 * KMH, 10.0
+"""Coasting that would end further than this from the speed shown leads to another speed, and says that one. In the last
+`COASTS_ON_S` of it, the speed shown stays."""
+ROLLS_MPS2 = 0.02
+"""A coasting train speeds up by itself if it gains more than this."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
 """Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
 short of the mark (`CREEPS`). A driver above the speed to hold is told to coast back to it (`ROLLS`), or to brake if
@@ -29,14 +35,15 @@ coasting takes too long (`BRAKES_BACK`)."""
 class PhaseScene(NamedTuple):
     """What the instruction of a phase depends on besides the train.
 
-    That is the brakes of the section, the instruction shown now, whether it is a brake that is due already, the time
-    left in the phase (s), and what has been announced.
+    That is the brakes of the section, the instruction shown now, for how long it has been shown (s), whether it is a
+    brake that is due already, the forecast of the reference, and what has been announced.
     """
 
     brakes: ShownBrakes
     shown: Instruction
+    shown_s: float
     brake_begun: bool
-    left_s: float
+    foreseen: Foreseen
     notices: Notices
 
 
@@ -68,24 +75,30 @@ class PhaseNow:
         highest = highest_mps(schedule, number, state.s_m)
         if target > highest + SAME_READING_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             target = target_below(highest)
+        if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+            target = told_mps(target, schedule.section, target)
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
-            return coasting(target)
+            return coasting(self._coasts_to(schedule, number, state, place, target))
         if self._accelerates(one, v_mps, target):
             if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
                 self._held_mps = max(target_below(v_mps), schedule.phases[number + 1].target_mps)
             if self._held_mps > 0.0:
-                return self._holding(schedule, state, min(self._held_mps, target))
+                return self._holding(schedule, number, state, min(self._held_mps, target))
             self._share = one.share
             return traction(one.share, target)
-        return self._holding(schedule, state, target)
+        return self._holding(schedule, number, state, target)
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
-        left_s, way_m = self._scene.left_s, schedule.begin_m(number + 1) - state.s_m
-        if self._scene.shown.mode in TRACTION or schedule.kind_after(number) is not NotchRegime.BRAKE:
+        after = number + 1
+        while schedule.kind_after(after - 1) is NotchRegime.HOLD:
+            after += 1
+        if self._scene.shown.mode in TRACTION or schedule.kind_after(after - 1) is not NotchRegime.BRAKE:
             return False
+        begin_m = schedule.begin_m(after)
+        left_s, way_m = self._scene.foreseen.time_s(begin_m), begin_m - state.s_m
         return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < GAINS_S
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
@@ -97,12 +110,15 @@ class PhaseNow:
         self._reached_mps = target
         return False
 
-    def _holding(self, schedule: Schedule, state: TrainState, target: float) -> Instruction:
+    def _holding(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
         """The instruction to hold a speed, or to return to it if the train is too far from it."""
         settings, away = self._settings, state.v_mps - target
+        left_s = self._scene.foreseen.time_s(schedule.begin_m(number + 1))
+        if self.back == 0 and away < -settings.reached_mps and self._rolls_up_to(target, state):
+            return coasting(target)
         if self.back == 0 and away < -settings.reached_mps and self._scene.shown.mode in TRACTION:
             self.back = 1  # The train is still accelerating to this speed.
-        elif self.back == 0 and away < 0 and self._scene.left_s < settings.worth_accelerating_s:
+        elif self.back == 0 and away < 0 and left_s < settings.worth_accelerating_s:
             pass  # The next instruction is near: accelerating now would be wasted.
         elif self.back == 0 and abs(away) > (settings.above_mps if away > 0 else settings.below_mps):
             self.back, self._share = (1, schedule.back_share) if away < 0 else self._slows_back(state, away)
@@ -116,6 +132,29 @@ class PhaseNow:
             return coasting(target)
         return Instruction(mode=Regime.CRUISE, speed_mps=target)
 
+    def _rolls_up_to(self, target: float, state: TrainState) -> bool:
+        """Whether the driver has been told to coast to a speed, and his train still speeds up to it down a hill."""
+        shown, rolls_mps2 = self._scene.shown, self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
+        return shown.mode is Regime.COAST and abs(shown.speed_mps - target) < SAME_MPS and rolls_mps2 > ROLLS_MPS2
+
+    def _coasts_to(
+        self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, target: float
+    ) -> float:
+        """The speed to which coasting leads: that of the schedule, or another one if this train ends far from it."""
+        shown, end_m, ahead = self._scene.shown, schedule.begin_m(number + 1), self._scene.brakes.ahead
+        told = shown.speed_mps if shown.mode is Regime.COAST else target
+        here_m = max(state.s_m, schedule.begin_m(number))
+        young = shown.mode is Regime.COAST and self._scene.shown_s < self._settings.least_shown_s
+        if young or end_m - here_m < state.v_mps * COASTS_ON_S:
+            return told
+        nodes_m, speeds_mps = schedule.section.node_m, ahead.rolling_mps(here_m, state.v_mps)
+        ends_mps = float(np.interp(end_m, nodes_m[-len(speeds_mps) :], speeds_mps))
+        if abs(ends_mps - told) <= COAST_MISSES_MPS:
+            return told
+        on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
+        highest = float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps))
+        return told_mps(min(max(ends_mps, self._settings.brake.creep_mps), highest), schedule.section, highest)
+
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
         ahead, limit = self._scene.brakes.ahead, self._settings.limit
@@ -128,7 +167,7 @@ class PhaseNow:
         settings, v_mps = self._settings, state.v_mps
         held = self._scene.shown.mode is Regime.CRUISE and abs(self._scene.shown.speed_mps - target) < SAME_MPS
         if v_mps <= target + (settings.limit.braked_mps if held else SAME_MPS) and target > SAME_MPS:
-            return self._holding(schedule, state, target)
+            return self._holding(schedule, number, state, target)
         way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         slows = target > SAME_MPS  # It brakes to a lower speed, not to a stop.
@@ -141,7 +180,7 @@ class PhaseNow:
             may_roll = v_mps > target + settings.brake.rolls_above_mps and rolled_w <= target**2
         else:
             stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
-            may_roll = v_mps >= settings.brake.last_mps or stands_short
+            may_roll = way_m >= settings.brake.by_eye_m or stands_short
         has_begun = state.s_m >= schedule.begin_m(number)
         if not slows and self.back == 0 and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
             may_roll = False

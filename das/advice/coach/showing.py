@@ -95,10 +95,11 @@ class Showing:
         brakes, number = self._begin(schedule, state, place)
         foreseen = _foreseen(schedule, kept, state)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
-        scene = PhaseScene(brakes, self._shown, self._brake_begun, foreseen.time_s(phase_ends_m), self._notices)
+        shown_s = (state.now_ns - self._since_ns) * NS
+        scene = PhaseScene(brakes, self._shown, shown_s, self._brake_begun, foreseen, self._notices)
         planned = self._phase.instruction(schedule, number, state, place, scene)
         begins_s = foreseen.time_s(begins_m) if begins_m > state.s_m else 0.0
-        chosen = self._chosen(planned, schedule, state, place, (begins_s, scene.left_s))
+        chosen = self._chosen(planned, schedule, state, place, (begins_s, foreseen.time_s(phase_ends_m)))
         kept_on = begins_s > 0.0 and not _alike(chosen.now, chosen.wanted)  # The previous instruction is still shown.
         due_s = self._due_s(chosen, state, place, begins_s)
         waits = due_s > 0.0 and not kept_on

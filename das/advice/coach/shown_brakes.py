@@ -201,8 +201,9 @@ class ShownBrakes:
             build_up_m = state.v_mps * 0.5 * braking.build_up_s
             from_m += max(min(build_up_m, self._settings.effort.build_up_ratio * (end_m - from_m)), 0.0)
         needed = self.ahead.effort_to(from_m, state.v_mps, end_m, target)
-        planned = float(schedule.phases[number].share) if schedule.brakes_by_effort(number) else 0.0
-        return NeededBrake(max(needed, planned), target, end_m)
+        if schedule.brakes_by_effort(number):  # No limit asks for this brake: the motors' is enough.
+            needed = min(max(needed, float(schedule.phases[number].share)), 1.0)
+        return NeededBrake(max(needed, 0.0), target, end_m)
 
     def back_to(self, target_mps: float, effort: float) -> Instruction:
         """The instruction to brake back to a speed to hold, with an effort that is rounded up for display."""

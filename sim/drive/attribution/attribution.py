@@ -317,8 +317,6 @@ def as_dict(attribution: Attribution) -> dict[str, Any]:
     """The energy attribution for programs: energies in kWh at the current collector, times in s, positions in m."""
     against = attribution.against_timetable
     return {
-        "driven_kwh": kwh(attribution.driven_j),
-        "optimum_same_times_kwh": kwh(attribution.optimum_j),
         **attribution.above.as_dict(),
         "measured": attribution.measured,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in attribution.by_cause.items()},
@@ -344,8 +342,8 @@ def leg_dict(leg: LegAttribution) -> dict[str, Any]:
         "timetable_s": driven.timetable_s,
         "departed_ns": int(driven.motion.time_ns[0]),
         "arrived_ns": int(driven.motion.time_ns[-1]),
-        "driven_kwh": kwh(leg.driven_j),
-        "optimum_same_time_kwh": kwh(leg.optimum_j),
+        "energy_kwh": kwh(leg.driven_j),
+        "energy_optimum_kwh": kwh(leg.optimum_j),
         "optimum_timetable_kwh": optional(leg.timetable_j),
         "late_departure_kwh": optional(leg.recovered_j),
         "early_arrival_kwh": optional(leg.early_j),
@@ -363,8 +361,8 @@ def place_rows(places: Places) -> list[dict[str, float]]:
             "end_m": float(places.end_m[i]),
             "driven_s": float(places.driven_s[i]),
             "optimum_s": float(places.optimum_s[i]),
-            "driven_kwh": kwh(float(places.driven_j[i])),
-            "optimum_kwh": kwh(float(places.optimum_j[i])),
+            "energy_kwh": kwh(float(places.driven_j[i])),
+            "energy_optimum_kwh": kwh(float(places.optimum_j[i])),
             "lost_more_kwh": kwh(float(places.lost_more_j[i])),
         }
         for i in range(len(places.start_m))

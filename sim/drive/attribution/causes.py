@@ -50,6 +50,11 @@ class EnergyCause(StrEnum):
         """One sentence about what is counted under the cause."""
         return MEANINGS[self]
 
+    @property
+    def next_time(self) -> str:
+        """What the driver may do otherwise the next time, in one sentence."""
+        return NEXT_TIME.get(self, NOT_THE_DRIVERS)
+
 
 LABELS = {
     EnergyCause.TOO_FAST: "too fast early",
@@ -82,6 +87,22 @@ MEANINGS = {
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
     EnergyCause.ARRIVAL: "Arriving before the timetable's time costs energy, arriving after it saves some.",
 }
+
+NEXT_TIME: Final = {
+    EnergyCause.TOO_FAST: "Next time: take off traction sooner.",
+    EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
+    EnergyCause.TOO_SLOW: "Next time: accelerate harder and brake later here.",
+    EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
+    EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
+    EnergyCause.FRICTION: "Next time: brake sooner and less hard, with the motors alone.",
+}
+NOT_THE_DRIVERS: Final = "There is little for the driver to do otherwise."
+"""What is said of a cause that is not in `NEXT_TIME`."""
+BY_SPEED: Final = frozenset(
+    {EnergyCause.TOO_FAST, EnergyCause.LATE_COASTING, EnergyCause.TOO_SLOW, EnergyCause.AGAINST_ADVICE}
+    | {EnergyCause.LATENESS}
+)
+"""Causes about the speed at which the train was driven."""
 
 
 VALID_NS = 3_000_000_000

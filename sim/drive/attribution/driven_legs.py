@@ -20,19 +20,19 @@ from das.domain.losses import LossMap
 from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.trajectory import Trajectory
-from das.domain.units import KMH, NS
+from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy, passing_name
-from sim.drive.calls import STANDING_MPS, KeptCall, knows_truth
+from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy
+from sim.drive.calls import KeptCall, knows_truth
 from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, estimate_run, one_by_one, over_unknowns
-from sim.trips.profile import DrivenRun
-from sim.trips.settings import FINDING
+from sim.trips.profile import DrivenRun, to_profile
+from sim.trips.settings import FINDING, SMOOTHING
 from sim.trips.trip import recorded_trip
 
 LEAST_WAY_M = 100.0
@@ -119,7 +119,25 @@ def motion_of(recording: Recording, line: Callable[[], Route]) -> DrivenMotion:
             input_j=truth["energy_input_j"] if measured else None,
             friction_j=truth["friction_brake_j"] if measured else None,
         )
-    motion = DrivenMotion.of_run(recorded_trip(recording, line()).run)
+    return smoothed_motions(recording, line())(SMOOTHING.jerk_psd_m2ps5)
+
+
+def smoothed_motions(recording: Recording, route: Route) -> Callable[[float], DrivenMotion]:
+    """A function that smooths the positions of a recording with a density of the jerk (m²/s⁵), on the line as driven.
+
+    The motion has the energy of the friction brake if the recording has brake forces. DasError for positions that
+    cannot be used.
+    """
+    trip = recorded_trip(recording, route)
+
+    def motion(jerk_psd_m2ps5: float) -> DrivenMotion:
+        run = trip.run if jerk_psd_m2ps5 == SMOOTHING.jerk_psd_m2ps5 else to_profile(trip.matched, 1.0, jerk_psd_m2ps5)
+        return _with_friction(recording, DrivenMotion.of_run(run))
+
+    return motion
+
+
+def _with_friction(recording: Recording, motion: DrivenMotion) -> DrivenMotion:
     return replace(motion, friction_j=_friction_j(recording, motion.time_ns, motion.speed_mps))
 
 
@@ -134,11 +152,13 @@ def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floa
     return np.concatenate(([0.0], np.cumsum(step_j)))
 
 
-def legs_of(path: Path, motion: DrivenMotion, made: Sequence[KeptCall]) -> tuple[DrivenLeg, ...]:
-    """The legs of a drive between the stops that were served; DasError if the train served fewer than two stops."""
+def legs_of(
+    path: Path, motion: DrivenMotion, made: Sequence[KeptCall], why_none: str = NOT_WHOLE
+) -> tuple[DrivenLeg, ...]:
+    """The legs of a drive between the stops that were served; if fewer than two, DasError with `why_none`."""
     found = tuple(_legs(motion, [call for call in made if call.served]))
     if not found:
-        raise DasError(f"{path}: {NOT_COMPARABLE}: {NOT_WHOLE}")
+        raise DasError(f"{path}: {NOT_COMPARABLE}: {why_none}")
     return found
 
 
@@ -155,53 +175,6 @@ def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
         speed_mps[0], speed_mps[-1] = start.passed_mps, end.passed_mps
         s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
         yield DrivenLeg(start=start, end=end, motion=replace(cut, time_ns=time_ns, speed_mps=speed_mps, s_m=s_m))
-
-
-EQUAL_MPS: Final = 0.5
-"""Two speeds count as equal if each is within this (m/s) of the same speed."""
-LEAST_PART_M: Final = 1000.0
-"""A part between equal speeds that is shorter than this (m) says nothing about the drive."""
-
-
-def open_legs(
-    path: Path, motion: DrivenMotion, route: Route, vehicle: Vehicle, stood: Iterable[KeptCall] = ()
-) -> tuple[DrivenLeg, ...]:
-    """The legs of the longest part of a drive between equal speeds, for one that does not stand at both its stops.
-
-    `stood` are the stops on the way. As much kinetic energy enters the part as leaves it. Both ends are within the
-    limits of line and vehicle. DasError if the part is shorter than 1 km, or if the drive is faster than the vehicle.
-    """
-    vehicle = fast_enough(vehicle, motion)
-    v, s_m = motion.speed_mps, motion.s_m
-    limit_mps = np.minimum(route.limits_over_train(vehicle.train_length_m).at(s_m), vehicle.max_speed_mps)
-    allowed = (v <= limit_mps) & (s_m >= 0.0) & (s_m <= route.length_m)
-    longest = (0, 0)
-    for level in np.arange(0.0, v.max() + EQUAL_MPS, EQUAL_MPS):
-        there = np.flatnonzero(allowed & (np.abs(v - level) <= EQUAL_MPS))
-        if len(there) and s_m[there[-1]] - s_m[there[0]] > s_m[longest[1]] - s_m[longest[0]]:
-            longest = (int(there[0]), int(there[-1]))
-    first, last = longest
-    if s_m[last] - s_m[first] < LEAST_PART_M:
-        top_kmh, own_kmh = v.max() / KMH, vehicle.max_speed_mps / KMH
-        faster = f"the trip runs {top_kmh:.0f} km/h, which is faster than this train, {own_kmh:.0f} km/h"
-        raise DasError(f"{path}: {NOT_COMPARABLE}: {faster if top_kmh > own_kmh else NO_PART}")
-    if v[first] < STANDING_MPS:  # the part begins when the train leaves
-        first = int(np.flatnonzero(s_m <= s_m[first])[-1])
-    if v[last] < STANDING_MPS:
-        last = int(np.flatnonzero(s_m >= s_m[last])[0])
-    start, end = (_passing(motion, sample) for sample in (first, last))
-    inside = [one for one in stood if start.s_m + LEAST_WAY_M < one.stood_m < end.s_m - LEAST_WAY_M]
-    return legs_of(path, motion, [start, *inside, end])
-
-
-def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
-    """A sample of a motion as an end of a leg."""
-    s_m, time_ns = float(motion.s_m[sample]), int(motion.time_ns[sample])
-    speed_mps = float(motion.speed_mps[sample]) * bool(motion.speed_mps[sample] >= STANDING_MPS)
-    return KeptCall(
-        name=passing_name(s_m, speed_mps), s_m=s_m, due_arrival_ns=0, due_departure_ns=0,
-        arrived_ns=time_ns, departed_ns=time_ns, stood_m=s_m, passed_mps=speed_mps,
-    )  # fmt: skip
 
 
 def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
@@ -351,12 +324,11 @@ def likely_band(middle_j: float, unknowns: Iterable[Unknown]) -> EnergyBand:
     return EnergyBand(middle_j - low_j, middle_j + high_j)
 
 
-def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> EnergyRange:
+def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed) -> EnergyRange:
     """Energy of a trip as driven minus that of the optimum with the same arrivals (J), in every case of the unknowns.
 
-    Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone, and
-    without `smoothed` it stays as it is. A case in which the train could not have driven a leg in its trip time is left
-    out; the assumed case must be possible.
+    Train, wind and brakes are the same on both sides and in all legs; the smoothing concerns the record alone. A case
+    in which the train could not have driven a leg in its trip time is left out; the assumed case must be possible.
     """
     return over_unknowns(_above_in_cases(legs, smoothed))
 
@@ -365,9 +337,10 @@ def range_above(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> Energ
 class LikelyRange:
     """The likely range (J) of the energy above the optimum, and its range for each unknown on its own.
 
-    Mass, resistance and wind are independent of each other, so their deviations add as squares. How the train braked is
-    no deviation: `by_friction_j` is the energy above the optimum if the friction brake did all braking, in the drive
-    and in its optimum; NaN if such a train could not have driven so, or if forces were measured.
+    Mass, resistance, wind and the smoothing of the positions are independent of each other, so their deviations add as
+    squares. How the train braked is no deviation: `by_friction_j` is the energy above the optimum if the friction brake
+    did all braking, in the drive and in its optimum; NaN if such a train could not have driven so, or if forces were
+    measured.
     """
 
     low_j: float
@@ -376,14 +349,15 @@ class LikelyRange:
     unknowns: tuple[Unknown, ...]
 
 
-def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
+def likely_range(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> LikelyRange | None:
     """The likely range of an estimated energy above the optimum; None for a drive of more than `MOST_LEGS` legs.
 
-    Train, wind and brakes are the same for the drive and its optimum in every case.
+    Train, wind and brakes are the same for the drive and its optimum in every case. Without `smoothed`, the motion is
+    taken to be known.
     """
     if len(legs) > MOST_LEGS:
         return None
-    above_j = _above_in_cases(legs)
+    above_j = _above_in_cases(legs, smoothed)
     unknowns = tuple(one for one in one_by_one(above_j) if one.high_j > one.low_j)
     likely = likely_band(sum(one.driven_j for one in legs) - sum(one.optimum.balance.input for one in legs), unknowns)
     known = any(leg.leg.motion.friction_j is not None for leg in legs)
@@ -396,19 +370,7 @@ def likely_range(legs: Sequence[ComparedLeg]) -> LikelyRange | None:
     )
 
 
-def driven_in_cases(legs: Sequence[ComparedLeg]) -> Callable[[DrivenCase], float]:
-    """A function that gives the energy of some legs as driven (J) in a case; their motion stays as it is."""
-
-    def driven_j(case: DrivenCase) -> float:
-        sections = (section_in(one.front.section, case) for one in legs)
-        return math.fsum(leg_energies(section, one.leg).driven_j for section, one in zip(sections, legs, strict=True))
-
-    return driven_j
-
-
-def _above_in_cases(
-    legs: Sequence[ComparedLeg], smoothed: Smoothed | None = None
-) -> Callable[[DrivenCase], float | None]:
+def _above_in_cases(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> Callable[[DrivenCase], float | None]:
     """A function that gives the energy above the optimum (J) in a case; None if such a train could not have driven so.
 
     Without `smoothed`, the motion stays as it is, even in a case with other smoothing.

@@ -44,7 +44,7 @@ def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
 
 class CauseStretch(NamedTuple):
     """The stretch on which a cause took most: its leg, where (m) and when (ns since 1970) it begins and ends, and the
-    energy that the cause took there (J)."""
+    energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`."""
 
     leg: DrivenLeg
     start_m: float
@@ -52,6 +52,8 @@ class CauseStretch(NamedTuple):
     start_ns: int
     end_ns: int
     energy_j: float
+    driven_s: float
+    optimum_s: float
 
 
 def worst_stretch(attribution: Attribution, cause: EnergyCause) -> CauseStretch | None:
@@ -73,7 +75,8 @@ def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> Cau
     motion, start_m, end_m = leg.leg.motion, float(leg.even.start_m[first]), float(leg.even.end_m[last])
     ends = np.minimum(np.searchsorted(motion.s_m, (start_m, end_m)), len(motion.s_m) - 1)
     start_ns, end_ns = motion.time_ns[ends].tolist()
-    return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j)
+    driven_s, optimum_s = (float(one[first : last + 1].sum()) for one in (leg.even.driven_s, leg.even.optimum_s))
+    return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j, driven_s, optimum_s)
 
 
 def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from datetime import UTC, tzinfo
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -113,7 +115,7 @@ def _off_plan(before: Any, plan: Any, trip: DrivenCourse) -> str:
     return f"the train was {' and '.join(parts)}" if parts else "the plan was refreshed; the train had kept to it"
 
 
-def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+def advice_events(recording: Recording, trip: DrivenCourse, zone: tzinfo = UTC) -> Iterator[DriveEvent]:
     """Every change of the advised driving regime, as the display showed it, with its cause: the next step of the plan,
     a new plan, or advice given again after a pause. If the display showed no regime, that of the speed profile counts.
     """
@@ -135,7 +137,7 @@ def advice_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
                 replanned_ns = advice.coach.replan.time_ns
             if before is Regime.NONE:
                 cause = "advice is given again" if since_ns else "the first advice"
-            yield _changed(advice, before, told, cause)
+            yield _changed(advice, before, told, cause, zone)
         before, since_ns = told.mode, int(advice.time_ns)
 
 
@@ -146,9 +148,9 @@ def _display(recording: Recording) -> Presenter:
     return presenter_of(shown_presentation(first) or Presentation.NONE)
 
 
-def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str) -> DriveEvent:
+def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str, zone: tzinfo) -> DriveEvent:
     held = f" at {kmh(told.speed_mps):.0f} km/h" if told.mode is Regime.CRUISE else ""
-    reason = words(told.reason)
+    reason = words(told.reason, zone=zone)
     why = f"{reason} ({cause})" if reason else cause
     return DriveEvent(
         time_ns=int(advice.time_ns),
@@ -159,7 +161,7 @@ def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str) -> Driv
             "mode": mode_name(told.mode),
             "mode_before": mode_name(before),
             "cause": cause,
-            "reason": reason or words(Reason.read(advice.reason)),
+            "reason": reason or words(Reason.read(advice.reason), zone=zone),
             "advised_speed_mps": told.speed_mps,
             "predicted_deviation_s": float(advice.predicted_deviation_s),
         },
@@ -208,28 +210,31 @@ DELAY_STEP_S: Final = 15.0
 """A delay that differs by at least this (s) from that of the last such event is an event; smaller changes are many."""
 
 
-def events_of(
-    recording: Recording,
-    trip: DrivenCourse,
-    made: tuple[KeptCall, ...],
-    silent: tuple[Span, ...],
-    limit_mps: Floats,
-    top_mps: float,
-) -> tuple[DriveEvent, ...]:
-    """Everything that happened on a recorded drive, in order of time.
+class LineAndTrain(NamedTuple):
+    """The limit at every position of a course (m/s), the top speed of its train (m/s; infinite if not known), and the
+    time zone of the line."""
 
-    `made` says how the drive kept each stop, `silent` are the times without advice, `limit_mps` is the limit at every
-    position of its course, and `top_mps` the top speed of its train (infinite: not known).
+    limit_mps: Floats
+    top_mps: float
+    zone: tzinfo
+
+
+def events_of(
+    recording: Recording, trip: DrivenCourse, made: tuple[KeptCall, ...], silent: tuple[Span, ...], known: LineAndTrain
+) -> tuple[DriveEvent, ...]:
+    """Everything that happened on a recorded drive, in order of time, with the line's times of day.
+
+    `made` says how the drive kept each stop, and `silent` are the times without advice.
     """
     found = (
         *call_events(trip, made),
         *stand_events(trip, made),
-        *_told_events(recording, trip),
-        *advice_events(recording, trip),
+        *_told_events(recording, trip, known.zone),
+        *advice_events(recording, trip, known.zone),
         *replan_events(recording, trip),
         *withdrawal_events(recording, trip, silent),
-        *overspeed_events(trip, limit_mps),
-        *top_speed_events(trip, top_mps),
+        *overspeed_events(trip, known.limit_mps),
+        *top_speed_events(trip, known.top_mps),
         *(decision_events(recording, trip) if recording.of(topics.DECISION) else driver_events(recording, trip)),
         *pause_events(recording, trip),
         *deviation_events(recording, trip),
@@ -243,7 +248,7 @@ def as_rows(events: Iterable[DriveEvent], clock: DriveClock) -> list[dict[str, A
     return [
         {
             "time_s": round(clock.since_s(one.time_ns), 3),
-            "time_utc": clock.of_day(one.time_ns),
+            "time_utc": replace(clock, zone=UTC).of_day(one.time_ns),
             "time_ns": one.time_ns,
             "end_s": round(clock.since_s(one.last_ns), 3),
             "s_m": round(one.s_m, 1),
@@ -278,9 +283,9 @@ def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
         )
 
 
-def _told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+def _told_events(recording: Recording, trip: DrivenCourse, zone: tzinfo) -> Iterator[DriveEvent]:
     """Events for everything that node or driver received or that node or simulator logged, in no particular order."""
-    yield from _restrictions(recording, trip)
+    yield from _restrictions(recording, trip, zone)
     for point in points(recording, trip):
         text = f"traffic management: {point.text} at km {point.s_m / KM:.1f}"
         yield DriveEvent(time_ns=point.told_ns, kind=EventKind.TARGET, text=text, s_m=place_m(trip, point.told_ns))
@@ -306,7 +311,7 @@ def _told_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
             yield _said(entry.message, EventKind.WARNING, trip)
 
 
-def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+def _restrictions(recording: Recording, trip: DrivenCourse, zone: tzinfo) -> Iterator[DriveEvent]:
     for span in temporary_limits(recording, trip):
         one = span.restriction
         facts = {"start_m": one.start_m, "end_m": one.end_m, "limit_mps": one.limit_mps}
@@ -314,7 +319,7 @@ def _restrictions(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEve
             if word == "received" or at <= trip.time_ns[-1]:
                 yield DriveEvent(
                     time_ns=at, kind=EventKind.RESTRICTION, s_m=place_m(trip, at), facts=facts,
-                    text=f"restriction {word}: {one.words}",
+                    text=f"restriction {word}: {one.words_in(zone)}",
                 )  # fmt: skip
 
 

@@ -69,7 +69,7 @@ class CoachPresenter(Presenter):
         return (
             view.mode,
             round(view.speed_mps / KMH),
-            _effort_steps(view) if view.mode != Regime.CRUISE else 0,
+            _effort_steps(view),
         )
 
     def mode_words(self, number: int, language: Language = Language.EN) -> str:
@@ -81,6 +81,8 @@ class CoachPresenter(Presenter):
 
 def _effort_steps(view: AdviceView) -> int:
     """The effort in steps of the display (< 0: brake); an instruction to accelerate or brake shows at least one."""
+    if math.isnan(view.lever_ratio):
+        return 0
     steps = round(view.lever_ratio / EFFORT_STEP_RATIO)
     return steps or int(view.mode in TRACTION) - int(view.mode in BRAKES)
 

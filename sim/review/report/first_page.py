@@ -12,23 +12,34 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
-from sim.drive.above_optimum import NOT_COMPARABLE
+from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
 from sim.drive.attribution.attribution import Attribution
-from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.causes import BY_SPEED, EnergyCause
 from sim.drive.attribution.driven_legs import LikelyRange
-from sim.drive.attribution.worst_places import worst_stretch
+from sim.drive.attribution.worst_places import CauseStretch, worst_stretch
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
 from sim.recording.course import DriveClock
-from sim.review.report.sentences import LIMIT_UNKNOWN, NAMED_KWH, told_causes
+from sim.review.report.sentences import (
+    LIMIT_UNKNOWN,
+    NAMED_KWH,
+    RIGHT_TRAIN,
+    came_about,
+    ran,
+    told_causes,
+    where_time_went,
+)
 from sim.trips.estimate import BRAKING
 
 MOST_FINDINGS: Final = 3
 NOT_KNOWN: Final = "not known"
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
+SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
+MOST_CHANGES: Final = 2
+"""The page tells at most this many changes of the lateness, the largest."""
 SIGNAL_PASSED: Final = "signal-passed"
 """The code of a finding about a signal that was passed at danger."""
 
@@ -48,7 +59,7 @@ class DriveFinding:
     `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
     `start` and `end` are the stops before and behind it; `start_m` and `end_m` its ends (m). `energy_j` is the energy
     above the optimum of the cause over the whole drive (J), `here_j` the part of it between these ends; both are None
-    for a finding about safety, of which no energy is counted.
+    for a finding about safety, of which no energy is counted. `next_time` says what to do otherwise.
     """
 
     code: str
@@ -60,6 +71,7 @@ class DriveFinding:
     end_m: float
     start_ns: int
     end_ns: int
+    next_time: str = SAFER
     energy_j: float | None = None
     here_j: float | None = None
 
@@ -76,14 +88,15 @@ class DriveFinding:
             "cause": self.code,
             "label": self.label,
             "text": self.text,
+            "next_time": self.next_time,
             "between": [self.start, self.end] if self.start else None,
             "start_m": self.start_m,
             "end_m": self.end_m,
             "time_ns": self.start_ns,
             "time_s": clock.since_s(self.start_ns),
             "end_s": clock.since_s(self.end_ns),
-            "energy_kwh": None if self.energy_j is None else kwh(self.energy_j),
-            "energy_here_kwh": None if self.here_j is None else kwh(self.here_j),
+            "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
+            "above_optimum_here_kwh": None if self.here_j is None else kwh(self.here_j),
         }
 
 
@@ -91,6 +104,11 @@ def last_arrival(drive: Drive) -> KeptCall | None:
     """The last stop at which the train arrived, if the timetable has a time for it; None if there is none."""
     known = [one for one in drive.calls[1:] if not math.isnan(one.arrived_late_s)]
     return known[-1] if known else None
+
+
+def what_happened(drive: Drive) -> str:
+    """When the train ran, who drove and what he was shown, what was to happen, and where most time went."""
+    return " ".join([*ran(drive), *came_about(drive, short=True), *where_time_went(drive, MOST_CHANGES)])
 
 
 def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
@@ -123,7 +141,7 @@ def _above(drive: Drive) -> PageFigure:
     likely = "" if drive.likely is None else f"likely {_band(drive.likely)}; "
     return PageFigure(
         name,
-        above.words,
+        energy_words(above.above_j or 0.0, above.ratio),
         f"{likely}in % of the energy driven; the optimum has the same times, but no signals and temporary restrictions",
     )
 
@@ -195,11 +213,18 @@ def _energy_findings(attribution: Attribution) -> Iterator[DriveFinding]:
         worst = worst_stretch(attribution, cause)
         if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or worst is None:
             continue
+        text = f"{cause.meaning}{_speeds(worst) if cause in BY_SPEED else ''}"
         yield DriveFinding(
-            code=str(cause), label=cause.label, text=cause.meaning, start=worst.leg.start.name, end=worst.leg.end.name,
+            code=str(cause), label=cause.label, text=text, start=worst.leg.start.name, end=worst.leg.end.name,
             start_m=worst.start_m, end_m=worst.end_m, start_ns=worst.start_ns, end_ns=worst.end_ns,
-            energy_j=energy_j, here_j=worst.energy_j,
+            energy_j=energy_j, here_j=worst.energy_j, next_time=cause.next_time,
         )  # fmt: skip
+
+
+def _speeds(worst: CauseStretch) -> str:
+    """How fast the train and the optimum ran on a stretch, in a sentence."""
+    driven, best = (kmh((worst.end_m - worst.start_m) / one) for one in (worst.driven_s, worst.optimum_s))
+    return f" Mean speed there {driven:.0f} km/h, of the best drive {best:.0f} km/h."
 
 
 def how_sure(drive: Drive) -> list[str]:
@@ -226,7 +251,11 @@ def _energy_sure(drive: Drive) -> list[str]:
     ]
     if train_known(drive):
         return [*told, "The train is known: the optimum is that of the true train, as the simulator recorded it."]
-    return [*told, f"The train is assumed: {_train_words(drive)}."]
+    told.append(f"The train is assumed: {_train_words(drive)}.")
+    beyond = [one.facts["over_kmh"] for one in drive.events if one.kind is EventKind.BEYOND_TRAIN]
+    if beyond:
+        told.append(f"The trip was up to {max(beyond):.0f} km/h faster than this train can go. {RIGHT_TRAIN}")
+    return told
 
 
 def _train_words(drive: Drive) -> str:
@@ -234,7 +263,8 @@ def _train_words(drive: Drive) -> str:
     if drive.attribution is None:
         return "it is that of the vehicle file"
     vehicle = drive.attribution.inputs.vehicle
-    return f"{vehicle.name}, {vehicle.mass_kg / 1000:.0f} t, {vehicle.train_length_m:.0f} m"
+    length = f"{vehicle.train_length_m:.0f} m" if vehicle.train_length_m else "of no length"
+    return f"{vehicle.name}, {vehicle.mass_kg / 1000:.0f} t, {length}"
 
 
 def _range_sure(drive: Drive) -> list[str]:
@@ -252,7 +282,7 @@ def _range_sure(drive: Drive) -> list[str]:
     largest = max(unknowns, key=lambda one: one.high_j - one.low_j, default=None)
     if largest is not None:
         band = f"{kwh(largest.low_j):+.1f} to {kwh(largest.high_j):+.1f} kWh"
-        told.append(f"It hangs most on {largest.name}, {largest.assumed}: {band}.")
+        told.append(f"It hangs most on {largest.name} ({largest.assumed}): {band}.")
     if not math.isnan(drive.likely.by_friction_j):
         friction = f"{kwh(drive.likely.by_friction_j):.0f} kWh"
         told.append(f"All this holds if the motors braked first; by the friction brake alone it is {friction}.")
@@ -270,7 +300,7 @@ def first_page_dict(drive: Drive) -> dict[str, Any]:
     return {
         "arrived_at": None if call is None else call.name,
         "arrived_late_s": None if call is None else call.arrived_late_s,
-        "driven_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
+        "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
         "measured": drive.measured,
         "train_known": train_known(drive),
         "above_optimum_kwh": None if above is None or above.above_j is None else kwh(above.above_j),
@@ -284,6 +314,7 @@ def first_page_dict(drive: Drive) -> dict[str, Any]:
 def page_dict(drive: Drive) -> dict[str, Any]:
     """The first page for its template: texts, without the picture."""
     return {
+        "happened": what_happened(drive),
         "figures": page_figures(drive),
         "findings": [_row(one, drive) for one in findings(drive)],
         "why_none": _why_none(drive),
@@ -297,6 +328,7 @@ def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:
     return {
         "cause": f"{one.label[0].upper()}{one.label[1:]}",
         "text": one.text,
+        "next_time": one.next_time,
         "place": one.place,
         "time": drive.clock.of_day(one.start_ns),
         "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh, {how}",

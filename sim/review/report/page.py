@@ -72,6 +72,7 @@ def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_c
         title=f"Report: {names}",
         version=__version__,
         theme=LIGHT,
+        zones=", ".join(dict.fromkeys(str(subject.drive.zone) for subject in subjects)),
         drives=[_drive(subject) for subject in subjects],
         comparison=None if aligned is None else _comparison(aligned),
         not_compared=not_compared,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import pairwise
 from typing import Final
 
@@ -46,6 +46,8 @@ TOLD_S: Final = 3.0
 """The sentences leave out changes of the lateness by less than this (s)."""
 HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
 """Events that hold the train up."""
+LEAST_STAND_S: Final = 10.0
+"""A shorter stand on the way (s) is no reason for lateness."""
 
 
 def title(drive: Drive) -> str:
@@ -57,16 +59,16 @@ def title(drive: Drive) -> str:
 
 def _day(drive: Drive) -> str:
     """The date of a drive in words."""
-    return f"{datetime.fromtimestamp(drive.clock.zero_ns * NS, UTC):%d %B %Y}".lstrip("0")
+    return f"{datetime.fromtimestamp(drive.clock.zero_ns * NS, drive.zone):%d %B %Y}".lstrip("0")
 
 
 def paragraph(drive: Drive) -> str:
     """The figures of a drive in a few sentences."""
     cut = [] if drive.recording.complete else ["The recording was cut off; what follows is about the drive until then."]
-    return " ".join([*cut, *_ran(drive), *came_about(drive), *_took(drive), *_kept(drive)])
+    return " ".join([*cut, *ran(drive), *came_about(drive), *_took(drive), *_kept(drive)])
 
 
-def _ran(drive: Drive) -> list[str]:
+def ran(drive: Drive) -> list[str]:
     """When the train ran from where to where, and how late it was."""
     clock, served, day, went = drive.clock, drive.served, _day(drive), drive.travelled
     km, lasted = f"{went.way_m / KM:.1f} km", spell(went.time_s)
@@ -75,7 +77,7 @@ def _ran(drive: Drive) -> list[str]:
     first, last = served[0], served[-1]
     told = [
         f"On {day}, {drive.recording.train} ran the {km} from {first.name} to {last.name} in {lasted}.",
-        f"It left at {clock.of_day(first.departed_ns)} UTC{_late(first.departed_late_s)} "
+        f"It left at {clock.of_day(first.departed_ns)}{_late(first.departed_late_s)} "
         f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
     ]
     missed = [call.name for call in drive.calls if not call.served and call.reached]
@@ -86,15 +88,20 @@ def _late(late_s: float) -> str:
     return "" if math.isnan(late_s) else f" ({lateness_text(late_s)})"
 
 
-def came_about(drive: Drive) -> list[str]:
-    """Sentences about how the drive came about; none if the recording does not say."""
+def came_about(drive: Drive, *, short: bool = False) -> list[str]:
+    """Sentences about how the drive came about, in full or short; none if the recording does not say."""
     run = drive.recording.metadata.get("run", {})
     told = []
     if run.get("kind") == "run":
-        driver, shown = run.get("driver", ""), run.get("advice", "")
+        driver, shown = DRIVERS.get(run.get("driver", ""), run.get("driver", "")), run.get("advice", "")
+        day = (
+            f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): {driver} drove"
+        )
+        with_advice = "without advice" if shown == Presentation.NONE else f"with the advice “{shown}”"
         told.append(
-            f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): "
-            f"{DRIVERS.get(driver, driver)} drove and was shown {_presentation(shown)}."
+            f"{driver[0].upper()}{driver[1:]} drove {with_advice}."
+            if short and driver
+            else f"{day} and was shown {_presentation(shown)}."
         )
         happens = run.get("happens", NOTHING)
         told.append("Nothing was to go wrong on this day." if happens == NOTHING else f"On this day: {happens}.")
@@ -128,7 +135,8 @@ def _took(drive: Drive) -> list[str]:
     ]
     if drive.likely is not None:
         band = EnergyBand(drive.likely.low_j, drive.likely.high_j).words
-        told.append(f"It is likely {band}, as mass, resistance and wind are not known exactly.")
+        unknown = "mass, resistance, wind and the motion between positions"
+        told.append(f"It is likely {band}, as {unknown} are not known exactly.")
         if not math.isnan(drive.likely.by_friction_j):
             told.append(f"If the train braked by friction alone, it is {kwh(drive.likely.by_friction_j):.0f} kWh.")
     named = told_causes(attribution)[:MAIN_CAUSES]
@@ -218,40 +226,45 @@ def shown_s(drive: Drive) -> float:
     return float(lasts_s[given].sum())
 
 
-def where_time_went(drive: Drive) -> list[str]:
-    """A sentence for each leg and each stop at which the lateness changed; nothing without a timetable."""
+def where_time_went(drive: Drive, most: int | None = None) -> list[str]:
+    """A sentence for each leg and each stop at which the lateness changed, or for the `most` largest changes; nothing
+    without a timetable."""
     calls = drive.served
-    told = []
+    told: list[tuple[float, str]] = []
     for before, after in pairwise(calls):
         told += _at_stop(before)
         change_s = after.arrived_late_s - before.departed_late_s
         if not math.isnan(change_s) and abs(change_s) >= TOLD_S:
             word = "lost" if change_s > 0 else "made up"
-            told.append(
-                f"From {before.name} to {after.name} it {word} {abs(change_s):.0f} s against the timetable"
-                f"{_because(drive, before, after)}."
-            )
+            what = f"From {before.name} to {after.name} it {word} {abs(change_s):.0f} s against the timetable"
+            told.append((abs(change_s), f"{what}{_because(drive, before, after)}."))
     if calls and not told and not math.isnan(calls[-1].arrived_late_s):
-        told.append(f"Nowhere did it lose or make up more than {TOLD_S:.0f} s against the timetable.")
-    return told
+        told.append((0.0, f"Nowhere did it lose or make up more than {TOLD_S:.0f} s against the timetable."))
+    kept = sorted((change_s for change_s, _ in told), reverse=True)[:most]
+    return [text for change_s, text in told if change_s in kept]
 
 
-def _at_stop(call: KeptCall) -> list[str]:
+def _at_stop(call: KeptCall) -> list[tuple[float, str]]:
     change_s = call.departed_late_s - (0.0 if math.isnan(call.arrived_late_s) else max(call.arrived_late_s, 0.0))
     if math.isnan(change_s) or abs(change_s) < TOLD_S:
         return []
     if change_s < 0:
-        return [f"At {call.name} it made up {abs(change_s):.0f} s."]
-    return [f"At {call.name} it stayed {change_s:.0f} s longer than it had to."]
+        return [(-change_s, f"At {call.name} it made up {abs(change_s):.0f} s.")]
+    return [(change_s, f"At {call.name} it stayed {change_s:.0f} s longer than it had to.")]
 
 
 def _because(drive: Drive, before: KeptCall, after: KeptCall) -> str:
     """What held the train up between two stops, in words."""
-    on_way = [
-        one for one in drive.events if one.kind in HELD_UP and before.departed_ns <= one.time_ns <= after.arrived_ns
-    ]
-    words = [_held_up(one) for one in on_way]
+    on_way = [one for one in drive.events if _holds_up(one) and before.departed_ns <= one.time_ns <= after.arrived_ns]
+    words = dict.fromkeys(_held_up(one) for one in on_way)
     return f"; on the way: {'; '.join(words)}" if words else ""
+
+
+def _holds_up(one: DriveEvent) -> bool:
+    """Whether an event held the train up: a short stand before a stop and the end of a restriction do not."""
+    short = one.kind is EventKind.STAND and (one.last_ns - one.time_ns) * NS < LEAST_STAND_S
+    ends = one.kind is EventKind.RESTRICTION and not one.text.startswith("restriction received")
+    return one.kind in HELD_UP and not short and not ends
 
 
 def _held_up(one: DriveEvent) -> str:

@@ -99,7 +99,7 @@ def restrictions_told(drive: Drive) -> str:
         return ""
     told = dict.fromkeys(one for entry in lists for one in valid_restrictions(entry.message.restrictions))
     nothing = "none that is valid" if any(x.message.restrictions for x in lists) else NONE_TOLD
-    return "; ".join(one.words for one in told) or nothing
+    return "; ".join(one.words_in(drive.zone) for one in told) or nothing
 
 
 def rests_on(drive: Drive) -> list[tuple[str, str]]:
@@ -122,7 +122,7 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
     if friction and run.get("driver") == DriverKind.HUMAN:
         rows.append(("who chose the friction brake", friction))
     known = "as the scenario says" if simulated else "not known"
-    return [*rows, ("wind, adhesion, passengers", known), ("times of day", "UTC")]
+    return [*rows, ("wind, adhesion, passengers", known), ("times of day", str(drive.zone))]
 
 
 def stop_rows(drive: Drive) -> list[Row]:
@@ -254,7 +254,7 @@ def _rows(drive: Drive, events: Iterable[DriveEvent]) -> list[Row]:
     return [
         {
             "time": clock.shown(one.time_ns),
-            "utc": clock.of_day(one.time_ns),
+            "of_day": clock.of_day(one.time_ns),
             "place": place_text(one.s_m),
             "kind": str(one.kind),
             "text": one.text,
@@ -322,7 +322,7 @@ def input_dict(drive: Drive) -> Row:
     }
     if drive.attribution is not None:
         found["line_and_train"] = drive.attribution.inputs.source
-    said = None if drive.said is None else {"driven_kwh": kwh(drive.said.driven_j), **drive.said.as_dict()}
+    said = None if drive.said is None else drive.said.as_dict()
     return {**found, "said_by_the_recording": said, "attached_files": list(drive.recording.attachments)}
 
 

@@ -10,11 +10,12 @@ from rich.table import Table
 
 from das.command_line.printing import print_table, tell
 from das.domain.errors import DasError
-from das.domain.units import TONNE, kwh
+from das.domain.units import TONNE
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section
 from sim.drive.above_optimum import NOT_COMPARABLE
 from sim.options import TripOptions
+from sim.runs.replay.replay import compared_legs
 from sim.runs.replay.report import beside_optimum
 from sim.trips.find_train import FoundTrain, find_train, shares
 from sim.trips.report import part_words
@@ -73,16 +74,14 @@ def _found(one: FoundTrain, share: float | None) -> dict[str, Any]:
 
 def _energies(trip: Trip, section: Section | None, why_not: str) -> dict[str, Any]:
     """The energy of a trip with a possible train, and that of its optimum, or why they are not known."""
-    nothing: dict[str, Any] = {"energy_driven_kwh": None, "energy_optimum_kwh": None, "compared_part": None}
-    nothing |= {"above_optimum_kwh": None, "above_optimum_ratio": None, "not_comparable": why_not}
-    if section is None:
-        return nothing
-    try:
-        _, above = beside_optimum(trip, section)
-    except DasError as error:
-        return nothing | {"not_comparable": str(error).removeprefix(f"{trip.path}: {NOT_COMPARABLE}: ")}
-    energies = {"energy_driven_kwh": kwh(above.driven_j), "energy_optimum_kwh": kwh(above.optimum_j)}
-    return {**energies, "compared_part": above.part or None, **above.as_dict()}
+    if section is not None:
+        try:
+            _, above = beside_optimum(trip, section, compared_legs(trip, section))
+            return {"compared_part": above.part or None, **above.as_dict()}
+        except DasError as error:
+            why_not = str(error).removeprefix(f"{trip.path}: {NOT_COMPARABLE}: ")
+    names = ("compared_part", "energy_kwh", "energy_optimum_kwh", "above_optimum_kwh", "above_optimum_ratio")
+    return {**dict.fromkeys(names), "not_comparable": why_not}
 
 
 def print_trains(trains: list[dict[str, Any]]) -> None:
@@ -107,7 +106,7 @@ def trains_table(trains: list[dict[str, Any]]) -> Table:
         resistance = f"{one['resistance_ratio']:.2f} ± {one['resistance_sd']:.2f}"
         driven, above = "", ""
         if one["above_optimum_kwh"] is not None:
-            driven = f"{one['energy_driven_kwh']:.0f}"
+            driven = f"{one['energy_kwh']:.0f}"
             above = f"{one['above_optimum_kwh']:+.0f} ({100 * one['above_optimum_ratio']:.0f} %)"
         table.add_row(names, f"{100 * one['probability']:.0f} %", mass, resistance, beyond, driven, above)
     return table

@@ -18,19 +18,18 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, why_not_comparable
 from sim.drive.attribution.driven_legs import (
     ComparedLeg,
-    driven_in_cases,
+    Smoothed,
     leg_energies,
     likely_band,
     range_above,
     section_of_leg,
 )
 from sim.recording.inputs import DriveInputs
-from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, driven_legs, open_part
+from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
-from sim.trips.estimate import EnergyRange, energy_range, over_unknowns
-from sim.trips.profile import to_profile
+from sim.trips.estimate import EnergyRange, energy_range
 from sim.trips.report import direction_by_posts, line_not_used, part_words, unknowns
-from sim.trips.settings import ESTIMATE
+from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
@@ -56,31 +55,30 @@ def trip_energies(job: ReplayJob) -> TripEnergies:
     """The energies of the trip of a replay, with their ranges."""
     trip, section = job.trip, job.front.section
     try:
-        legs, above = beside_optimum(trip, section)
+        smoothed = compared_legs(trip, section)
+        legs, above = beside_optimum(trip, section, smoothed)
     except DasError as error:  # no part of an open trip can be compared with this train
+        smoothed = smoothed_legs(trip)
         legs = tuple(ComparedLeg.of(leg, job.front, leg_energies(section, leg)) for leg in job.legs)
         why_not = str(error).removeprefix(f"{trip.path}: {NOT_COMPARABLE}: ")
         above = AboveOptimum(sections=tuple(one.section_energy for one in legs), measured=False, why_not=why_not)
-    again = (lambda jerk: driven_legs(trip, to_profile(trip.matched, 1.0, jerk))) if trip.whole else None
-    found = None if above.why_not else range_above(legs, again)
+    found = None if above.why_not else range_above(legs, smoothed)
     above = replace(
         above,
         likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
         worst=None if found is None else EnergyBand(found.low_j, found.high_j),
     )
-    energy = over_unknowns(driven_in_cases(legs)) if above.part else energy_range(section, trip.matched)
-    return TripEnergies(legs=legs, above=above, energy=energy, above_range=found)
+    return TripEnergies(legs=legs, above=above, energy=energy_range(section, parts_of(smoothed)), above_range=found)
 
 
-def beside_optimum(trip: Trip, section: Section) -> tuple[tuple[ComparedLeg, ...], AboveOptimum]:
+def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tuple[ComparedLeg, ...], AboveOptimum]:
     """The legs of a trip beside their optima, and its energy above the optimum, with the train of a section.
 
-    If the trip does not stand at both its stops, its longest part between equal speeds is compared. Raises DasError if
-    there is none, or if the train cannot run there.
+    `smoothed` returns the legs, as `compared_legs` finds them. Raises DasError if the train cannot run there.
     """
     vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
     inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
-    driven = driven_legs(trip, trip.run) if trip.whole else open_part(trip, vehicle)
+    driven = smoothed(SMOOTHING.jerk_psd_m2ps5)
     fronts = [solve_front(section_of_leg(inputs, leg)) for leg in driven]
     legs = tuple(
         ComparedLeg.of(leg, front, leg_energies(front.section, leg)) for leg, front in zip(driven, fronts, strict=True)
@@ -127,11 +125,9 @@ def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
     likely = above.likely
     return {
         "min_time_s": sum(one.optimum.least_time_s for one in found.legs),
-        "energy_driven_kwh": kwh(above.driven_j),
-        "energy_driven_low_kwh": kwh(energy.low_j),
-        "energy_driven_high_kwh": kwh(energy.high_j),
-        "energy_driven_unknowns": unknowns(energy),
-        "energy_optimum_kwh": kwh(above.optimum_j),
+        "energy_low_kwh": kwh(energy.low_j),
+        "energy_high_kwh": kwh(energy.high_j),
+        "energy_unknowns": unknowns(energy),
         "optimum_time_s": sum(one.optimum.time_s for one in found.legs),
         "driving_time_s": sum(one.leg.trip_s for one in found.legs),
         "optimum_fit": str(Fit.LATE if above.too_fast else found.legs[0].optimum.fit),
@@ -155,8 +151,8 @@ def _sections(found: TripEnergies) -> list[dict[str, Any]]:
             "from": one.start,
             "to": one.end,
             "trip_s": one.trip_s,
-            "driven_kwh": kwh(one.driven_j),
-            "optimum_kwh": kwh(one.optimum_j),
+            "energy_kwh": kwh(one.driven_j),
+            "energy_optimum_kwh": kwh(one.optimum_j),
             "optimum_fit": str(leg.optimum.fit),
         }
         for one, leg in zip(found.above.sections, found.legs, strict=True)
@@ -173,7 +169,7 @@ def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
         "timetable_fit": str(wanted.fit),
         "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
         "timetable_energy_kwh": kwh(wanted.balance.input),
-        "driven_late_s": (job.arrived_ns - job.timing.arrival_ns) * NS,
+        "late_s": (job.arrived_ns - job.timing.arrival_ns) * NS if job.legs[-1].end.arrived_ns else None,
     }
 
 
@@ -234,8 +230,8 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("trip time", f"{found['trip_time_s']:.0f} s"),
         ("least possible time", f"{found['min_time_s']:.0f} s"),
         ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
-        ("energy as driven (estimated)", f"{found['energy_driven_kwh']:.1f} kWh"),
-        ("  it may have been", f"{found['energy_driven_low_kwh']:.0f} to {found['energy_driven_high_kwh']:.0f} kWh"),
+        ("energy as driven (estimated)", f"{found['energy_kwh']:.1f} kWh"),
+        ("  it may have been", f"{found['energy_low_kwh']:.0f} to {found['energy_high_kwh']:.0f} kWh"),
         (
             f"energy of {'its fastest run' if late else 'the optimum, same arrival'}",
             f"{found['energy_optimum_kwh']:.1f} kWh",
@@ -252,7 +248,7 @@ def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if len(found["sections"]) < 2:
         return [("energy of the optimum, timetable", f"{found['timetable_energy_kwh']:.1f} kWh")]
     return [
-        (f"  {one['from']} – {one['to']}", f"{one['driven_kwh']:.1f} kWh, optimum {one['optimum_kwh']:.1f} kWh")
+        (f"  {one['from']} – {one['to']}", f"{one['energy_kwh']:.1f} kWh, optimum {one['energy_optimum_kwh']:.1f} kWh")
         for one in found["sections"]
     ]
 
@@ -263,7 +259,7 @@ def above_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     if found["above_optimum_kwh"] is None:
         return [(what, NOT_COMPARABLE)]
     ratio = found["above_optimum_ratio"]
-    share = "" if ratio is None else f" ({100 * ratio:.1f} %)"
+    share = "" if ratio is None else f" ({100 * ratio:.1f} % of the energy driven)"
     certain = f"{found['above_optimum_kwh']:+.1f} kWh{share}" if found["above_optimum_certain"] else "perhaps nothing"
 
     def ends(which: str) -> str:

@@ -62,7 +62,7 @@ def test_more_energy_is_told_where_the_faster_drive_took_it() -> None:
     found = as_dict(aligned)["drives"][1]
     assert found["more_energy_kwh"] > 0.3
     assert found["same"] is False
-    assert found["energy_measured"] is True
+    assert found["measured"] is True
 
 
 def limited(one: DriveOnTrack) -> DriveOnTrack:

@@ -101,13 +101,13 @@ def test_events_of_the_kind_shown_say_what_was_shown_and_why() -> None:
 
 def test_the_energy_is_split_without_rest(vector: Driven) -> None:
     found = measured(vector, list(MEASURES))
-    parts = [found[f"energy_{part}_kwh"] for part in ("hindsight", "blending", "profile")]
+    parts = [found[f"energy_{part}_kwh"] for part in ("optimum", "blending", "profile")]
     assert sum(parts) == pytest.approx(found["energy_kwh"])
-    assert found["gap_to_optimum_ratio"] == pytest.approx(found["energy_kwh"] / found["energy_hindsight_kwh"] - 1.0)
+    assert found["gap_to_optimum_ratio"] == pytest.approx(found["energy_kwh"] / found["energy_optimum_kwh"] - 1.0)
     front = vector.day.service.fronts[0]
     planned_s = vector.day.service.timetables[0].arrival_ns - vector.day.service.timetables[0].departure_ns
     on_time_kwh = front.trajectory(planned_s * 1e-9).balance.input / 3.6e6
-    equal = found["energy_kwh"] - found["energy_hindsight_kwh"] + on_time_kwh
+    equal = found["energy_kwh"] - found["energy_optimum_kwh"] + on_time_kwh
     assert found["energy_at_equal_arrival_kwh"] == pytest.approx(equal)
 
 

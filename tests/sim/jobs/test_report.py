@@ -14,7 +14,7 @@ def row(driver: str, advice: str, seed: int, *, optimum: float, blending: float,
     energy = optimum + blending + profile
     return {
         "scenario": "day", "driver": driver, "advice": advice, "seed": seed, "energy_kwh": energy,
-        "energy_hindsight_kwh": optimum, "energy_blending_kwh": blending, "energy_profile_kwh": profile,
+        "energy_optimum_kwh": optimum, "energy_blending_kwh": blending, "energy_profile_kwh": profile,
     }  # fmt: skip
 
 

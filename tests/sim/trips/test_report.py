@@ -24,7 +24,7 @@ from sim.cli import trips as trip_command
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, leg_energies, likely_band, range_above
 from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
-from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare
+from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare, stated_parts
 from sim.runs.replay.report import trip_energies
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
@@ -50,7 +50,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Section, Ene
     """The clean trip on a level line with a lossless train of 100 t that feeds back all it can."""
     section = lossless()
     trip = on_route(tmp_path_factory.mktemp("trip"), clean(), section.route, positions=True)
-    return trip, section, energy_range(section, trip.matched)
+    return trip, section, energy_range(section, stated_parts(trip, section)[0])
 
 
 def test_without_losses_the_energy_is_that_of_the_resistance(driven: tuple[Trip, Section, EnergyRange]) -> None:
@@ -133,7 +133,7 @@ def test_the_command_shows_writes_and_draws(tmp_path: Path, monkeypatch: pytest.
     assert found["whole_section"]
     assert found["trip_time_s"] == 260
     energy = found["energy"]
-    assert energy["input_low_kwh"] < energy["input_kwh"] < energy["input_high_kwh"]
+    assert energy["energy_low_kwh"] < energy["energy_kwh"] < energy["energy_high_kwh"]
 
 
 @pytest.mark.more
@@ -158,8 +158,8 @@ def test_the_estimate_finds_the_energy_of_a_simulated_train(tmp_path: Path) -> N
     assert [stand["stop"] for stand in found["stands"]] == ["Zug", "Zürich HB"]
     assert any("try --from Zug" in note for note in found["not_known"])
     energy = found["energy"]
-    assert energy["input_kwh"] == pytest.approx(float(said[1]), rel=0.06)
-    assert energy["input_low_kwh"] < float(said[1]) < energy["input_high_kwh"]
+    assert energy["energy_kwh"] == pytest.approx(float(said[1]), rel=0.06)
+    assert energy["energy_low_kwh"] < float(said[1]) < energy["energy_high_kwh"]
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
@@ -312,7 +312,7 @@ def test_who_drove_the_optimum_is_not_told_to_be_above_it(tmp_path: Path) -> Non
     told = replay_report.above_rows(
         {**figures, "above_optimum_certain": True, "above_optimum_low_kwh": 0.6, "above_optimum_high_kwh": 2.0}
     )
-    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 %)")
+    assert told[0] == ("above the optimum", "+1.0 kWh (1.0 % of the energy driven)")
     assert told[1:] == [("  likely", "1 to 1 kWh"), ("  every unknown at its worst", "1 to 2 kWh")]
 
 

@@ -15,13 +15,14 @@ from markupsafe import escape
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from sim.drive.above_optimum import energy_words
-from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution.causes import BY_SPEED, EnergyCause
 from sim.drive.attribution.worst_places import worst_stretch
+from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.happenings import Signal
 from sim.drive.limits import signals_passed
 from sim.review.report.figures import first_figure
-from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures
+from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures, what_happened
 from sim.review.report.page import BROWSERS, ReviewedDrive, as_dict, page, subject_of, write_pdf
 from sim.review.scene import ReviewScene
 from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
@@ -47,13 +48,13 @@ def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: A
     values = re.findall(r'<p class="value">(.*?)</p>', html)
     assert values == [
         lateness_text(told["arrived_late_s"]),
-        f"{told['driven_kwh']:.1f} kWh",
+        f"{told['energy_kwh']:.1f} kWh",
         energy_words(told["above_optimum_kwh"] * 3.6e6, told["above_optimum_ratio"]),
         f"{told['over_limit_s']:.0f} s",
     ]
     assert values == [one.value for one in page_figures(drive)]
     energy = in_json(found)["energy"]
-    for name in ("driven_kwh", "above_optimum_kwh", "above_optimum_ratio", "measured"):
+    for name in ("energy_kwh", "above_optimum_kwh", "above_optimum_ratio", "measured"):
         assert told[name] == energy[name]
     assert told["arrived_late_s"] == drive.late_s == in_json(found)["stops"][-1]["arrived_late_s"]
     assert told["over_limit_s"] == drive.violations.over_limit_s
@@ -63,6 +64,7 @@ def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: A
 def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any) -> None:
     found = subject()
     drive, html, told = found.drive, first_in_html(found), in_json(found)
+    assert f"Times of day are those of the line ({drive.zone})." in html
     listed = told["first_page"]["findings"]
     assert 1 <= len(listed) <= 3
     causes, went = told["energy"]["by_cause_kwh"], drive.travelled
@@ -71,14 +73,24 @@ def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any)
         assert went.start_ns <= one["time_ns"] <= went.end_ns
         assert set(one["between"]) <= {call.name for call in drive.calls}
         assert f"{escape(shown.place)}, at {drive.clock.of_day(one['time_ns'])}" in html
-        if one["energy_kwh"] is None:
+        assert f"<em>{one['next_time']}</em>" in html
+        speeds = re.search(r"Mean speed there \d+ km/h, of the best drive \d+ km/h\.$", one["text"])
+        assert (speeds is not None) == (one["cause"] in BY_SPEED)
+        if one["above_optimum_kwh"] is None:
             assert one["cause"] == EventKind.OVERSPEED
             continue
-        assert one["energy_kwh"] == causes[one["cause"]]
-        assert f"<b>{one['energy_kwh']:.1f} kWh, {'measured' if drive.measured else 'computed'}</b>" in html
-    energies = [one["energy_kwh"] for one in listed if one["energy_kwh"] is not None]
+        assert one["above_optimum_kwh"] == causes[one["cause"]]
+        assert f"<b>{one['above_optimum_kwh']:.1f} kWh, {'measured' if drive.measured else 'computed'}</b>" in html
+    energies = [one["above_optimum_kwh"] for one in listed if one["above_optimum_kwh"] is not None]
     apart = [value for cause, value in causes.items() if cause != EnergyCause.REST]
     assert energies == sorted(apart, reverse=True)[: len(energies)]
+
+
+def test_page_one_says_what_happened_in_the_times_of_the_line() -> None:
+    """The bundled trip runs near Zürich in winter: an hour later than UTC."""
+    told = what_happened(Drive.read(BUNDLED))
+    assert "It left at 09:05:30 (90 s late) and arrived at 09:24:24 (24 s early)." in told
+    assert "At Zürich HB it stayed 90 s longer than it had to. From Zürich HB to Zug it made up 115 s" in told
 
 
 def test_the_places_of_a_cause_sum_to_its_energy_and_the_worst_stretch_is_among_them() -> None:
@@ -138,7 +150,7 @@ def test_a_drive_that_is_not_comparable_says_so_with_its_reason() -> None:
     html, told = first_in_html(found), in_json(found)
     assert f"Where the energy went cannot be said: not comparable: {reason}." in html
     figures = told["first_page"]
-    assert [figures[name] for name in ("arrived_late_s", "driven_kwh", "above_optimum_kwh")] == [None, None, None]
+    assert [figures[name] for name in ("arrived_late_s", "energy_kwh", "above_optimum_kwh")] == [None, None, None]
     assert (figures["findings"], told["not_comparable"]) == ([], reason)
 
 

@@ -18,11 +18,12 @@ from das.domain.units import KMH
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
-from sim.drive.attribution.driven_legs import EQUAL_MPS, fast_enough
+from sim.drive.attribution.driven_legs import fast_enough
+from sim.drive.attribution.open_part import EQUAL_MPS
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
-from sim.runs.replay.replay import ReplayJob, _Feed, _journey, driven_legs, open_part, plan_timing, prepare
+from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, plan_timing, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.trips.estimate import estimate_run
 from sim.trips.record import read_trip
@@ -193,11 +194,12 @@ def test_a_part_of_less_than_a_kilometre_is_not_compared(driven: Driven) -> None
     cut = int(np.searchsorted(trip.run.s_m, 800.0))
     run = replace(trip.run, **{name: getattr(trip.run, name)[:cut] for name in ("time_s", "s_m", "speed_mps")})
     part = replace(trip, run=run)
-    train = driven[0].front.section.vehicle
+    section = driven[0].front.section
+    slow = replace(section, vehicle=replace(section.vehicle, max_speed_mps=60 * KMH))
     with pytest.raises(DasError, match=r"not comparable: .*, nor does it have equal speeds 1 km apart$"):
-        open_part(part, train)
+        compared_legs(part, section)
     with pytest.raises(DasError, match="which is faster than this train, 60 km/h"):
-        open_part(part, replace(train, max_speed_mps=60 * KMH))
+        compared_legs(part, slow)
 
 
 def test_a_train_that_was_driven_a_little_too_fast_is_that_fast(driven: Driven) -> None:
