@@ -30,6 +30,9 @@ from .front_door import (
     plan_journey as plan_journey,
 )
 from .front_door import (
+    plot as plot,
+)
+from .front_door import (
     read_table as read_table,
 )
 from .front_door import (

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from das.domain.plotted import Plottable, PlottedFront, PlottedRun
+    from das.drawing.picture import Picture
     from das.solver.front import Front
     from das.solver.journey.chains import Split
     from das.solver.journey.plan import JourneyPlan
@@ -183,6 +185,52 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
     }
 
 
+def plot(
+    *shown: Plottable | Front,
+    over: str | None = None,
+    labels: Sequence[str] | None = None,
+    save: str | Path | None = None,
+) -> Picture:
+    """Draw one run or several over each other, or one front or several, as a picture that a notebook shows.
+
+    A run is a solution, a trajectory, a planned journey, or a day or drive of `sim`. Over the "distance" (the default)
+    or the "time" since its beginning, the picture has the speed with the limit and the names of stops, and what else is
+    known: altitude, wheel forces, energy, the windows of a journey. Fronts are drawn over the "buffer" or the "time".
+    `labels` names what is drawn, in its order; without it the names are what tells one from the other. `save` writes
+    the picture as well (.png, .pdf or .svg; a file that is already there is not replaced).
+
+    Raises InputError for anything else to draw, for an unknown axis or a wrong number of labels, and DasError if
+    matplotlib is not installed or the file cannot be written.
+
+        >>> import das
+        >>> route = das.load_route("flat-6km")
+        >>> trains = das.load_vehicle("re460-ic"), das.load_vehicle("re460-ic-igbt")
+        >>> fronts = [das.solve(das.build_section(route, train)) for train in trains]
+        >>> das.plot(*(front.trajectory(240.0) for front in fronts), over="time")
+        <Picture: a notebook shows it; in a script, write it with .save('run.png')>
+    """
+    from das.drawing.picture import Over, draw_fronts, draw_runs
+    from das.solver.front import Front
+
+    if not shown:
+        raise InputError("plot", "runs", "none", "at least one run or front")
+    if labels is not None and len(labels) != len(shown):
+        raise InputError("plot", "labels", f"{len(labels)} of them", f"{len(shown)}, one for each run")
+    axis = None if over is None else chosen(Over, "plot", "over", over)
+    fronts = [one for one in shown if isinstance(one, Front)]
+    if len(fronts) not in (0, len(shown)):
+        raise InputError("plot", "runs", "fronts beside runs", "either fronts or runs")
+    if axis is (Over.DISTANCE if fronts else Over.BUFFER):
+        raise InputError("plot", "over", axis, "buffer or time for fronts, distance or time for runs")
+    if fronts:
+        picture = draw_fronts([_plotted_front(one) for one in fronts], axis or Over.BUFFER, labels)
+    else:
+        picture = draw_runs([_plotted(one) for one in shown], axis or Over.DISTANCE, labels)
+    if save is not None:
+        picture.save(save)
+    return picture
+
+
 def plan_journey(
     journey: Journey,
     route: Route,
@@ -256,6 +304,29 @@ def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
         return kind(word)
     except ValueError:
         raise InputError(source, key, word, f"one of {', '.join(kind)}") from None
+
+
+def _plotted_front(front: Front) -> PlottedFront:
+    """A front as a picture shows it."""
+    from das.domain.plotted import PlottedFront
+
+    points = front_points(front)
+    return PlottedFront(
+        names=front.section.titles,
+        buffer_percent=points["buffer_percent"],
+        time_s=points["time_s"],
+        energy_j=points["energy_j"],
+    )
+
+
+def _plotted(shown: object) -> PlottedRun:
+    """A run as a picture shows it; InputError for anything that is no run."""
+    plotted = getattr(shown, "plotted", None)
+    if plotted is None:
+        expected = "solutions, trajectories, planned journeys, days and drives, or fronts alone"
+        raise InputError("plot", "runs", type(shown).__name__, expected)
+    found: PlottedRun = plotted()
+    return found
 
 
 def _stop(route: Route, key: str, wanted: object, default: int) -> Stop:

@@ -5,8 +5,8 @@
     >>> round(day.outcome["over_limit_s"]), len(day.outcome["stops"])
     (0, 4)
 
-`__init__.pyi` lists the names; the function is explained in `sim.front_door`. As in `das`, a name's module is imported
-when the name is first used.
+`__init__.pyi` lists the names; the functions are explained in `sim.front_door`. As in `das`, a name's module is
+imported when the name is first used.
 """
 
 from lazy_loader import attach_stub

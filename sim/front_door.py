@@ -1,33 +1,49 @@
-"""What `import sim` offers: one simulated day in this process, as arrays and figures."""
+"""The functions of `import sim`: days as arrays, recorded drives and their comparison and report, and studies.
+
+What a function records or makes is written where it is told to, and no file that is already there is replaced.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.errors import InputError
+from das.command_line.options import DEFAULT_TRAIN
+from das.domain.errors import DasError, InputError
+from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.levels import Level
+from das.domain.plotted import PlottedRun
+from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance
 from das.front_door import chosen
+from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver
+from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import Participant, participant_of
 from sim.drivers.presentations.presenter import presenter_of
+from sim.experiment.plan import FAILED_TABLE
+from sim.options import ReplayOptions, TripOptions
 from sim.plant.kernels import PlantState
 from sim.world.loop import InProcess, World
 from sim.world.outcome import outcome
 from sim.world.scenario import load_scenario
 from sim.world.service import make_day, prepare_service
 
+if TYPE_CHECKING:
+    from sim.drive.comparison import AlignedDrives
+    from sim.experiment.analysis.comparing import StudyFindings
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SimulatedDay:
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SimulatedDay(Summary):
     """A day that was driven.
 
+    `names` are scenario, driver and advice, `line` what the driver knows, `between_s` first departure and last arrival.
     `states` holds the true state of the train once a second (see `columns`), `outcome` the figures that
     `das-sim run --json` prints: punctuality, energies (kWh), where they went, and how the advice fared.
     `balance` is where the energy went from the first departure to the last arrival (J).
@@ -36,6 +52,33 @@ class SimulatedDay:
     states: Mapping[str, NDArray[np.float64]]
     outcome: Mapping[str, Any]
     balance: EnergyBalance
+    names: tuple[str, ...]
+    line: LineKnowledge
+    between_s: tuple[float, float]
+
+    def facts(self) -> dict[str, str]:
+        """Scenario, driver and advice, and what the day needed."""
+        told = dict(zip(("scenario", "driver", "advice"), self.names, strict=True))
+        start_s, end_s = self.between_s
+        late_s = self.outcome["late_s"]
+        return {**told, "needed": needs(end_s - start_s, self.balance.input), "late": f"{late_s:+.0f} s"}
+
+    def plotted(self) -> PlottedRun:
+        """The drive between the first departure and the last arrival, for a picture; temporary limits are not in it."""
+        all_s, (start_s, end_s) = self.states["time_s"], self.between_s
+        time_s = np.concatenate(([start_s], all_s[(all_s > start_s) & (all_s < end_s)], [end_s]))
+        state = {name: np.interp(time_s, all_s, column) for name, column in self.states.items()}
+        return PlottedRun(
+            names=(*self.names[:2], f"advice {self.names[2]}"),
+            time_s=state["time_s"],
+            s_m=state["s_m"],
+            speed_mps=state["speed_mps"],
+            limit_mps=self.line.limits_mps.at(state["s_m"]),
+            force_el_n=state["force_el_n"],
+            force_friction_n=state["force_friction_n"],
+            energy_j=state["input_j"] - state["input_j"][0],
+            route=self.line.route,
+        )
 
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """The true state of the train once a second, as arrays of shape (seconds + 1,) by names with units.
@@ -87,8 +130,211 @@ def run_day(
     states = {
         name: np.array(column) for name, column in zip(PlantState._fields, zip(*run.states, strict=True), strict=True)
     }
-    balance = day.plant.balance(run.legs[0][0], run.legs[-1][1])
-    return SimulatedDay(states=states, outcome=outcome(day, run, kind).as_dict(), balance=balance)
+    first, last = run.legs[0][0], run.legs[-1][1]
+    return SimulatedDay(
+        states=states,
+        outcome=outcome(day, run, kind).as_dict(),
+        balance=day.plant.balance(first, last),
+        names=(day.service.scenario.id, str(kind), str(shown)),
+        line=day.service.line,
+        between_s=(first.time_s, last.time_s),
+    )
+
+
+def record_day(
+    scenario: str | Path,
+    out: str | Path,
+    seed: int = 0,
+    *,
+    driver: DriverKind | str = DriverKind.HUMAN,
+    advice: Presentation | str = Presentation.COACH,
+    participant: int | None = None,
+) -> Drive:
+    """Drive a day as `run_day` does, but with the advice node and the recorder as processes, into a recording `out`.
+
+    The parameters are those of `run_day`. The recording can be reviewed, compared, reported and asked what-ifs. Raises
+    what `run_day` raises, and DasError if `out` cannot be written or is already there, or if a process fails.
+
+        drive = sim.record_day("departure-delay", "day.mcap", seed=3)
+    """
+    from sim.world.over_bus import How, drive_day
+
+    kind, shown = _who(driver), chosen(Presentation, "record_day", "advice", advice)
+    path = _new(out)
+    day = make_day(prepare_service(load_scenario(str(scenario))), seed, _person(kind, participant))
+    how = How(driver=kind, advice=shown, train=DEFAULT_TRAIN, command="sim.record_day")
+    drive_day(day, day.driver(kind), how, path)
+    return Drive.read(path)
+
+
+def replay(
+    trip: str | Path,
+    out: str | Path,
+    *,
+    route: str | Path | None = None,
+    vehicle: str | Path | None = None,
+    line: str | Path | None = None,
+    reverse: bool | None = None,
+) -> Drive:
+    """Replay a recorded trip with the advice node into a recording `out`, and return it as a drive.
+
+    `trip` is a file of positions (.csv, .gpx) or a recording, `line` a file of kilometre posts. `reverse` says whether
+    the route is driven from its end. What is None comes from the recording; `das-sim replay` has more options.
+
+    Raises DasError for a trip that cannot be used, for an `out` that cannot be written or is already there, and if a
+    process fails.
+
+        drive = sim.replay("trip.csv", "replay.mcap", route="route.toml", vehicle="train.toml", line="posts.csv")
+    """
+    from sim.runs.replay.replay import prepare
+    from sim.runs.replay.replay import replay as run_replay
+    from sim.runs.replay.report import trip_energies
+
+    said = TripOptions(
+        route=None if route is None else str(route),
+        vehicle=None if vehicle is None else str(vehicle),
+        line=None if line is None else Path(line),
+        reverse=reverse,
+    )
+    job = prepare(Path(trip), ReplayOptions(trip=said), _new(out), "sim.replay")
+    run_replay(job, lambda _done, _all: None, trip_energies(job).above.message)
+    return Drive.read(job.processes.out)
+
+
+def write_example(folder: str | Path, seed: int = 1) -> Path:
+    """Write the files of `das-sim example` into a new folder: line, train, journey, scenario, and a recorded trip.
+
+    They are invented and meant to be changed; the seed draws the errors of the trip. Raises DasError if the folder is
+    already there or cannot be written.
+
+        sim.write_example("my-line")
+    """
+    from sim.bundled.example import example_files
+
+    path = Path(folder)
+    if path.exists():
+        raise DasError(f"{folder}: is already there, expected a new folder")
+    write_folder_whole(path, example_files(seed))
+    return path
+
+
+def compare(first: Drive | str | Path, *others: Drive | str | Path, step_m: float = 10.0) -> AlignedDrives:
+    """Drives of one line at the same positions, each beside the first: times, speeds, energies, and how they differ.
+
+    A drive is one that a function returned, or the file of a recording. In the result, `columns()` are arrays with a
+    row for every `step_m`, `stretches(1)` says where the second drive needed more than the first, and printing it says
+    in sentences how the drives differ.
+
+    Raises DasError for recordings that cannot be used, and for drives of different lines.
+
+        print(sim.compare("without.mcap", "coached.mcap"))
+    """
+    from sim.drive.comparison import AlignedDrives, drives_on_track
+
+    if not others:
+        raise InputError("compare", "drives", "one", "two or more, of which the first is the one to compare with")
+    return AlignedDrives.of(drives_on_track([_drive(one) for one in (first, *others)]), step_m)
+
+
+def report(*drives: Drive | str | Path, out: str | Path) -> Path:
+    """Write the report of `das-sim report` on recorded drives into a page `out` (.html), and return its path.
+
+    Several drives of one line are compared as well. Raises DasError for recordings that cannot be used, for a page that
+    cannot be written or is already there, and if jinja2 or matplotlib is not installed.
+
+        sim.report("day.mcap", out="day.html")
+    """
+    if not drives:
+        raise InputError("report", "drives", "none", "at least one")
+    path = _new(out)
+    try:
+        from sim.review.report.page import compared, page, subject_of
+    except ImportError as error:
+        raise DasError(f"a report needs {error.name}: pip install '.[view]' in the checkout") from None
+    subjects = [subject_of(_drive(one).recording.path) for one in drives]
+    write_whole(path, page(subjects, *compared(subjects)).encode())
+    return path
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class StudyTables(Summary):
+    """A study that was run and analysed: its findings, and its tables as columns for `das.to_pandas`."""
+
+    findings: StudyFindings
+
+    def facts(self) -> dict[str, str]:
+        """The folder, the number of trials, and what was found on each planned comparison."""
+        from sim.experiment.analysis.words import in_short
+
+        study = self.findings.study
+        told = {"folder": str(study.folder), "trials": str(len(study.trials)), "failed": str(len(study.failed))}
+        return {**told, **{name or "found": text for name, text in in_short(self.findings)}}
+
+    def trials(self) -> dict[str, NDArray[Any]]:
+        """A row for each trial: who, on which day, in which condition, and every measure."""
+        trials = self.findings.study.trials
+        who = {"participant": trials.participant, "position": trials.position, "practice": trials.practice}
+        return {**who, "day": trials.day, **trials.levels, **trials.values}
+
+    def differences(self) -> dict[str, NDArray[Any]]:
+        """A row for each planned comparison: the mean difference in `unit` with its 95 % interval, p, and participants.
+
+        `corrected` is p corrected for the number of comparisons.
+        """
+        found = [(one, one.shown, one.estimate) for one in self.findings.differences]
+        rows = {
+            "comparison": [one.title for one, _, _ in found],
+            "mean": [shown.factor * estimate.mean for _, shown, estimate in found],
+            "low": [shown.factor * estimate.interval[0] for _, shown, estimate in found],
+            "high": [shown.factor * estimate.interval[1] for _, shown, estimate in found],
+            "unit": [shown.difference_unit for _, shown, _ in found],
+            "p": [estimate.probability for _, _, estimate in found],
+            "corrected": [one.corrected for one, _, _ in found],
+            "participants": [estimate.participants for _, _, estimate in found],
+        }
+        return {name: np.array(values) for name, values in rows.items()}
+
+
+def run_experiment(design: str | Path, folder: str | Path, *, workers: int | None = None) -> StudyTables:
+    """Check a design, drive its trials with simulated drivers into a folder, and analyse them.
+
+    `design` is a design file (TOML) or a bundled study. Finished trials in the folder are kept, so that a stopped
+    experiment goes on. `workers` is the number of processes (default: one a core): a script calls this function under
+    `if __name__ == "__main__":`, because each of them imports the script.
+
+    Raises DasError for a design that is refused, a folder of another design, a failed trial, and if scipy or
+    statsmodels is not installed.
+
+        study = sim.run_experiment("smoke", "smoke")
+        das.to_pandas(study.differences())
+    """
+    try:
+        from sim.experiment.analysis.comparing import analyse_study
+    except ImportError as error:
+        raise DasError(f"an analysis needs {error.name}: pip install '.[experiment]' in the checkout") from None
+    from precompute.workers import Workers
+    from sim.experiment.analysis.reading import read_study
+    from sim.experiment.checking import checked_in
+    from sim.experiment.design import load_design
+    from sim.experiment.trials import Keep, jobs_of, run_study
+
+    asked, made_in = load_design(str(design)), Path(folder)
+    checked_in(asked, made_in)
+    run = run_study(asked, jobs_of(asked, Keep.MEASURES, made_in), made_in, Workers.asked(workers))
+    if run.failed:
+        raise DasError(f"{folder}: {len(run.failed)} of {run.trials} trials failed: see {FAILED_TABLE} there")
+    return StudyTables(findings=analyse_study(read_study(made_in)))
+
+
+def _drive(given: Drive | str | Path) -> Drive:
+    """A drive, read if it is given as a file."""
+    return given if isinstance(given, Drive) else Drive.read(Path(given))
+
+
+def _new(out: str | Path) -> Path:
+    """The path of a file that can be written and is not there yet; DasError for any other."""
+    check_writable(Path(out), overwrite=False)
+    return Path(out)
 
 
 def _person(driver: DriverKind | OwnClass, number: int | None) -> Participant | None:

@@ -18,7 +18,7 @@ PAGES = sorted(
         ROOT / "recordings" / "README.md",
     ]
 )
-NOTEBOOK = ROOT / "docs" / "tutorials" / "first-steps.ipynb"
+NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
 PATH = re.compile(r"`((?:das|sim|precompute|tests|docs|recordings)/[\w./-]+)`")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 EXTRA = re.compile(r"'\.\[([a-z,]+)\]'")
@@ -81,9 +81,10 @@ def test_every_link_leads_to_a_file_and_to_a_heading_in_it(page: Path) -> None:
     assert dead_links(page) == []
 
 
-def test_the_notebook_links_to_no_page() -> None:
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
+def test_a_notebook_links_to_no_page(notebook: Path) -> None:
     """It would be dead on the site: mkdocs-jupyter leaves `own-line.md` as it is, and mkdocs does not check it."""
-    assert LINK.findall(NOTEBOOK.read_text(encoding="utf-8")) == []
+    assert LINK.findall(notebook.read_text(encoding="utf-8")) == []
 
 
 def test_a_link_to_a_heading_or_a_file_that_is_gone_is_found(tmp_path: Path) -> None:
@@ -129,7 +130,7 @@ def test_every_extra_that_is_named_is_one_of_ours_and_is_installed_from_the_chec
     with (ROOT / "pyproject.toml").open("rb") as file:
         ours = set(tomllib.load(file)["project"]["optional-dependencies"])
     sources = [path for top in ("das", "precompute", "sim") for path in (ROOT / top).rglob("*.py")]
-    texts = {path.name: path.read_text(encoding="utf-8") for path in [*PAGES, NOTEBOOK, *sources]}
+    texts = {path.name: path.read_text(encoding="utf-8") for path in [*PAGES, *NOTEBOOKS, *sources]}
     assert [name for name, text in texts.items() if "driver-advisory-system[" in text] == []
     named = {extra for text in texts.values() for found in EXTRA.findall(text) for extra in found.split(",")}
     install = (ROOT / "docs" / "how-to" / "install.md").read_text(encoding="utf-8")

@@ -17,6 +17,7 @@ from das.bus.contents import RECOVERED, Contents, read_contents
 from das.bus.scanning import Health
 from das.bus.topics import TOPICS, Topic
 from das.domain.errors import DasError, InputError
+from das.domain.summary import Summary
 
 FLOATS: Final = (FieldDescriptor.CPPTYPE_DOUBLE, FieldDescriptor.CPPTYPE_FLOAT)
 TEXTS: Final = (FieldDescriptor.CPPTYPE_STRING, FieldDescriptor.CPPTYPE_MESSAGE)
@@ -33,8 +34,8 @@ class Stamped(NamedTuple):
     message: Any
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Recording:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Recording(Summary):
     """The contents of a recording for one train.
 
     `messages` holds the messages by topic name, those of a topic in the order of their log times. `train` is the chosen
@@ -52,6 +53,12 @@ class Recording:
     complete: bool
     health: Health = UNKNOWN
     attached: tuple[records.Attachment, ...] = ()
+
+    def facts(self) -> dict[str, str]:
+        """The file, the train, and the number of messages of each topic."""
+        counts = ", ".join(f"{len(self.messages[name])} {name}" for name in self.topics)
+        told = {"file": str(self.path), "train": self.train, "messages": counts or "none"}
+        return told if self.complete else {**told, "complete": "no, it was cut off"}
 
     @property
     def topics(self) -> tuple[str, ...]:

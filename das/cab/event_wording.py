@@ -346,6 +346,16 @@ def table_not_used(error: Exception) -> str:
     return f"{error}; not used"
 
 
+def no_table(folder: object, section: str) -> str:
+    """A section that no table of the folder is for."""
+    return f"{folder}: no table of {section}; solved instead"
+
+
+def no_tables(folder: object) -> str:
+    """A folder that holds no table at all."""
+    return f"{folder}: no table in this folder"
+
+
 def tables_not_used(folder: object, error: Exception) -> str:
     """Tables that cannot be compared with the solver, because its source is missing."""
     return f"{folder}: nobody can tell which solver code made the tables ({error}); none is used"

@@ -81,6 +81,7 @@ class Fronts:
         self._threads = threads
         self._known = _Kept(kept_bytes, _size)
         self._few_switch: _Kept[FewSwitchFront] = _Kept(kept_bytes, lambda few_switch: few_switch.nbytes)
+        self._folder, self._missed = tables, set[str]()
         self._tables = self._listed(tables) if tables is not None else ()
 
     def find(self, section: Section, s_m: float | None = None) -> Found:
@@ -125,6 +126,9 @@ class Fronts:
             # One reason is enough: a folder may hold tables of many trains, loads and levels.
             nearest, differing = min(others, key=lambda other: len(other[1]))
             notes.append(event_wording.table_unfit(nearest.folder, why_not(section, differing)))
+        elif self._tables and not notes and section.name not in self._missed:
+            self._missed.add(section.name)  # once is enough, however often restrictions change
+            notes.append(event_wording.no_table(self._folder, section.name))
         front = solve_ahead(section, s_m, threads=self._threads, lambda_w=onboard_ladder(section))
         return Found(front=front, source=Source.SOLVED, notes=tuple(notes))
 
@@ -142,6 +146,8 @@ class Fronts:
                 listed.append(_Listed.of(Table.open(manifest.parent)))
             except TableError as error:
                 self.notes.append(event_wording.table_not_used(error))
+        if not listed and not self.notes:
+            self.notes.append(event_wording.no_tables(folder))
         return tuple(listed)
 
 

@@ -5,6 +5,7 @@ No output replaces an input or another output, and the suffix of a picture says 
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import math
 from collections.abc import Iterable
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
 
 PICTURES = (".png", ".pdf", ".svg")
+NO_MATPLOTLIB = "pictures need matplotlib: install the extra, pip install '.[view]' in the checkout"
 _warned: set[str] = set()
 """Warnings that this process has printed."""
 
@@ -93,7 +95,9 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (
 
 
 def check_picture(path: Path | None) -> None:
-    """Refuse a picture whose suffix is not one of `PICTURES`; None is no picture."""
+    """Refuse a picture whose suffix is not one of `PICTURES`, or where nothing can draw it; None is no picture."""
+    if path is not None and importlib.util.find_spec("matplotlib") is None:
+        raise DasError(NO_MATPLOTLIB)
     if path is not None and path.suffix.lower() not in PICTURES:
         raise DasError(f"{path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or {PICTURES[-1]}")
 
@@ -103,7 +107,7 @@ def offscreen_pyplot() -> Any:
     try:
         import matplotlib
     except ImportError:
-        raise DasError("pictures need matplotlib: install the extra, pip install '.[view]' in the checkout") from None
+        raise DasError(NO_MATPLOTLIB) from None
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

@@ -15,7 +15,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from das.command_line.process import STDERR, ended_by_signals
 from das.domain.errors import seen
@@ -33,7 +33,7 @@ LONGEST_LINE = 600
 """Longest message (characters) that is printed whole; a longer one loses its middle."""
 
 LOADING = "loading the solver …"
-COMPILING = "compiling the solver (once on a machine, about half a minute) …"
+COMPILING = "compiling the solver (once on a machine, some 20 s) …"
 SCIPYS_BLAS = "scipy.linalg.cython_blas"
 
 
@@ -207,33 +207,50 @@ def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[
 
 @contextlib.contextmanager
 def loading_solver() -> Iterator[None]:
-    """Show on a terminal that kernels are being loaded or compiled; the first calls of kernels belong in this block.
+    """Say that kernels are being loaded (on a terminal) or compiled; the first calls of kernels belong in this block.
+
+    From then on the process also says that it compiles if it does so outside the block, once in all.
 
     A signal to end the process ends it at once, with one line and exit code 130, because an exception in the midst of a
     compilation may turn into any other error. So nothing that must be cleaned up may be open in the block.
     """
     with ended_by_signals(), _without_scipy():
+        listener = _compiling_listener()
         if not sys.stderr.isatty():
             yield
             return
-        with error_console().status(LOADING) as status, _on_compiling(lambda: status.update(COMPILING)):
-            yield
+        try:
+            with error_console().status(LOADING) as status:
+                listener.status = status
+                yield
+        finally:
+            listener.status = None
 
 
-@contextlib.contextmanager
-def _on_compiling(call: Callable[[], None]) -> Iterator[None]:
-    """Call `call` whenever numba begins to compile a function; loading one from the cache does not count."""
+@functools.cache
+def _compiling_listener() -> Any:
+    """What numba calls whenever it begins to compile a function; loading one from the cache does not count."""
     from numba.core import event
 
     class Listener(event.Listener):
+        """Says that the solver is being compiled: in the line of `status` if there is one, else in a line, once."""
+
+        status: Any = None
+        said = False
+
         def on_start(self, event: Any) -> None:
-            call()
+            if self.status is not None:
+                self.status.update(COMPILING)
+            elif not self.said:
+                self.said = True
+                say(COMPILING)
 
         def on_end(self, event: Any) -> None:
             pass
 
-    with event.install_listener("numba:compile", Listener()):
-        yield
+    listener, numba_event = Listener(), cast(Any, event)
+    numba_event.register("numba:compile", listener)
+    return listener
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from typing import Self
 
 from das.domain.errors import MISSING, InputError
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop
+from das.domain.summary import Summary
 from das.domain.units import KMH
 
 LEAST_SPACING_M = 1.0
@@ -67,8 +68,8 @@ class Passing:
     highest_mps: float = math.inf
 
 
-@dataclass(frozen=True, kw_only=True)
-class Journey:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Journey(Summary):
     """Stops and passing points in the order of travel; the first and the last are stops.
 
     All times count on one clock, whose zero the journey chooses (midnight, or the departure). The earliest departure
@@ -93,6 +94,16 @@ class Journey:
                 expected = f"at least {LEAST_SPACING_M:g} m after {before.name} ({before.position_m:g} m)"
                 raise InputError(self.source, f"position of {point.name}", f"{point.position_m:g} m", expected)
         self._check_order()
+
+    def facts(self) -> dict[str, str]:
+        """Name, stops, and the time from the first departure to the last arrival."""
+        least_s, most_s = self.calls[0].departure.earliest_s, self.calls[-1].arrival.latest_s
+        return {
+            "name": self.name,
+            "stops": ", ".join(call.name for call in self.calls),
+            "departs": clock(least_s),
+            "arrives by": clock(most_s),
+        }
 
     @classmethod
     def over_stops(cls, stops: Sequence[Stop], *, time_s: float, dwell_s: float) -> Self:

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
 from das.domain.restriction import Restriction
-from das.domain.units import KMH
+from das.domain.summary import Summary
+from das.domain.units import KM, KMH, kmh
 
 Floats = NDArray[np.float64]
 
@@ -103,8 +104,8 @@ def full_receptivity() -> Stretches:
     return Stretches(start_m=np.zeros(1), value=np.ones(1))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Route:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Route(Summary):
     """A line from position 0 to `length_m`.
 
     `curvature_per_m` holds the mean |κ| of each stretch (a clothoid counts with its mean curvature).
@@ -164,6 +165,15 @@ class Route:
         for array in (self.geometry_position_m, self.geometry_latitude_deg, self.geometry_longitude_deg):
             _check_finite(self.source, "geometry", array)
             array.setflags(write=False)
+
+    def facts(self) -> dict[str, str]:
+        """Name, length, stops and highest limit."""
+        return {
+            "name": self.name,
+            "length": f"{self.length_m / KM:.3f} km",
+            "stops": ", ".join(f"{stop.name} (km {stop.position_m / KM:.3f})" for stop in self.stops),
+            "highest limit": f"{kmh(float(self.limits_mps.value.max())):.0f} km/h",
+        }
 
     @property
     def zone(self) -> ZoneInfo:

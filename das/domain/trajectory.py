@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from das.domain.formulary import mean_davis_resistance_n
 from das.domain.levels import Level
 from das.domain.losses import LossModel
-from das.domain.units import STANDARD_GRAVITY_MPS2, kwh
+from das.domain.plotted import PlottedRun
+from das.domain.route import Route
+from das.domain.summary import Summary
+from das.domain.units import KM, STANDARD_GRAVITY_MPS2, kmh, kwh
 from das.domain.vehicle import Resistance, Vehicle
 
 Floats = NDArray[np.float64]
@@ -27,8 +30,8 @@ PART_WORDS: Final = {
 """The parts that sum to the input of an energy balance, in the words of every table."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class EnergyBalance:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class EnergyBalance(Summary):
     """Where the energy of a trajectory goes, in J.
 
     input = resistance + component_loss + friction_brake + unreturned + kinetic + potential. `input` is the net energy
@@ -44,6 +47,11 @@ class EnergyBalance:
     potential: float
     input: float
     comfort: float
+
+    def facts(self) -> dict[str, str]:
+        """The input and its parts, in kWh."""
+        told = {"input": self.input, **{PART_WORDS[name]: energy_j for name, energy_j in self.parts.items()}}
+        return {name: f"{kwh(energy_j):.1f} kWh" for name, energy_j in told.items()}
 
     @property
     def parts(self) -> dict[str, float]:
@@ -77,8 +85,8 @@ class EnergyBalance:
         return abs(difference) / scale
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Trajectory(Summary):
     """A trajectory: n nodes, n − 1 intervals of constant acceleration.
 
     Per node: `s_m` (route position), `t_s` (from 0), `v_mps`. Per interval (from its node to the next): wheel forces
@@ -101,6 +109,35 @@ class Trajectory:
     def time_s(self) -> float:
         """Duration (s)."""
         return float(self.t_s[-1])
+
+    def facts(self) -> dict[str, str]:
+        """Where, how long and how fast."""
+        return {
+            "from": f"km {self.s_m[0] / KM:.3f}",
+            "to": f"km {self.s_m[-1] / KM:.3f}",
+            "time": f"{self.time_s:.0f} s",
+            "top speed": f"{kmh(float(self.v_mps.max())):.0f} km/h",
+            "nodes": f"{len(self.s_m)}",
+        }
+
+    def plotted(self, loss: LossModel | None = None, route: Route | None = None, *names: str) -> PlottedRun:
+        """The trajectory for a picture; its energy needs the losses, the names of stops need the line."""
+        columns = self.columns()
+        energy_j = None
+        if loss is not None:  # at a stand between two stops nothing is counted, as in the balances of the sections
+            drawn_j = np.where(np.diff(self.s_m) > 0, self.input_j(self.loss_j(loss)), 0.0)
+            energy_j = np.concatenate(([0.0], np.cumsum(drawn_j)))
+        return PlottedRun(
+            names=names,
+            time_s=self.t_s,
+            s_m=self.s_m,
+            speed_mps=self.v_mps,
+            limit_mps=columns["limit_mps"],
+            force_el_n=columns["force_el_n"],
+            force_friction_n=columns["force_friction_n"],
+            energy_j=energy_j,
+            route=route,
+        )
 
     def columns(self) -> dict[str, Floats]:
         """The trajectory as arrays of shape (n,), one value per node, by names with units.

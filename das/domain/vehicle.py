@@ -21,7 +21,8 @@ from das.domain.formulary import (
 from das.domain.levels import Level
 from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, LossModel, fit_mean_efficiency
 from das.domain.route import NEUTRAL, Route, Stretches
-from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.domain.summary import Summary
+from das.domain.units import KMH, STANDARD_GRAVITY_MPS2, TONNE, kmh
 
 Floats = NDArray[np.float64]
 
@@ -97,8 +98,8 @@ class Load:
     c0_n: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Vehicle:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Vehicle(Summary):
     """A train as the planner sees it, in SI units.
 
     `rotating_mass_ratio` is the share of rotating mass on top of `mass_kg` (0.06 = 6 %). `losses` holds the loss
@@ -149,6 +150,16 @@ class Vehicle:
                 raise InputError(self.source, key, value, "a number > 0")
         if self.default_level not in (*self.losses, Level.L0_NOREG, Level.L0_REG):
             raise InputError(self.source, "default_level", str(self.default_level), "a level this vehicle has")
+
+    def facts(self) -> dict[str, str]:
+        """Name, mass, length, top speed and levels of losses."""
+        return {
+            "name": self.name,
+            "mass": f"{self.mass_kg / TONNE:.0f} t",
+            "length": f"{self.train_length_m:.0f} m",
+            "top speed": f"{kmh(self.max_speed_mps):.0f} km/h",
+            "levels": ", ".join(sorted({*self.losses, Level.L0_NOREG, Level.L0_REG})),
+        }
 
     @property
     def inertial_mass_kg(self) -> float:

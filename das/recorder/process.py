@@ -18,6 +18,7 @@ from das.command_line.printing import say
 from das.command_line.process import StopFlag
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
+from das.recorder.life_signs import LifeSigns
 from das.recorder.options import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
@@ -28,41 +29,53 @@ LISTENS_S = 0.1
 
 def record(options: RecorderOptions) -> None:
     """Record until asked to stop. Raises DasError for unusable options and if the file cannot be written."""
-    bus = _bus(options)
+    bus, where = _bus(options)
     out = options.made.out or Path(f"{options.place.train}.mcap")
     try:
-        _record(options, bus, out, StopFlag(with_parent=options.with_parent))
+        _record(options, bus, where, out, StopFlag(with_parent=options.with_parent))
     except OSError as error:
         raise DasError(f"{out}: cannot be written ({error.strerror})") from error
 
 
-def _bus(options: RecorderOptions) -> Bus:
+def _bus(options: RecorderOptions) -> tuple[Bus, str]:
+    """The bus to record, not opened yet, and where on it the recorder is, in words."""
     place = options.place
     file: BusFile | None = bus_options(place.bus, place.insecure_bus, place.listen, place.connect)
     listen = None if file else check_endpoint(place.listen or RECORDER_ENDPOINT)
     connect = [check_endpoint(one) for one in place.connect or ([] if file or place.listen else [NODE_ENDPOINT])]
     if file is not None:
         Refusals().listen()
-    return Bus(place.train, listen=listen, connect=connect, hear=RECORDED, file=file, waiting=MOST_WAITING)
+    bus = Bus(place.train, listen=listen, connect=connect, hear=RECORDED, file=file, waiting=MOST_WAITING)
+    listens = f"listening on {listen}, connecting to {' and '.join(connect) or 'nobody'}"
+    return bus, f"on the bus of {file.path}" if file else listens
 
 
-def _record(options: RecorderOptions, made: Bus, out: Path, stop: StopFlag) -> None:
+def _nothing(_text: str) -> None:
+    """Say nothing."""
+
+
+def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: StopFlag) -> None:
     attachments = [(path, _content(path)) for path in options.made.attach or ()]
     metadata = _metadata(options)
     file = RecordingFile(_place(out, options.made))
+    # A program that starts a recorder as a part of itself tells its user what happens.
+    signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else _nothing)
     try:
         for path, content in attachments:
             file.add_attachment(path.name, "application/octet-stream", content)
         file.add_metadata("run", metadata)
         file.flush()
         with made as bus:
+            signs.say(f"{where}, recording to {file.path} until Ctrl-C")
             recorder = Recorder(bus, file, options.start_ns)
             while not stop.stopped:
                 received = bus.receive(LISTENS_S)
                 if received is not None:
                     recorder.take(received)
+                    signs.take(received)
                 file.flush_if_due()
                 recorder.report_if_due()
+                signs.look(file.messages)
             while (received := bus.receive(0)) is not None:
                 recorder.take(received)
             if bus.dropped:
@@ -70,6 +83,7 @@ def _record(options: RecorderOptions, made: Bus, out: Path, stop: StopFlag) -> N
                 print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
     finally:
         file.close()
+    signs.say(f"{file.messages} messages in {file.path}")
 
 
 def _place(path: Path, made: FileMade) -> Path:

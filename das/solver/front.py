@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError
+from das.domain.summary import Summary, needs
 from das.solver import tolerances as tol
 from das.solver.kernels.tuples import PackedTimes, Policies, Policy
 from das.solver.section import Section
@@ -34,8 +35,8 @@ class Sweep(Protocol):
         """Solve all nodes from `first` on that are not solved yet."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Front:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Front(Summary):
     """Policies of a section for a ladder of multipliers.
 
     `lambda_w` (L,) ascends. `value_j` and `time_to_go_s` have the shape (K + 1 decision nodes, J + 1 speeds, L). A
@@ -50,6 +51,12 @@ class Front:
     value_j: Floats | NDArray[np.float32]
     time_to_go_s: NDArray[np.float32] | PackedTimes
     sweep: Sweep | None = None
+
+    def facts(self) -> dict[str, str]:
+        """The section's facts, and what its fastest trajectory and one with a tenth more time need."""
+        fastest_run = self.fastest()
+        told = {"fastest": fastest_run, "with a buffer of 10 %": self.trajectory(1.1 * fastest_run.time_s)}
+        return {**self.section.facts(), **{name: needs(run.time_s, run.balance.input) for name, run in told.items()}}
 
     def cover(self, s_m: float) -> None:
         """Solve the missing policies for a train at a position (m) and for all places ahead of it."""

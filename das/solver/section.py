@@ -20,7 +20,8 @@ from das.domain.errors import DasError, InfeasibleError
 from das.domain.levels import Level
 from das.domain.losses import LossMap, LossModel, outside_map
 from das.domain.route import NEUTRAL, Route
-from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
+from das.domain.summary import Summary
+from das.domain.units import KM, KMH, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
@@ -32,8 +33,8 @@ from das.solver.line_profile import LineProfile, decision_nodes, even_nodes, fix
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Section(LineProfile):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Section(Summary, LineProfile):
     """A section that one train runs on: from `start_m` to `end_m` of a route (positions in route coordinates).
 
     The arrays of the line's profile are those on the integration nodes. `allowed_mps` (per node) is the fastest speed
@@ -136,6 +137,21 @@ class Section(LineProfile):
     def end_stop_name(self) -> str:
         """The name of the stop where the section ends; empty if it ends elsewhere."""
         return self.route.stop_name_at(self.end_m)
+
+    def facts(self) -> dict[str, str]:
+        """Where, which train, and the level of losses."""
+        return {"way": self.way, "train": self.vehicle.name, "level": str(self.level)}
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """What pictures name a run or a front on the section by: way, train and level."""
+        return (self.way, self.vehicle.name, f"level {self.level}")
+
+    @property
+    def way(self) -> str:
+        """Both ends, by the names of their stops, else by kilometres."""
+        ends = (self.start_m, self.end_m)
+        return " – ".join(self.route.stop_name_at(at_m) or f"km {at_m / KM:.3f}" for at_m in ends)
 
     @property
     def name(self) -> str:

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.losses import LossMap
+from das.domain.plotted import PlottedRun
 from das.domain.route import NEUTRAL
+from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
@@ -33,8 +35,8 @@ class Fit(StrEnum):
     """A slower trajectory would need more energy: the trajectory is the one of least energy."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Solution:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Solution(Summary):
     """A trajectory with its energy balance and certificate.
 
     `least_time_s` is the time of the fastest trajectory from the same state. `lambda_w` is the price of time at the
@@ -61,6 +63,20 @@ class Solution:
     def balance(self) -> EnergyBalance:
         """Where the energy goes, with the section's train and losses (J)."""
         return self.trajectory.balance(self.section.vehicle, self.section.loss)
+
+    def facts(self) -> dict[str, str]:
+        """The section's facts, what the trajectory needs, and how far its time is above the least one."""
+        buffer = 100.0 * (self.time_s / self.least_time_s - 1.0)
+        return {
+            **self.section.facts(),
+            "needs": needs(self.time_s, self.balance.input),
+            "buffer": f"{buffer:.1f} %",
+            "fit": str(self.fit),
+        }
+
+    def plotted(self) -> PlottedRun:
+        """The trajectory for a picture, with its energy and the stops of its line."""
+        return plotted_on(self.section, self.trajectory)
 
     @property
     def time_s(self) -> float:
@@ -113,6 +129,11 @@ def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
     if not isinstance(solution.section.loss, LossMap):
         return solution
     return replace(solution, proven=certificate(solution, tight_s))
+
+
+def plotted_on(section: Section, trajectory: Trajectory) -> PlottedRun:
+    """A trajectory over a section for a picture, whichever strategy found it."""
+    return trajectory.plotted(section.loss, section.route, *section.titles)
 
 
 def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajectory:

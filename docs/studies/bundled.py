@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -76,11 +77,13 @@ def figure(measure: str, value: float | None, sign: str = "") -> str:
     return f"{100.0 * value if measure.endswith('_ratio') else value:{sign}.{decimals}f}"
 
 
-def das_sim(*args: str | Path) -> str:
-    """What a das-sim command prints; its progress is shown. Raises DasError if it fails."""
+def das_sim(*args: str | Path, folder: Path = ROOT) -> str:
+    """What a das-sim command prints in a folder; its progress is shown. Raises DasError if it fails."""
+    paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
-        [sys.executable, "-m", "sim.cli", *map(str, args)], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False
-    )
+        [sys.executable, "-m", "sim.cli", *map(str, args)],
+        cwd=folder, env={**os.environ, "PYTHONPATH": paths}, stdout=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
     if done.returncode != 0:
         raise DasError(f"das-sim {' '.join(map(str, args))}: ended with exit code {done.returncode}")
     return done.stdout

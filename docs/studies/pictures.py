@@ -1,7 +1,8 @@
 """The pictures of recordings in README and in the how-to guides, drawn from days and trips that are made for them.
 
-`python -m docs.studies.pictures NAME` (review, what-if or report) draws docs/images/NAME.png again, in a minute. The
-first page of a report needs Chromium and pdftoppm (poppler).
+`python -m docs.studies.pictures NAME` (review, what-if or report) draws docs/images/NAME.png again, in a minute; review
+draws first-minute.png as well, and writes what the first minute prints. The first page of a report needs Chromium and
+pdftoppm (poppler).
 """
 
 from __future__ import annotations
@@ -13,16 +14,21 @@ from pathlib import Path
 from typing import Final
 
 from docs.studies.bundled import das_sim, first_page
-from docs.studies.output import DOCS
+from docs.studies.output import DOCS, write_table
 
 IMAGES: Final = DOCS / "images"
-TRIP: Final = DOCS.parent / "recordings" / "zurich-zug-late.mcap"
 
 
 def review(folder: Path) -> None:
-    """The bundled recording, replayed and drawn."""
-    das_sim("replay", TRIP, "-o", folder / "replay.mcap")
-    das_sim("view", folder / "replay.mcap", "--plot", IMAGES / "review.png", "--overwrite")
+    """The first minute: what it prints, its two drives beside each other, and all about the one with the coach."""
+    said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
+    write_table(DOCS / "tutorials" / "first-replay.md", "first-minute", ("```text", *said, "```"))
+    recorded, coached = (folder / f"{name}.mcap" for name in ("as-recorded", "with-the-coach"))
+    (made,) = (folder / "recordings").glob("*-coach.mcap")
+    made.with_name(made.name.replace("-coach", "")).rename(recorded)
+    made.rename(coached)
+    das_sim("compare", recorded, coached, "--plot", IMAGES / "first-minute.png", "--overwrite")
+    das_sim("view", coached, "--beside", recorded, "--plot", IMAGES / "review.png", "--overwrite")
 
 
 def what_if(folder: Path) -> None:

@@ -21,6 +21,7 @@ from das.command_line.files import save_figure
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import KM, KWH, kmh, kwh
+from das.drawing.colors import LINES, SEVERAL
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
@@ -30,8 +31,8 @@ from sim.drive.attribution.driven_legs import LikelyRange, likely_range
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
-from sim.review.canvas import INK, LINES, light_figure, named, page_legend
-from sim.review.colors import LIGHT, SEVERAL, Meaning
+from sim.review.canvas import INK, light_figure, named, page_legend
+from sim.review.colors import LIGHT, Meaning
 from sim.runs.replay.replay import prepare, replay
 from tests.support.benchmark import SHARED
 

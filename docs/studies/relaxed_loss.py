@@ -16,9 +16,9 @@ from das.command_line.files import save_figure
 from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.units import KMH
+from das.drawing.colors import SEVERAL
 from docs.studies.output import DOCS
 from sim.review.canvas import light_figure, named, page_legend
-from sim.review.colors import SEVERAL
 
 Floats = NDArray[np.float64]
 PICTURE: Final = DOCS / "images" / "relaxed-loss.png"

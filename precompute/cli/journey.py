@@ -115,7 +115,9 @@ def journey(
     if files.out is not None:
         write_trajectory(files.out, plan.trajectory())
     if files.plot is not None:
-        report.draw_journey(files.plot, plan, title)
+        from das.drawing.picture import draw_runs
+
+        draw_runs([plan.plotted()]).save(files.plot, overwrite=True)
     if files.as_json:
         print(json.dumps(report.journey_json(plan, others_j, solve_s)))
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,14 +11,14 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from das.command_line.files import offscreen_pyplot, save_figure
 from das.command_line.printing import print_table, tell
-from das.domain.journey import Held, Window, clock
+from das.domain.journey import Held, clock
+from das.domain.plotted import PlottedFront
 from das.domain.trajectory import EnergyBalance, Trajectory
-from das.domain.units import KM, KMH, KN, KW, PERMILLE, kmh, kwh
+from das.domain.units import KM, KMH, KW, kmh, kwh
 from das.solver.journey.plan import JourneyPlan, PlannedTime, SectionPlan
 from das.solver.section import Section
-from das.solver.solution import Fit, Solution
+from das.solver.solution import Fit, Solution, plotted_on
 from precompute.baselines import Strategy
 from precompute.baselines.strategies import Baseline
 
@@ -89,48 +89,27 @@ def _parameters(answer: Answer) -> dict[str, Any]:
     return {"cruise_speed_mps": answer.cruise_speed_mps, "coasting_m": [list(pair) for pair in answer.coasting_m]}
 
 
-def draw_solution(path: Path, section: Section, answer: Answer) -> None:
-    """Draw speed with limit, altitude, and wheel forces over the line."""
-    pyplot = offscreen_pyplot()
-    run = answer.trajectory
-    x_km = run.s_m / KM
-    figure, (speed, altitude, force) = pyplot.subplots(
-        3, 1, figsize=(12, 8), sharex=True, height_ratios=(3, 1, 2), layout="constrained"
+def draw_answer(path: Path, section: Section, answer: Answer) -> None:
+    """Draw one run; the picture names its strategy."""
+    from das.drawing.picture import draw_runs
+
+    run = plotted_on(section, answer.trajectory).named(_strategy(answer))
+    draw_runs([run]).save(path, overwrite=True)
+
+
+def draw_front(path: Path, section: Section, solutions: Sequence[Solution]) -> None:
+    """Draw the front through some solutions."""
+    from das.drawing.picture import draw_fronts
+
+    rising = sorted(solutions, key=lambda solution: solution.time_s)
+    time_s = np.array([solution.time_s for solution in rising])
+    front = PlottedFront(
+        names=section.titles,
+        buffer_percent=100.0 * (time_s / rising[0].least_time_s - 1.0),
+        time_s=time_s,
+        energy_j=np.array([solution.balance.input for solution in rising]),
     )
-    _draw_speed(speed, run)
-    speed.set_title(
-        f"{section.route.name}, {section.vehicle.name}, level {section.level}, {_strategy(answer)}\n"
-        f"{answer.time_s:.1f} s, {kwh(answer.balance.input):.2f} kWh at the current collector"
-    )
-    altitude.fill_between(x_km, _altitude(section, run.s_m), color="0.8", step=None)
-    low, high = _altitude(section, run.s_m).min(), _altitude(section, run.s_m).max()
-    altitude.set_ylim(low - 5, high + 5 + 0.1 * (high - low))
-    altitude.set_ylabel("altitude, m")
-    steepest = np.abs(run.grade_ratio).max() / PERMILLE
-    altitude.text(0.01, 0.9, f"steepest {steepest:.1f} ‰ under the train", transform=altitude.transAxes, va="top")
-    force.stairs(run.force_el_n / KN, x_km, baseline=0, fill=True, color="tab:orange", alpha=0.7, label="motors")
-    if run.force_friction_n.any():
-        force.stairs(run.force_friction_n / KN, x_km, baseline=0, color="tab:red", label="friction brake")
-    force.axhline(0, color="0.3", linewidth=0.5)
-    force.set_ylabel("wheel force, kN")
-    force.set_xlabel("position, km")
-    force.legend(loc="upper right")
-    save_figure(path, figure)
-    pyplot.close(figure)
-
-
-def _draw_speed(axes: Any, run: Trajectory) -> None:
-    """Speed and limit over the line."""
-    x_km = run.s_m / KM
-    axes.step(x_km[:-1], run.limit_mps / KMH, where="post", color="0.45", linewidth=1, label="limit over the train")
-    axes.plot(x_km, run.v_mps / KMH, color="tab:blue", label="speed")
-    axes.set_ylabel("speed, km/h")
-    axes.set_ylim(bottom=0)
-    axes.legend(loc="lower center", ncols=2)
-
-
-def _altitude(section: Section, s_m: Any) -> Any:
-    return section.route.altitude_m(s_m)
+    draw_fronts([front]).save(path, overwrite=True)
 
 
 LEGEND = {
@@ -184,7 +163,6 @@ def print_parameters(result: dict[str, Any]) -> None:
         print(f"coasts from km {start_m / KM:.3f} to km {end_m / KM:.3f}")
 
 
-MINUTE_S = 60.0
 JOURNEY_LEGEND = {
     "≥, ≤, =": "held at the earliest, the latest, the only time of a window",
     "run": "running time",
@@ -273,32 +251,3 @@ def _totals(plan: JourneyPlan, others_j: dict[str, float]) -> Iterator[str]:
     names = {"proportional": "with the same buffer everywhere", "fastest": "as fast as possible, waiting at the stops"}
     for name, energy_j in others_j.items():
         yield f"{names[name]}: {kwh(energy_j):.2f} kWh, the plan saves {100 * (1 - plan.input_j / energy_j):.2f} %"
-
-
-def draw_journey(path: Path, plan: JourneyPlan, title: str) -> None:
-    """Draw speed with limit, and time with its windows, over the line."""
-    pyplot = offscreen_pyplot()
-    run, begin_s = plan.trajectory(), plan.sections[0].departure.time_s
-    x_km = run.s_m / KM
-    figure, (speed, time) = pyplot.subplots(2, 1, figsize=(12, 8), sharex=True, layout="constrained")
-    _draw_speed(speed, run)
-    speed.set_title(f"{title}\n{clock(plan.time_s)}, {kwh(plan.input_j):.2f} kWh at the current collector")
-    time.plot(x_km, (run.t_s - begin_s) / MINUTE_S, color="tab:blue", label="plan")
-    for position_m, window, colour in _windows(plan):
-        for marker, bound_s in (("^", window.earliest_s), ("v", window.latest_s)):
-            if math.isfinite(bound_s):
-                time.plot(position_m / KM, (bound_s - begin_s) / MINUTE_S, marker, color=colour, markersize=8)
-    time.set_ylabel(f"min after {clock(begin_s)}")
-    time.set_xlabel("position, km")
-    time.set_title("▲ not before, ▼ not after (green: departure, red: arrival, orange: passing)", fontsize="small")
-    save_figure(path, figure)
-    pyplot.close(figure)
-
-
-def _windows(plan: JourneyPlan) -> Iterator[tuple[float, Window, str]]:
-    """Position, window and colour of everything that is timed."""
-    for section in plan.sections:
-        yield section.start.position_m, section.start.departure, "tab:green"
-        yield section.end.position_m, section.end.arrival, "tab:red"
-        for x in section.passings:
-            yield x.passing.position_m, x.passing.window, "tab:orange"

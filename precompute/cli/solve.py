@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from das.command_line.files import check_outputs
-from das.command_line.options import JsonOption, OverwriteOption
-from das.command_line.printing import busy, loading_solver, steps_bar
+from das.command_line.files import check_outputs, check_picture
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption
+from das.command_line.printing import busy, loading_solver, steps_bar, tell
 from das.domain.errors import DasError
 from precompute.baselines import Strategy
 from precompute.cli.options import (
@@ -77,7 +78,7 @@ def solve(
     if files.out is not None:
         write_trajectory(files.out, answer.trajectory)
     if files.plot is not None:
-        report.draw_solution(files.plot, section, answer)
+        report.draw_answer(files.plot, section, answer)
     result = report.solution_json(answer, min_time_s, solve_s)
     if files.as_json:
         print(json.dumps(result))
@@ -191,6 +192,15 @@ class ExactOptions:
     ] = None
     overwrite: OverwriteOption = False
 
+    def check(self, plot: Path | None, inputs: Iterable[str | Path | None]) -> None:
+        """Raise DasError for options that do not go together, and for outputs that cannot be written."""
+        if not self.exact and (self.out or self.bucket_ms or self.max_buffer_percent is not None):
+            raise DasError("--out, --bucket and --max-buffer belong to --exact")
+        if self.exact and plot is not None:
+            raise DasError("--plot: draws the solver's front, not together with --exact")
+        check_picture(plot)
+        check_outputs(self.out, plot, inputs=inputs, overwrite=self.overwrite)
+
     def largest_percent(self) -> float:
         """The largest buffer (%) of the exact front; raises DasError if it is impossible."""
         largest = EXACT_MAX_BUFFER_PERCENT if self.max_buffer_percent is None else self.max_buffer_percent
@@ -208,6 +218,7 @@ def front(
         ),
     ] = None,
     refine: RefineOption = "on",
+    plot: PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show the trade-off between time and energy: the least-energy run for each of a list of buffers.
@@ -220,11 +231,9 @@ def front(
     of 10 % take up to half a minute; time and memory grow fast with length and buffer. On a terminal it shows how much
     time is likely to be left. The solver's runs beside it are not refined.
     """
-    if not witness.exact and (witness.out or witness.bucket_ms or witness.max_buffer_percent is not None):
-        raise DasError("--out, --bucket and --max-buffer belong to --exact")
+    witness.check(plot, pose.inputs())
     largest, budget_s = witness.largest_percent(), refine_seconds(refine)
     wanted = buffer_numbers(BUFFERS_PERCENT if buffers is None else buffers)
-    check_outputs(witness.out, inputs=pose.inputs(), overwrite=witness.overwrite)
     section, solved, min_time_s, front_s = solved_front(pose)
     if witness.exact:
         from precompute.exact.command import exact_front
@@ -237,14 +246,18 @@ def front(
     from precompute.cli import report
     from precompute.cli.report import print_solutions
 
-    points = []
-    for buffer_percent, (solution, solve_s) in zip(wanted, _runs(solved, min_time_s, wanted, budget_s), strict=True):
+    points, runs = [], _runs(solved, min_time_s, wanted, budget_s)
+    for buffer_percent, (solution, solve_s) in zip(wanted, runs, strict=True):
         point = report.solution_json(solution, min_time_s, solve_s)
         points.append({"buffer_percent": buffer_percent, **point})
+    if plot is not None:
+        report.draw_front(plot, section, [solution for solution, _ in runs])
     if as_json:
         print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
         return
     print_solutions(section.name, points)
+    if plot is not None:
+        tell(f"written: {plot}")
 
 
 def _runs(front: Front, min_time_s: float, buffers: list[float], budget_s: float) -> list[tuple[Solution, float]]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from das.compiling import kernel
+from das.solver.kernels.arrays import put
 from das.solver.kernels.forces import brake_limit, mean_resistance, on_supply, traction_limit
 from das.solver.kernels.landings import landing_speed, landing_under, step_cost
 
@@ -116,7 +117,7 @@ def least_time_to_go(u, first, last, coast, unit, ratio, h, lowest, ahead, resul
 @kernel
 def grown(array, size):
     new = np.empty(size, array.dtype)
-    new[: array.size] = array
+    put(array, new)
     return new
 
 

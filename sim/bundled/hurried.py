@@ -109,14 +109,14 @@ class HurriedDriver:
         self._wander = 0.0
         self._at_m, self._limit = _limits_for_head(route, vehicle, end_m)
 
-    def wanted_force_n(self, s_m: float, speed_mps: float, step_s: float) -> float:
-        """Wheel force the driver sets now (N)."""
+    def wanted_force_n(self, s_m: float, speed_mps: float, step_s: float, top_mps: float = math.inf) -> float:
+        """Wheel force the driver sets now (N), to keep below the limits and at a top speed that he was told."""
         style = self.style
         decay = math.exp(-step_s / style.wander_s)
         self._wander = (
             decay * self._wander + style.wander_mps * math.sqrt(1 - decay**2) * self._random.standard_normal()
         )
-        error = self._aim(s_m) - speed_mps
+        error = min(self._aim(s_m), top_mps) - speed_mps
         share = min(max(error / style.full_effort_error_mps, -1.0), 1.0)
         hold = float(self.vehicle.resistance.force_n(speed_mps))
         if share >= 0:

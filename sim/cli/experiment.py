@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -16,7 +15,6 @@ import typer
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption, SeedOption
 from das.command_line.printing import busy, paragraph, print_table
 from das.domain.errors import DasError
-from das.domain.files.writing import make_folder
 from precompute.workers import Workers
 from sim.cli.options import (
     PageOption,
@@ -32,7 +30,6 @@ from sim.experiment.plan import DESIGN_JSON, FAILED_TABLE, TRIALS_SIDECAR, TRIAL
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer
-    from sim.experiment.design import Design
     from sim.experiment.trials import Keep
 
 DEFAULT_PARTICIPANTS: Final = "12,24,36,48,76,100,150"
@@ -56,11 +53,11 @@ def check(
     design is frozen there, and only this design can be run in that folder.
     """
     with busy("reading the design …"):
-        from sim.experiment.checking import check_design, print_check
+        from sim.experiment.checking import check_design, made_folder, print_check
         from sim.experiment.design import freeze, load_design
 
         asked = load_design(design)
-    with contextlib.nullcontext() if out is None else _made(out):
+    with contextlib.nullcontext() if out is None else made_folder(out):
         found = check_design(asked)
         if out is not None and not found.refusals:
             freeze(asked, out)
@@ -94,6 +91,7 @@ def run(
     hands = Workers.asked(workers, scheduler)
     _check_options(scheduler, recordings=recordings, measures_only=measures_only)
     with busy("reading the design …"):
+        from sim.experiment.checking import checked_in
         from sim.experiment.design import load_design
         from sim.experiment.trials import Keep, jobs_of, run_study
         from sim.jobs.batch import require_pyarrow
@@ -101,7 +99,7 @@ def run(
         if not measures_only:
             require_pyarrow()
         asked = load_design(design)
-    _checked(asked, out)
+    checked_in(asked, out)
     keep: Keep = Keep.RECORDINGS if recordings else Keep.MEASURES if measures_only else Keep.SERIES
     jobs = jobs_of(asked, keep, out)
     found = run_study(asked, jobs, out, hands)
@@ -122,38 +120,6 @@ def _check_options(scheduler: str | None, *, recordings: bool, measures_only: bo
         raise DasError("give either --recordings or --measures-only")
     if recordings and scheduler is not None:
         raise DasError("--recordings: not together with --scheduler, because recordings are written on this machine")
-
-
-def _checked(design: Design, folder: Path) -> None:
-    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is refused."""
-    from sim.experiment.checking import check_design, was_checked
-    from sim.experiment.design import check_frozen, freeze, resolved
-
-    digest = resolved(design)["hash"]
-    if (folder / DESIGN_JSON).exists():
-        check_frozen(design, folder, digest)
-    if was_checked(folder, digest):
-        return
-    with _made(folder):
-        found = check_design(design)
-        if found.refusals:
-            raise DasError(f"{design.source}: {found.refusals[0]}")
-        freeze(design, folder)
-        found.keep(folder)
-
-
-@contextlib.contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make a folder, so that a bad one is refused before minutes of work; remove it if nothing was written into it."""
-    new = not folder.exists()
-    make_folder(folder)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise DasError(f"{folder}: cannot be written (Permission denied)")
-    try:
-        yield
-    finally:
-        if new and not any(folder.iterdir()):
-            folder.rmdir()
 
 
 def studies(as_json: JsonOption = False) -> None:

@@ -182,17 +182,17 @@ ENTRIES: Final = (
 )
 ABOUT: Final = (
     "Replay a train's trip, or simulate a day, against a live advice node; record it and look at it.\n\n"
-    "Without a command, das-sim replays the bundled recording and says how to view it."
+    "Without a command, das-sim replays the bundled recording, drives its trip with the coach, and compares the two."
 )
 
 
-def _replay_bundled() -> None:
-    from sim.cli.trips import replay_bundled
+def _first_minute() -> None:
+    from sim.cli.first_minute import first_minute
 
-    replay_bundled()
+    first_minute()
 
 
-app = application(NAME, ABOUT, ENTRIES, without_command=_replay_bundled)
+app = application(NAME, ABOUT, ENTRIES, without_command=_first_minute)
 
 
 def main() -> None:

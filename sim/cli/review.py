@@ -35,6 +35,14 @@ if TYPE_CHECKING:
     from sim.drive.drive import Drive
 
 
+BesideOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--beside",
+        metavar="FILE",
+        help="Recording of another drive on the line, whose speed is drawn under this one's.",
+    ),
+]
 SaveOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
@@ -360,6 +368,7 @@ def report(
 
 def view(
     file: RecordingArgument,
+    beside: BesideOption = None,
     save: SaveOption = None,
     plot: PictureOption = None,
     overwrite: OverwriteOption = False,
@@ -375,7 +384,8 @@ def view(
     For example: das-sim view run.mcap --from 10:00 --to 20:00 --plot part.pdf
     """
     check_picture(plot)
-    check_outputs(save, plot, inputs=(file,), overwrite=overwrite)
+    check_outputs(save, plot, inputs=(file, beside), overwrite=overwrite)
+    from sim.drive.comparison import check_one_line
     from sim.recording.course import part_of
     from sim.recording.opening import open_recording
     from sim.review.colors import THEMES
@@ -385,13 +395,15 @@ def view(
         raise DasError(f"--theme {theme}: expected one of {', '.join(THEMES)}")
     with busy(f"reading {file} …"):
         recording = part_of(open_recording(file, of_train), start, end)
+        other = None if beside is None else open_recording(beside)
+        check_one_line([recording] if other is None else [recording, other])
     if save is None and plot is None:
-        open_view(recording, with_map=with_map, language=language)
+        open_view(recording, beside=other, with_map=with_map, language=language)
     if plot is not None:
         with busy(f"drawing {plot} …"):
-            save_picture(recording, plot, THEMES[theme])
+            save_picture(recording, plot, THEMES[theme], beside=other)
         tell(f"written: {plot}")
     if save is not None:
         with busy(f"writing {save} …"):
-            save_view(recording, save, with_map=with_map, language=language)
+            save_view(recording, save, beside=other, with_map=with_map, language=language)
         tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

@@ -127,20 +127,24 @@ def replay(
     """Replay a recorded trip: the advice node answers every second, and everything is recorded."""
     if out is not None:
         check_writable(out, overwrite=overwrite)
-        _replayed(trip, options, out, as_json)
-        return
-    reserved = new_recording("replay")
+    reserved = new_recording("replay") if out is None else None
     with removed_if_unused(reserved):
-        _replayed(trip, options, reserved, as_json)
+        found = replayed(trip, options, out or reserved or trip)
+    if as_json:
+        print(json.dumps(found))
+        return
+    from sim.runs.replay.report import print_result
+
+    print_result(found)
 
 
-def _replayed(trip: Path, options: ReplayOptions, out: Path, as_json: bool) -> None:
-    """Replay a trip into a recording, and print the result."""
+def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
+    """Replay a trip into a recording; the figures of the replay."""
     with loading_solver():
         from das.cab.warm_up import warm_up
         from sim.runs.replay.replay import prepare
         from sim.runs.replay.replay import replay as run_replay
-        from sim.runs.replay.report import print_result, result, trip_energies
+        from sim.runs.replay.report import result, trip_energies
 
         warm_up()
     with busy("reading the trip and solving its section …"):
@@ -154,21 +158,7 @@ def _replayed(trip: Path, options: ReplayOptions, out: Path, as_json: bool) -> N
     except KeyboardInterrupt:
         print(f"stopped; recorded so far: {out}", file=sys.stderr)
         raise
-    found = result(job, outcome, energies)
-    if as_json:
-        print(json.dumps(found))
-    else:
-        print_result(found)
-
-
-def replay_bundled() -> None:
-    """Replay the recording that comes with the program."""
-    path = bundled_recording()
-    print(
-        f"replaying the bundled recording {BUNDLED}: a late train on an illustrative Zürich–Luzern route",
-        file=sys.stderr,
-    )
-    replay(path, ReplayOptions())
+    return result(job, outcome, energies)
 
 
 def bundled_recording() -> Path:

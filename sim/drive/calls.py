@@ -81,6 +81,30 @@ class KeptCall:
         return self.arrived_late_s if self.due_arrival_ns else self.departed_late_s
 
 
+class Travelled(NamedTuple):
+    """The first and the last moment (ns since 1970) and position (m) of a drive.
+
+    `between_stops`: from the departure from the first stop served to the arrival at the last. Otherwise the drive
+    served fewer than two stops, and its whole course counts.
+    """
+
+    start_ns: int
+    end_ns: int
+    start_m: float
+    end_m: float
+    between_stops: bool
+
+    @property
+    def time_s(self) -> float:
+        """How long the drive took (s)."""
+        return (self.end_ns - self.start_ns) * NS
+
+    @property
+    def way_m(self) -> float:
+        """The distance driven (m)."""
+        return self.end_m - self.start_m
+
+
 class AtStop(NamedTuple):
     """A stop's name, and from when to when the train was there (ns since 1970): one moment if it did not stop."""
 

@@ -21,8 +21,9 @@ from das.advice.regimes import Regime, mode_name
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.summary import Summary
 from das.domain.units import NS, kmh, kwh
-from sim.drive.attribution.driven_legs import DrivenLeg
+from sim.drive.attribution.driven_legs import DrivenLeg, since_departure_j
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
 from sim.drive.events.chronicle import place_text
@@ -56,12 +57,6 @@ class DriveOnTrack:
     def train(self) -> str:
         """The vehicle, as the journey names it."""
         return str(self.recording.of(topics.JOURNEY)[-1].message.vehicle_id)
-
-    @property
-    def route(self) -> tuple[str, bool]:
-        """The route as the journey names it, and whether it is driven from its end."""
-        journey = self.recording.of(topics.JOURNEY)[-1].message
-        return str(journey.route_id), bool(journey.reversed)
 
     def at(self, s_m: Floats, values: Floats) -> Floats:
         """Values of the drive at positions; where the train stood, the value when it came to a stand."""
@@ -103,8 +98,8 @@ def on_track(drive: Drive, label: str) -> DriveOnTrack:
         time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
-        energy_j=_energy_j(drive, time_ns, "balance_j"),
-        motors_first_j=_energy_j(drive, time_ns, "motors_j"),
+        energy_j=since_departure_j(legs, drive.energies, time_ns),
+        motors_first_j=since_departure_j(legs, drive.energies, time_ns, "motors_j"),
         advised_mode=mode,
         advised_mps=advised_mps,
     )
@@ -120,14 +115,6 @@ def _on_stops(s_m: Floats, legs: tuple[DrivenLeg, ...]) -> Floats:
     return np.maximum.accumulate(s_m + np.interp(s_m, stood_m, stops_m - stood_m))
 
 
-def _energy_j(drive: Drive, time_ns: Times, name: str) -> Floats:
-    """Energy since the first departure (J), summed over the legs: what is drawn at stops in between is in none."""
-    total_j = np.zeros(len(time_ns))
-    for leg, energies in zip(drive.legs, drive.energies, strict=True):
-        total_j += np.interp(time_ns, leg.motion.time_ns, getattr(energies, name))
-    return total_j
-
-
 def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
     """Mode and speed of the last advice at or before times; 0 and NaN where there was none."""
     advice = recording.columns(topics.ADVICE, "time_ns", "source", "mode", "advised_speed_mps")
@@ -138,13 +125,21 @@ def _advised(recording: Recording, time_ns: Times) -> tuple[Times, Floats]:
     return modes[last].astype(np.int64), speeds[last]
 
 
-def check_one_line(drives: list[DriveOnTrack]) -> None:
+def check_one_line(recordings: Sequence[Recording]) -> None:
     """Raise DasError if drives are not of one line and direction, because their positions mean different places."""
-    first = drives[0]
-    for other in drives[1:]:
-        if other.route != first.route:
-            ways = [f"{name}{' reversed' if back else ''}" for name, back in (first.route, other.route)]
-            raise DasError(f"{other.recording.path}: drives {ways[1]}, {first.recording.path} drives {ways[0]}")
+    ways = [_way(one) for one in recordings]
+    for other, way in zip(recordings, ways, strict=True):
+        if way != ways[0]:
+            raise DasError(f"{other.path}: drives {way}, {recordings[0].path} drives {ways[0]}")
+
+
+def _way(recording: Recording) -> str:
+    """The line and the direction of a recording, in words."""
+    journeys = recording.of(topics.JOURNEY)
+    if not journeys:
+        return "an unknown line"
+    journey = journeys[-1].message
+    return f"{journey.route_id}{' reversed' if journey.reversed else ''}"
 
 
 STEP_M = 10.0
@@ -179,8 +174,8 @@ class PartedStretch:
     lost_j: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AlignedDrives:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AlignedDrives(Summary):
     """Drives at the same positions; arrays have the shape (drives, rows), and the first drive is the reference.
 
     `s_m` (rows,) rises in constant steps. A change of the line's limit is two rows at one position, with `limit_mps`
@@ -204,7 +199,7 @@ class AlignedDrives:
         """Align drives over the part of the line that all of them drove; DasError if there is none."""
         if not step_m > 0 or math.isinf(step_m):
             raise DasError(f"--step {step_m:g}: expected metres > 0")
-        check_one_line(list(drives))
+        check_one_line([one.recording for one in drives])
         low_m = max(float(drive.s_m[0]) for drive in drives)
         high_m = min(float(drive.s_m[-1]) for drive in drives)
         if high_m - low_m < step_m:
@@ -227,6 +222,22 @@ class AlignedDrives:
             lost_j=lost - lost[:, :1],
             own_energies=own,
         )
+
+    def facts(self) -> dict[str, str]:
+        """The way that is compared, how each drive differs from the first, and what advice saved, in sentences."""
+        told = {
+            drive.label: f"{sentences(self, number)[0]} {self.saved_by_advice(number).sentence}"
+            for number, drive in enumerate(self.drives)
+            if number
+        }
+        first_m, last_m = (place_text(float(at_m)) for at_m in self.s_m[[0, -1]])
+        return {"way": f"{first_m} to {last_m}", "first": self.drives[0].label, **told}
+
+    def columns(self) -> dict[str, Floats]:
+        """The drives as arrays of shape (rows,), by names with units; columns of a drive end in its number, from 1."""
+        names, drives = ("time_s", "speed_mps", "energy_j", "lost_j"), range(len(self.drives))
+        each = {f"{name}_{number + 1}": getattr(self, name)[number] for number in drives for name in names}
+        return {"s_m": self.s_m, "limit_mps": self.limit_mps, **each}
 
     @property
     def clock_s(self) -> Floats:

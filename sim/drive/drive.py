@@ -12,23 +12,25 @@ from dataclasses import dataclass, replace
 from datetime import UTC, tzinfo
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
-from das.domain.units import NS
+from das.domain.plotted import PlottedRun
+from das.domain.summary import Summary
+from das.domain.units import KM, NS, kwh
 from sim.drive.above_optimum import (
     NOT_COMPARABLE,
-    NOT_WHOLE,
     SAID_BY_THE_RECORDING,
     AboveOptimum,
     SectionEnergy,
     why_not_comparable,
 )
 from sim.drive.attribution.causes import ShownAdvice
-from sim.drive.calls import AtStop, KeptCall, at_stops, calls_of, calls_on_the_way, reported_course
+from sim.drive.calls import AtStop, KeptCall, Travelled, at_stops, calls_of
 from sim.drive.events.chronicle import LineAndTrain, events_of
 from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
@@ -58,32 +60,8 @@ class RunFigures:
     instructions: InstructionFigures
 
 
-class Travelled(NamedTuple):
-    """The first and the last moment (ns since 1970) and position (m) of a drive.
-
-    `between_stops`: from the departure from the first stop served to the arrival at the last. Otherwise the drive
-    served fewer than two stops, and its whole course counts.
-    """
-
-    start_ns: int
-    end_ns: int
-    start_m: float
-    end_m: float
-    between_stops: bool
-
-    @property
-    def time_s(self) -> float:
-        """How long the drive took (s)."""
-        return (self.end_ns - self.start_ns) * NS
-
-    @property
-    def way_m(self) -> float:
-        """The distance driven (m)."""
-        return self.end_m - self.start_m
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DrivenWay:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DrivenWay(Summary):
     """The course of a drive: when the train was where, how it kept its stops, and which limits held.
 
     `source` is the recording of the drive, None for a run that was not recorded. `run` holds the figures of a run that
@@ -189,7 +167,7 @@ class DrivenWay:
         return signals(self.recording)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DrivenEnergy(DrivenWay):
     """The energy of a drive, leg by leg, and how far it is above the optimum."""
 
@@ -207,34 +185,18 @@ class DrivenEnergy(DrivenWay):
         Stops of a replayed trip count even if its journey does not name them. If the replay compared a part between
         equal speeds, the legs are those of that part.
         """
-        from sim.drive.attribution.driven_legs import legs_of
+        from sim.drive.attribution.open_part import legs_of_drive
 
-        why_none = "" if self.said is None else self.said.why_not
-        return legs_of(self.recording.path, self.motion, self._leg_calls, why_none or NOT_WHOLE)
-
-    @cached_property
-    def _leg_calls(self) -> tuple[KeptCall, ...]:
-        """The calls between which the legs are: stops, or the ends of a part and the stops in it."""
-        from sim.drive.attribution.open_part import open_calls
-
-        said, calls = self.said, self.calls
-        on_the_way = set() if said is None else {one.start for one in said.sections[1:]} - {one.name for one in calls}
-        if on_the_way:
-            stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
-            more = calls_on_the_way(stops, self.course, reported_course(self.recording))
-            calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
-        if said is not None and said.part:
-            return open_calls(self.recording.path, self.motion, self.inputs.route, self.inputs.vehicle, calls)
-        return calls
+        return legs_of_drive(self, self.motion)
 
     @property
     def smoothed(self) -> driven_legs.Smoothed | None:
         """How the legs change if the recorded positions are smoothed otherwise; None without usable positions."""
-        from sim.drive.attribution.driven_legs import legs_of, smoothed_motions
+        from sim.drive.attribution.driven_legs import smoothed_motions
+        from sim.drive.attribution.open_part import legs_of_drive
 
         motions = _or_error(lambda: smoothed_motions(self.recording, self.inputs.route))
-        path, calls = self.recording.path, self._leg_calls
-        return None if isinstance(motions, DasError) else lambda jerk: legs_of(path, motions(jerk), calls)
+        return None if isinstance(motions, DasError) else lambda jerk: legs_of_drive(self, motions(jerk))
 
     @cached_property
     def energies(self) -> tuple[LegEnergies, ...]:
@@ -338,7 +300,7 @@ class DrivenEnergy(DrivenWay):
         return replace(self._beside_planned([one.motors_first for one in self.compared]), likely=None, worst=None)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Drive(DrivenEnergy):
     """A drive with all its figures: its course, the advice, what happened, and where its energy went.
 
@@ -349,6 +311,43 @@ class Drive(DrivenEnergy):
     def read(cls, path: Path) -> Drive:
         """The drive in a recording; DasError if the file cannot be used."""
         return cls(source=open_recording(path))
+
+    def facts(self) -> dict[str, str]:
+        """The file, between which stops, how long, how late, and the energy if the recording states it."""
+        if self.source is None:
+            return {"run": "not recorded", "late": f"{self.late_s:+.0f} s"}
+        told, way = {"recording": self.name}, _or_error(lambda: self.travelled)
+        if isinstance(way, DasError):
+            return {**told, "unusable": self._told(way)}
+        if way.between_stops:
+            told["way"] = f"{self.served[0].name} – {self.served[-1].name}"
+        told |= {"distance": f"{way.way_m / KM:.1f} km", "time": f"{way.time_s:.0f} s"}
+        told |= {"late": f"{self.late_s:+.0f} s"} if self.calls and math.isfinite(self.late_s) else {}
+        return told if self.said is None else {**told, "energy": f"{kwh(self.said.driven_j):.1f} kWh"}
+
+    def plotted(self) -> PlottedRun:
+        """The drive between its first departure and its last arrival, for a picture; DasError if it has no positions.
+
+        Wheel forces are known of simulated drives alone; the energy of others is the estimate.
+        """
+        from sim.drive.attribution.driven_legs import since_departure_j
+
+        way, course = self.travelled, self.course
+        time_ns = course.between_ns(way.start_ns, way.end_ns)
+        drawn_j = _or_error(lambda: since_departure_j(self.legs, self.energies, time_ns))
+        truth = self.recording.columns(topics.TRUTH, "force_el_n", "force_friction_n") if self.measured else {}
+        forces = {name: course.at(time_ns, force_n) for name, force_n in truth.items()}
+        return PlottedRun(
+            names=(self.name,),
+            time_s=np.asarray((time_ns - self.clock.zero_ns) * NS, dtype=np.float64),
+            s_m=course.at(time_ns, course.s_m),
+            speed_mps=course.at(time_ns, course.speed_mps),
+            limit_mps=course.at(time_ns, self.limit_mps),
+            force_el_n=forces.get("force_el_n"),
+            force_friction_n=forces.get("force_friction_n"),
+            energy_j=None if isinstance(drawn_j, DasError) else drawn_j,
+            route=None if isinstance(self._inputs, DasError) else self._inputs.route,
+        )
 
     @cached_property
     def silences(self) -> tuple[Span, ...]:

@@ -7,31 +7,19 @@ display (`heeded`) or what his hand makes of it (`set`). How much advice is wort
 from __future__ import annotations
 
 import math
-from collections import deque
 from random import Random
-from typing import Final
 
-from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Efforts
-from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
-from sim.drivers.presentations.presenter import SpeedIs, presenter_of
-from sim.drivers.tracking import RULE, TimeRule, hold, stop_at, under_ceiling
-from sim.plant.kernels import Command, demanded
+from sim.drivers.cab import AdviceView, CabView
+from sim.drivers.knowledge import LineKnowledge
+from sim.drivers.presentations.presenter import presenter_of
+from sim.drivers.skills import Late, NotchedLever, Skills
+from sim.plant.kernels import Command
 from sim.plant.plant import lever
 
-BRAKING_MPS2: Final = 0.5
-"""All of them brake with this deceleration (m/s²) for limits and stops."""
-HABIT: Final = Habit(braking_mps2=BRAKING_MPS2, below_mps=2.0 * KMH)
-BEFORE_SIGNAL_M: Final = 15.0
-"""They stop this far (m) before a signal at danger."""
-BY_EYE_M: Final = 100.0
+BY_EYE_M = 100.0
 """They drive the last metres before a stop by eye."""
-CALM_PER_S: Final = 0.1
-"""They correct this share of a speed error per second."""
-LATE_LOOKS: Final = 15
-"""Looks (0.2 s each) by which one of them is late."""
-DRIVING: Final = TRACTION | BRAKES | {Regime.CRUISE, Regime.COAST}
+LATE_S = 3.0
+"""One of them is late by this much (s)."""
 
 
 class Attentive:
@@ -41,20 +29,17 @@ class Attentive:
     """
 
     def __init__(self, line: LineKnowledge) -> None:
-        self.foresight, self.rule = Foresight(line, HABIT), TimeRule(RULE.judged_every_s)
+        self.skills = Skills(line)
 
     def command(self, cab: CabView) -> Command:
         """The controller's setting for the next 0.2 s."""
-        cab = cab._replace(signal_m=cab.signal_m - BEFORE_SIGNAL_M)
-        outlook, view = self.foresight.outlook(cab), self.heeded(cab)
-        if cab.shall_stand:
+        skills, view = self.skills.see(cab), self.heeded(cab)
+        if skills.cab.shall_stand:
             return lever(self.set(0.0, 0.0))
-        wanted = None if view is None or cab.halt_m - cab.s_m < BY_EYE_M else _advised(cab, outlook, view)
+        wanted = None if view is None or skills.halt_in_m < BY_EYE_M else skills.advised(view)
         if wanted is None:  # He never brakes for a top speed of his own.
-            wanted = max(_held(cab, outlook, self.rule.cap_mps(cab, outlook)), 0.0)
-        most = under_ceiling(cab, outlook, RULE.anticipation_s)
-        most = stop_at(cab, outlook, cab.halt_m, BRAKING_MPS2) or most
-        return lever(self.set(wanted, _ratio(most, cab, outlook)))
+            wanted = max(skills.hold(skills.timely_mps()), 0.0)
+        return lever(self.set(wanted, skills.most()))
 
     def heeded(self, cab: CabView) -> AdviceView | None:
         """The advice that he follows now; None if he drives as without advice."""
@@ -74,7 +59,7 @@ class Lazy(Attentive):
     def __init__(self, line: LineKnowledge) -> None:
         super().__init__(line)
         self.view: AdviceView | None = None
-        self.looks_s, self.notch = -math.inf, 0
+        self.looks_s, self.notches = -math.inf, NotchedLever(5)
 
     def heeded(self, cab: CabView) -> AdviceView | None:
         """What the display said when he last looked."""
@@ -84,10 +69,7 @@ class Lazy(Attentive):
 
     def set(self, wanted: float, most: float) -> float:
         """The notch nearest to what he wants; for limits and stops the next lower one."""
-        if abs(5.0 * wanted - self.notch) >= 1.0:
-            self.notch = round(5.0 * wanted)
-        self.notch = min(self.notch, math.floor(5.0 * most))
-        return self.notch / 5.0
+        return self.notches.set(wanted, most)
 
 
 class Doubting(Attentive):
@@ -130,47 +112,13 @@ class Belated(Attentive):
 
     def __init__(self, line: LineKnowledge) -> None:
         super().__init__(line)
-        self.views: deque[AdviceView | None] = deque([None] * LATE_LOOKS, LATE_LOOKS)
-        self.wanted = deque([0.0] * LATE_LOOKS, LATE_LOOKS)
+        self.views: Late[AdviceView | None] = Late(LATE_S, None)
+        self.wanted = Late(LATE_S, 0.0)
 
     def heeded(self, cab: CabView) -> AdviceView | None:
         """What the display said 3 s ago."""
-        late = self.views[0]
-        self.views.append(super().heeded(cab))
-        return late
+        return self.views.seen(super().heeded(cab))
 
     def set(self, wanted: float, most: float) -> float:
         """What he wants, and a quarter of how it differs from what he wanted 3 s ago."""
-        before = self.wanted[0]
-        self.wanted.append(wanted)
-        return min(max(wanted + 0.25 * (wanted - before), -1.0), most)
-
-
-def _advised(cab: CabView, outlook: Outlook, view: AdviceView) -> float | None:
-    """The setting that the display asks for: its effort, and to hold its speed once that is reached.
-
-    None if it does not say how to drive.
-    """
-    presenter = presenter_of(view.presentation)
-    if not presenter.says_mode or view.mode not in DRIVING:
-        return None
-    over_mps = cab.speed_mps - view.shown_speed_mps
-    reached = over_mps >= 0 if view.mode in TRACTION else over_mps <= 0
-    to_reach = presenter.speed_is(view.mode) is SpeedIs.TO_REACH
-    if view.mode == Regime.CRUISE or (to_reach and reached):
-        return _held(cab, outlook, view.shown_speed_mps)
-    if view.mode == Regime.COAST:
-        return 0.0
-    usual = 1.0 if view.mode in TRACTION else -0.5  # where the display shows no effort
-    return usual if math.isnan(view.lever_ratio) else view.lever_ratio
-
-
-def _held(cab: CabView, outlook: Outlook, speed_mps: float) -> float:
-    """The setting that holds a speed."""
-    return _ratio(hold(cab, outlook, speed_mps)._replace(gain_per_s=CALM_PER_S), cab, outlook)
-
-
-def _ratio(command: Command, cab: CabView, outlook: Outlook) -> float:
-    """The controller's setting (−1 … 1) for a command."""
-    force_n = demanded(command, 0.0, cab.speed_mps, outlook.train)
-    return Efforts.at(cab.speed_mps, outlook.train).lever_ratio(force_n)
+        return min(max(wanted + 0.25 * (wanted - self.wanted.seen(wanted)), -1.0), most)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import time
@@ -17,11 +18,11 @@ from rich.table import Table
 from das.command_line.printing import paragraph, print_table, progress_bar, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
-from das.domain.files.writing import write_whole
-from sim.experiment.design import ConditionOrder, Days, Design, Factor, resolved
+from das.domain.files.writing import make_folder, write_whole
+from sim.experiment.design import ConditionOrder, Days, Design, Factor, check_frozen, freeze, resolved
 from sim.experiment.driving import StudyTrial, drive, lever_trace_sha256, service_of
 from sim.experiment.factors import FactorLevel, Setting
-from sim.experiment.plan import CHECK_RESULT, TRIALS_TABLE, as_json
+from sim.experiment.plan import CHECK_RESULT, DESIGN_JSON, TRIALS_TABLE, as_json
 from sim.experiment.trials import StudyRun, imbalances, trials_of
 from sim.world.loop import AFTER_S, BEFORE_S
 
@@ -289,6 +290,35 @@ def pair_notes(design: Design) -> list[str]:
         f"with {count} participants nothing can stand out from chance: if all differ to the same side, p is "
         f"{min(least, 1.0):.3g}{corrected}"
     ]
+
+
+def checked_in(design: Design, folder: Path) -> None:
+    """Check a design and freeze it in its folder, unless that was done before; DasError if the design is refused."""
+    digest = resolved(design)["hash"]
+    if (folder / DESIGN_JSON).exists():
+        check_frozen(design, folder, digest)
+    if was_checked(folder, digest):
+        return
+    with made_folder(folder):
+        found = check_design(design)
+        if found.refusals:
+            raise DasError(f"{design.source}: {found.refusals[0]}")
+        freeze(design, folder)
+        found.keep(folder)
+
+
+@contextlib.contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder, so that a bad one is refused before minutes of work; remove it if nothing was written into it."""
+    new = not folder.exists()
+    make_folder(folder)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise DasError(f"{folder}: cannot be written (Permission denied)")
+    try:
+        yield
+    finally:
+        if new and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None:

@@ -48,6 +48,11 @@ class DrivenCourse:
         since_ns: Times = np.maximum(time_ns - self.time_ns[0], 0)
         return since_ns
 
+    def between_ns(self, start_ns: int, end_ns: int) -> Times:
+        """The times (ns) of a part of the course: both its ends, and those of the positions between them."""
+        inside = self.time_ns[(self.time_ns > start_ns) & (self.time_ns < end_ns)]
+        return np.concatenate(([start_ns], inside, [end_ns]))
+
     def at(self, time_ns: Times, values: Floats) -> Floats:
         """Values along the course (one per position) at other times; before and after it, the values at its ends."""
         return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)

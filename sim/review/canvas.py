@@ -15,15 +15,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
+from das.drawing.colors import LINES
 from sim.drive.happenings import Span
 from sim.recording.course import Floats, Times
-from sim.review.colors import LIGHT, SEVERAL, Meaning, Theme
-from sim.review.lanes import Lane
+from sim.review.colors import COMPARED, LIGHT, Meaning, Theme
+from sim.review.lanes import Lane, instructions
 from sim.review.scene import Mark
 from sim.review.series import QUANTITIES, STYLES
 
 if TYPE_CHECKING:
-    from sim.drive.comparison import AlignedDrives
+    from sim.drive.comparison import AlignedDrives, DriveOnTrack
 
 WIDTH_IN, DPI = 11.0, 160
 LEFT_IN, RIGHT_IN, SPACE_IN = 0.8, 0.2, 0.14
@@ -246,8 +247,6 @@ def _times(*time_ns: int) -> Times:
     return np.array(time_ns, dtype=np.int64)
 
 
-LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
-"""Line styles of the drives that are compared, in the order of the drives."""
 INK: Final = LIGHT.ink
 PAGE_WIDTH_IN: Final = 9.0
 TEXT_POINTS: Final = 8.5
@@ -311,31 +310,75 @@ def as_image(figure: Figure) -> str:
     return f"data:image/svg+xml;base64,{base64.b64encode(content.getvalue()).decode()}"
 
 
+SAID_IN, STRIP_IN = 1.14, 0.2
+"""Height (in) of the panel of what a display said, whose words stand upright, and of one without words."""
+SAID_SHARE: Final = 0.15
+"""The coloured strip of such a panel, as a share of its height; the words stand above it."""
+WORDS_APART, MOST_CROWDED = 0.014, 1.5
+"""Words stand at least this share of the axis apart; where instructions are closer, the later words move on by up to
+as much, or are left out. A display with more instructions than `MOST_CROWDED` times those with room has none."""
+
+
 def comparison_figure(aligned: AlignedDrives) -> Figure:
-    """Compared drives over the position: speeds, and time and lost energy, each minus that of the first drive."""
-    figure, (speed, time, energy) = light_figure((2.6, 1.5, 1.5))
+    """Compared drives over the position: speeds, what displays said, and time and lost energy, each minus that of the
+    first drive."""
+    said = [(one, lane) for one in aligned.drives if (lane := instructions(one.drive)).changes]
+    figure, axes = light_figure((2.6, *(SAID_IN if _has_words(lane) else STRIP_IN for _, lane in said), 1.3, 1.3))
+    (speed, *told), (time, energy) = axes[:-2], axes[-2:]
     at_km = aligned.s_m / KM
     curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)
     for i, drive in enumerate(aligned.drives):
-        style = {
-            "color": SEVERAL[i % len(SEVERAL)],
-            "linestyle": LINES[i % len(LINES)],
-            "linewidth": 1.3,
-        }
+        style = {"color": COMPARED[i % len(COMPARED)], "linestyle": LINES[i % len(LINES)], "linewidth": 1.4}
         speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)
         if i:
             time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)
             energy.plot(at_km, kwh(aligned.lost_j[i] - aligned.lost_j[0]), **style)
+    for axis, (drive, lane) in zip(told, said, strict=True):
+        _said(axis, drive, lane)
     for axis in (time, energy):
-        axis.axhline(0.0, color=SEVERAL[0], linewidth=1.0)
+        axis.axhline(0.0, color=COMPARED[0], linewidth=1.0)
     legs = aligned.drives[0].legs
     places = [(legs[0].start.name, legs[0].start.s_m), *((leg.end.name, leg.end.s_m) for leg in legs)]
     common = [(name, s_m) for name, s_m in places if aligned.s_m[0] - EDGE_M <= s_m <= aligned.s_m[-1] + EDGE_M]
     for axis in (speed, time, energy):
         stops(axis, common, written=axis is speed)
     speed.set_ylim(0.0, 1.08 * float(np.nanmax(kmh(aligned.limit_mps))))
+    speed.set_xlim(at_km[0] - 0.2, at_km[-1] + 0.2)
     named(speed, y=QUANTITIES["speed"].title)
     named(time, y="Later than\nthe first (s)")
     named(energy, y="More energy lost\nthan by the first (kWh)", x="Position (km)")
     page_legend(speed)
     return figure
+
+
+def _said(axis: Any, on_track: DriveOnTrack, lane: Lane) -> None:
+    """Draw what the display of a drive said, and where: a strip in the colours of the modes, and the words above it.
+
+    A display that changes too often for its words has the strip alone.
+    """
+    drive, written = on_track.drive, -np.inf
+    apart = WORDS_APART * float(np.ptp(drive.course.s_m)) / KM
+    room = _has_words(lane)
+    height = SAID_SHARE if room else 1.0
+    end = lane.changes[-1]._replace(time_ns=int(drive.course.time_ns[-1]), state="")
+    for change, following in pairwise([*lane.changes, end]):
+        start, until = drive.course.at(_times(change.time_ns, following.time_ns), drive.course.s_m) / KM
+        if not change.state or until <= start:
+            continue
+        color = lane.color(change.state, LIGHT)
+        axis.broken_barh([(start, until - start)], (0.0, height), facecolor=color, edgecolor="none")
+        place = max(start, written + apart)
+        if room and place <= start + apart and place < drive.course.s_m[-1] / KM - 0.7 * apart:
+            written = place
+            axis.text(place, SAID_SHARE + 0.03, change.state, rotation=90.0, ha="left", va="bottom", color=INK,
+                      fontsize=TEXT_POINTS - 1.0)  # fmt: skip
+    axis.set_ylim(0.0, 1.0)
+    axis.set_yticks([])
+    axis.grid(visible=False)
+    axis.set_title(on_track.label, loc="left", color=INK, fontsize=TEXT_POINTS, pad=2.0)
+    named(axis, y="Shown in the\ncab (km/h)" if room else "")
+
+
+def _has_words(lane: Lane) -> bool:
+    """Whether most words of a lane have room."""
+    return len(lane.changes) * WORDS_APART <= MOST_CROWDED

@@ -11,12 +11,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from das.drawing.colors import BACKGROUND, GRID, INK, LIMIT
+
 
 class Meaning(StrEnum):
     """What a colour says, wherever it is used."""
 
     DRIVEN = "driven"
     """What the train did, and what the driver set."""
+    OTHER_DRIVE = "other drive"
+    """What the train did in the other drive of its trip with which this one is compared."""
     ADVISED = "advised"
     """What the node computes: advice, prediction, estimate."""
     SHOWN = "shown"
@@ -54,9 +58,10 @@ class Theme:
 _COLORS: Final = {
     # on a dark background, on white, and in the viewer
     Meaning.DRIVEN: ("#4aa3ff", "#0072b2", "#2f86d6"),
+    Meaning.OTHER_DRIVE: ("#2b55ff", "#00004b", "#a52d87"),
     Meaning.ADVISED: ("#ff9a28", "#d55e00", "#d9730d"),
     Meaning.SHOWN: ("#fff0a0", "#2a1fb0", "#4848f0"),
-    Meaning.LIMIT: ("#c8646e", "#8c1d18", "#b5313a"),
+    Meaning.LIMIT: ("#c8646e", LIMIT, "#b5313a"),
     Meaning.OPTIMUM: ("#35c995", "#009e73", "#14996b"),
     Meaning.OPERATOR: ("#b08ce0", "#6a3fb0", "#9673d3"),
     Meaning.GRADIENT: ("#b59a6a", "#7d6437", "#9c8150"),
@@ -75,7 +80,7 @@ DARK, LIGHT, VIEWER = (
     for i, (name, background, ink, grid) in enumerate(
         (
             ("dark", "#0d1011", "#cad8de", "#2b3236"),
-            ("light", "#ffffff", "#222222", "#d9d9d9"),
+            ("light", BACKGROUND, INK, GRID),
             ("viewer", "#1c1f21", "#7c878d", "#7c878d"),
         )
     )
@@ -97,9 +102,9 @@ MODES: Final = {
 }
 """Colours of the advised modes, as patches in lanes; the same on either background."""
 
-SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
-"""Colours of drives that are compared, or of groups, in their order: those of Okabe and Ito, which people with any
-colour vision tell apart. They have no meaning of their own; lines differ in style as well."""
+COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
+"""Colours of drives that are compared, in their order, on white; lines differ in style as well. All are what a train
+did: the first is the drive with which the others are compared."""
 EFFICIENCY_GREYS: Final = ("#ffffff", "#f4f4f4", "#ebebeb", "#e1e1e1", "#d6d6d6", "#cacaca", "#bebebe", "#b0b0b0")
 """Greys of an efficiency map, from bad to good: light, so that points stand out."""
 STANDING_GREY: Final = "#707880"

@@ -7,12 +7,14 @@ from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2, topics
-from das.domain.units import KM
+from das.domain.units import KM, KMH
 from sim.drive.calls import AtStop
 from sim.drive.drive import Drive
 from sim.drive.happenings import NOT_HEARD, Span
+from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import Presentation
-from sim.drivers.presentations.presenter import presenter_of, shown_presentation
+from sim.drivers.messages import recorded_view
+from sim.drivers.presentations.presenter import presenter_of, shown_presentation, whole
 from sim.recording.course import DrivenCourse
 from sim.review.colors import MODES, Meaning, Theme
 
@@ -22,7 +24,7 @@ STATES: Final = {
     "ready": Meaning.NO_ADVICE,
     "waiting": Meaning.NO_ADVICE,
 }
-WAY: Final = "way"
+WAY: Final = "stops"
 """The lane of where the train was: at a stop, or on the way to one."""
 COST: Final = "driving cost"
 """The lane of what the driving cost above the optimum."""
@@ -53,8 +55,8 @@ class Lane(NamedTuple):
 
 
 def lane_entity(name: str) -> str:
-    """The entity of a lane in the viewer."""
-    return f"mode/{name.replace(' ', '_')}"
+    """The entity of a lane in the viewer, which shows the name of the entity: at the root, in ASCII, without spaces."""
+    return name.replace(" ", "_").capitalize()
 
 
 def lanes(drive: Drive) -> tuple[Lane, ...]:
@@ -70,6 +72,24 @@ def lanes(drive: Drive) -> tuple[Lane, ...]:
         Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
     )
     return tuple(lane for lane in found if any(change.state for change in lane.changes))
+
+
+def instructions(drive: Drive) -> Lane:
+    """What the display said to the driver of a moving train, in words ("hold 120"); no changes if it said nothing."""
+    changes, colors = [Change(0, "")], dict[str, str | Meaning]()
+    for entry in drive.recording.of(topics.CAB):
+        view = recorded_view(entry.message)
+        text = "" if view is None or view.mode in STANDING else _instruction(view)
+        if text and view is not None:
+            colors[text] = MODES[_name(das_pb2.Mode, view.mode)]
+        if text != changes[-1].state:
+            changes.append(Change(entry.message.time_ns, text))
+    return Lane("shown", tuple(changes[1:]), colors)
+
+
+def _instruction(view: AdviceView) -> str:
+    shows, to_kmh = presenter_of(view.presentation), whole(view.shown_speed_mps / KMH)
+    return f"{shows.mode_words(view.mode)} {to_kmh}" if shows.says_mode and to_kmh is not None else ""
 
 
 def _changes(

@@ -12,9 +12,11 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 import rerun.blueprint as rrb
 
-from das.bus.topics import ADVICE, CAB, EVENT, LOG
+from das.bus.topics import CAB, EVENT, LOG
+from das.domain.units import NS
+from sim.review.cab_display import CAB_CARD, DIAL, EXTENT
 from sim.review.lanes import COST, WAY, lane_entity
-from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, CAB_CARD, DRIVE_CLOCK, ENERGY, FURNITURE, MARGIN, WIDTH
+from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, ENERGY, FURNITURE, MARGIN, WIDTH, Timelines
 from sim.review.scene import ReviewScene
 from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, QUANTITIES, MapTrack
 
@@ -37,30 +39,31 @@ class Row(NamedTuple):
 
 
 DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
-NODE: Final = ("node", "no advice")
+NODE: Final = ("advised", "node", "no advice")
 """`DRIVING` and `NODE` name the lanes about the driving and the lanes about the node."""
+LANES: Final = "/"
+"""The origin of a view of lanes: their names are those of entities at the root."""
 TABS: Final = {
     "Over time": (
-        Row("speed", 2.2),
-        Row(
-            "mode", 0.8, lanes=DRIVING, title="Stops, modes advised and shown, signals, and what the driving cost (kWh)"
-        ),
-        Row("lever", 1.1),
-        Row("lost", 1.1),
+        Row("speed", 2.0),
+        Row(LANES, 0.6, lanes=DRIVING, title="What was said, and what the driving cost (kWh)"),
+        Row("lever", 1.2),
     ),
-    "Forces, energy": (
+    "Energy": (Row("lost", 1.0), Row("energy", 1.0, "LeftTop")),
+    "Forces, delay": (
         Row("force", 1.6, "LeftBottom"),
-        Row("energy", 1.2, "LeftTop"),
         Row("gradient", 0.9),
         Row("deviation", 1.2, "RightTop"),
         Row("buffer", 0.9),
     ),
     "What the node knows": (
-        Row("mode", 0.2, lanes=NODE, title="State of the node, and times without advice"),
+        Row(LANES, 0.2, lanes=NODE, title="Modes advised, state of the node, and times without advice"),
         Row("estimate", 2.0, "RightTop"),
         Row("calibration", 2.0, "RightTop"),
     ),
 }
+HEIGHTS: Final = {"buffer": BUFFER_PERCENT, "lever": (-105.0, 105.0)}
+"""Ranges of the axes that do not follow from what is shown."""
 ALWAYS: Final = {"lost", "energy"}
 """Views that are never left out, because their series are found only after the layout is made."""
 LANE_SHARE: Final = 0.6
@@ -71,14 +74,11 @@ def blueprint(scene: ReviewScene, *, with_map: bool) -> rrb.Blueprint:
     """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_over_distance(), _over_time(scene), row_shares=[0.7, 1.0]),
-            rrb.Vertical(
-                rrb.Tabs(*_side(scene, with_map=with_map), name="Now"),
-                rrb.Tabs(*_lists(scene), name="What happened"),
-            ),
-            column_shares=[2.4, 1.0],
+            rrb.Vertical(_over_distance(), _over_time(scene), row_shares=[0.9, 1.0]),
+            rrb.Vertical(*_cab(scene), rrb.Tabs(*_tabs(scene, with_map=with_map)), row_shares=[1.0, 0.8, 1.1]),
+            column_shares=[2.05, 1.0],
         ),
-        rrb.TimePanel(timeline=DRIVE_CLOCK, state="collapsed", play_state="Paused"),
+        rrb.TimePanel(timeline=Timelines.of_scene(scene).line_clock, state="collapsed", play_state="Paused"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         auto_views=False,
@@ -97,25 +97,28 @@ def _over_time(scene: ReviewScene) -> rrb.Container:
     return rrb.Tabs(*(tab for tab in tabs if tab is not None))
 
 
-def _side(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
-    """The views about the moment of the cursor, and those about the whole drive."""
-    found: list[rrb.View] = []
-    if scene.recording.of(CAB) or scene.recording.of(ADVICE):
-        found.append(rrb.TextDocumentView(origin=CAB_CARD, name="What the driver saw"))
-    found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy by cause"))
+def _cab(scene: ReviewScene) -> list[rrb.View]:
+    """What the driver saw at the moment of the cursor; of a recording without a display, what the node advised."""
+    name = "In the cab, as the driver saw it" if scene.recording.of(CAB) else "Driven (the display was not recorded)"
+    bounds = rrb.VisualBounds2D(x_range=(-EXTENT, EXTENT), y_range=(-EXTENT, 0.8 * EXTENT))
+    quiet: dict[Any, Any] = {f"{DIAL}/{part}": rrb.EntityBehavior(interactive=False) for part in ("scale", "figures")}
+    words = rrb.TextDocumentView(origin=CAB_CARD, name="The display's words at the cursor")
+    return [rrb.Spatial2DView(origin=DIAL, name=name, visual_bounds=bounds, overrides=quiet), words]
+
+
+def _tabs(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
+    """The lists, in which a click on a time moves the cursor to it, and the views about the whole drive."""
+    clock = Timelines.of_scene(scene).line_clock
+    columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
+    found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Bookmarks", columns=columns)]
+    found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy"))
+    found.append(rrb.TextDocumentView(origin="summary", name="Summary"))
     way = scene.way
     if way is not None:
         found += [_track(way), *([_map(way)] if with_map else [])]
-    return [*found, rrb.TextDocumentView(origin="summary", name="Summary")]
-
-
-def _lists(scene: ReviewScene) -> list[rrb.View]:
-    """The lists; a click on a time moves the cursor to it."""
-    columns = rrb.TextLogColumns(timeline_columns=[DRIVE_CLOCK], text_log_columns=["body"])
-    found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Notes and bookmarks", columns=columns)]
     if scene.recording.of(EVENT) or scene.recording.of(LOG):
-        columns = rrb.TextLogColumns(timeline_columns=[DRIVE_CLOCK], text_log_columns=["loglevel", "body"])
-        found.append(rrb.TextLogView(origin="events", name="Words of node and simulator", columns=columns))
+        columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
+        found.append(rrb.TextLogView(origin="events", name="Log", columns=columns))
     return found
 
 
@@ -123,27 +126,33 @@ def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical 
     """The views for which there is something to show, one under the other; None if there are none."""
     found = scene.quantities | ALWAYS
     lanes = {lane.name for lane in scene.lanes} | {COST}  # the lane of costs is found later
+    rows = tuple(row._replace(lanes=_said(row.lanes, lanes)) for row in rows)
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
     shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]
     axis = _whole_trip(scene)
     return rrb.Vertical(*(_view(row, axis) for row in shown), row_shares=shares, name=name) if shown else None
 
 
+def _said(lanes: tuple[str, ...], found: set[str]) -> tuple[str, ...]:
+    """The lanes; without that of the modes advised where that of the display stands beside it."""
+    return tuple(one for one in lanes if not (one == "advised" and {"shown"} & found & set(lanes)))
+
+
 def _view(row: Row, axis: rrb.TimeAxis) -> rrb.View:
-    if row.origin == "mode":
+    if row.origin == LANES:
         contents = [f"+ /{lane_entity(name)}" for name in row.lanes]
         return rrb.StateTimelineView(origin=row.origin, contents=contents, name=row.title, time_view=axis)
     legend = rrb.PlotLegend(row.legend, visible=row.legend is not None)
-    heights = rrb.ScalarAxis(range=BUFFER_PERCENT) if row.origin == "buffer" else None
+    heights = rrb.ScalarAxis(range=HEIGHTS[row.origin]) if row.origin in HEIGHTS else None
     return rrb.TimeSeriesView(
         origin=row.origin, name=QUANTITIES[row.origin].long_title, axis_x=axis, axis_y=heights, plot_legend=legend,
     )  # fmt: skip
 
 
 def _whole_trip(scene: ReviewScene) -> rrb.TimeAxis:
-    start_s, end_s = scene.ends_s
-    margin_s = max(MARGIN_RATIO * (end_s - start_s), 1.0)
-    ends = [rrb.TimeRangeBoundary.absolute(seconds=at_s) for at_s in (start_s - margin_s, end_s + margin_s)]
+    start_ns, end_ns = Timelines.of_scene(scene).local_ns(scene.trip.time_ns[[0, -1]]).tolist()
+    margin_ns = max(round(MARGIN_RATIO * (end_ns - start_ns)), round(1.0 / NS))
+    ends = [rrb.TimeRangeBoundary.absolute(nanos=at_ns) for at_ns in (start_ns - margin_ns, end_ns + margin_ns)]
     return rrb.TimeAxis(view_range=rrb.TimeRange(*ends))
 
 
@@ -152,11 +161,11 @@ def _track(way: MapTrack) -> rrb.View:
     margin = 2.0 * MARGIN_RATIO * max(float((high - low).max()), 100.0)
     (left, top), (right, bottom) = low - margin, high + margin
     bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
-    return rrb.Spatial2DView(origin="track", name="Track (the bluer, the faster)", visual_bounds=bounds)
+    return rrb.Spatial2DView(origin="track", name="Track", visual_bounds=bounds)
 
 
 def _map(way: MapTrack) -> rrb.View:
-    return rrb.MapView(origin="map", name="Map (tiles from the network)", zoom=_zoom(way))
+    return rrb.MapView(origin="map", name="Map", zoom=_zoom(way))
 
 
 def _zoom(way: MapTrack) -> float:

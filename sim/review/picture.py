@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any, Final
 
 import numpy as np
@@ -36,6 +37,8 @@ from sim.review.words import headline, on_this_day
 
 TITLE_IN, LINE_IN = 0.35, 0.19
 """Height (in) of the title, and of each line below it."""
+TITLE_POINTS, TITLE_LETTERS = 11.0, 120
+"""Size of the title, and the number of letters up to which it has this size; a longer one is smaller."""
 AXIS_IN: Final = 0.45
 """Room (in) for the name and the numbers of a horizontal axis."""
 CLOCK_AXIS_IN: Final = 0.6
@@ -78,16 +81,18 @@ COSTS: Final = {
     Meaning.ADVISED: "driven as advised",
     Meaning.DANGER: "signal at danger",
     Meaning.LIMIT: "restriction",
-    Meaning.WARNING: "hurried, and yet late",
-    Meaning.NO_ADVICE: "rest",
     Meaning.LOST: "lost otherwise",
 }
 """What a colour of the cost means if several causes of the drive share it; otherwise the legend names the cause."""
 
 
-def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
-    """The picture of a recording as a matplotlib figure; DasError for a recording without positions."""
-    scene = ReviewScene.of(Drive(source=recording)).with_attribution()
+def picture_of(recording: Recording, theme: Theme = LIGHT, *, beside: Recording | None = None) -> Figure:
+    """The picture of a recording as a matplotlib figure, with the curves of another drive under its own.
+
+    Raises DasError for a recording without positions.
+    """
+    other = None if beside is None else Drive(source=beside)
+    scene = ReviewScene.of(Drive(source=recording), other).with_attribution()
     day = [*on_this_day(recording), *filter(None, [scene.filled_from])]
     above = [Panel(QUANTITIES[name].title, height) for name, height in zip(OVER_DISTANCE, DISTANCE_IN, strict=True)]
     above[0] = above[0]._replace(above_in=NAMES_IN + TITLE_IN + LINE_IN * len(day))
@@ -97,7 +102,9 @@ def picture_of(recording: Recording, theme: Theme = LIGHT) -> Figure:
     _over_distance(dict(zip(OVER_DISTANCE, axes, strict=False)), scene, theme)
     _over_time(dict(zip(below, axes[len(above) :], strict=True)), scene, theme)
     top = 1.0 - 0.7 * TITLE_IN / figure.get_figheight()
-    figure.text(0.5, top, headline(scene.drive), color=theme.ink, ha="center", fontsize=11.0)
+    title = headline(scene.drive)
+    points = TITLE_POINTS * min(1.0, TITLE_LETTERS / len(title))
+    figure.text(0.5, top, title, color=theme.ink, ha="center", fontsize=points)
     for number, line in enumerate(day):
         y = 1.0 - (TITLE_IN + (number + 0.55) * LINE_IN) / figure.get_figheight()
         figure.text(0.5, y, line, color=theme.ink, ha="center", fontsize=SMALL)
@@ -244,7 +251,8 @@ def _ticks(axes: Sequence[Any], scene: ReviewScene) -> None:
     (start_s, end_s), clock = scene.ends_s, scene.clock
     step = next((one for one in TICKS_S if (end_s - start_s) / one <= MOST_TICKS), TICKS_S[-1])
     at_s = step * np.arange(np.ceil(start_s / step), np.floor(end_s / step) + 1)
-    texts = [f"{minutes(one)}\n{clock.of_day(clock.zero_ns + round(one / NS))}" for one in at_s.tolist()]
+    zero, zone = clock.zero_ns * NS, scene.drive.zone
+    texts = [f"{minutes(one)}\n{datetime.fromtimestamp(round(zero + one), zone):%H:%M:%S}" for one in at_s.tolist()]
     for axis in axes:
         axis.set_xticks(at_s, texts)
 

@@ -7,8 +7,10 @@ follows the time.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta, tzinfo
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -19,17 +21,19 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from das.advice.wording import Language
 from das.bus import topics
 from das.domain.units import KM, KMH, NS
+from sim.drive.calls import STANDING_MPS
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
+from sim.review.cab_display import send_cab
 from sim.review.colors import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
 from sim.review.series import QUANTITIES, STYLES, MapTrack, quantity_of
-from sim.review.words import DisplayWords, cards, summary
+from sim.review.words import DisplayWords, summary
 
-DRIVE_CLOCK, TIME_OF_DAY, POSITION = "drive_clock", "time_of_day", "position_m"
-"""Names of the timelines: time on the drive's clock, time of day (UTC), position on the route (m)."""
-ENERGY, CAB_CARD, BOOKMARKS = "account", "cab", "bookmarks"
-"""Entities of the energy attribution, of what the driver saw, and of the bookmarks."""
+DRIVE_CLOCK, POSITION = "drive_clock", "position_m"
+"""Names of two timelines: time on the drive's clock, and position on the route (m). The third is the line's clock."""
+ENERGY, BOOKMARKS = "account", "bookmarks"
+"""Entities of the energy attribution and of the bookmarks."""
 MARKDOWN: Final = rr.MediaType.MARKDOWN
 LEVELS: Final = {Log.DEBUG: "DEBUG", Log.INFO: "INFO", Log.WARNING: "WARN", Log.ERROR: "ERROR", Log.FATAL: "CRITICAL"}
 
@@ -41,7 +45,7 @@ SLOW, FAST = (np.array(list(bytes.fromhex(one[1:]))) for one in (STANDING_GREY, 
 """Colours of the track at standstill and at the highest speed: grey, and the blue of what was driven."""
 TRACK_PIECES: Final = 300
 REACHED_M: Final = 200.0
-"""A stop at most this far (m) beyond the ends of the train's course is drawn on the track as well."""
+"""A stop at most this far (m) beyond the ends of the train's course is drawn as well."""
 
 WIDTH: Final = 1600.0
 """Width of the trip in the plane."""
@@ -49,6 +53,9 @@ NICE: Final = (1.0, 2.0, 5.0, 10.0)
 FURNITURE: Final = ("grid", "axes", "stops", "names", "key", "here")
 """Entities over distance that show nothing when a user points at them."""
 SIGNAL_SHARE: Final = 0.12
+LANE_LETTERS: Final = 137.0
+"""So many letters fit into a lane in the window that the layout is made for."""
+FIGURE: Final = re.compile(r"[+-]?\d[\d.]*")
 LETTER: Final = 6.0
 """Half the width of a letter and its bubble in the window that the layout is made for."""
 THIN: Final = rr.Radius.ui_points(0.5)
@@ -64,9 +71,9 @@ class Strip(NamedTuple):
 
 
 STRIPS: Final = (
-    Strip("speed", 44.0, 390.0, (0.0, 10.0)),
-    Strip("force", 425.0, 545.0, (-10.0, 10.0)),
-    Strip("gradient", 580.0, 660.0, (-5.0, 5.0)),
+    Strip("speed", 60.0, 370.0, (0.0, 10.0)),
+    Strip("force", 405.0, 500.0, (-10.0, 10.0)),
+    Strip("gradient", 535.0, 590.0, (-5.0, 5.0)),
 )
 BOTTOM: Final = STRIPS[-1].bottom
 MARGIN: Final = (100.0, 30.0, 105.0)
@@ -75,37 +82,63 @@ MARGIN: Final = (100.0, 30.0, 105.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Timelines:
-    """Puts messages on all timelines. All tables and pictures show the same clock, that of the drive."""
+    """Puts messages on all timelines: the clock of the line (the one to look at), that of the drive, and the position.
+
+    The viewer opens at the earliest moment of a timeline, so `opening_ns` is the first moment that is drawn.
+    """
 
     trip: DrivenCourse
     clock: DriveClock
+    zone: tzinfo
+    opening_ns: int
+
+    @classmethod
+    def of_scene(cls, scene: ReviewScene) -> Timelines:
+        """The timelines of a scene: they begin at the first bookmark if the train stood until then, else at the first
+        position."""
+        trip = scene.trip
+        first_ns = min((one.time_ns for one in scene.bookmarks), default=int(trip.time_ns[0]))
+        stood = not (trip.speed_mps[trip.time_ns < first_ns] > STANDING_MPS).any()
+        opening_ns = max(first_ns, int(trip.time_ns[0])) if stood else int(trip.time_ns[0])
+        return cls(trip=trip, clock=scene.clock, zone=scene.drive.zone, opening_ns=opening_ns)
+
+    @property
+    def line_clock(self) -> str:
+        """The name of the timeline of the line's clock; the list of bookmarks is as wide as this name."""
+        return f"clock in {self.zone}" if str(self.zone) != "UTC" else "clock in UTC (no zone)"
+
+    def local_ns(self, time_ns: Times) -> Times:
+        """Moments as the line's clock shows them, the earlier ones moved to the opening: ns since 1970 there."""
+        ahead = datetime.fromtimestamp(self.opening_ns * NS, self.zone).utcoffset() or timedelta()
+        return np.asarray(np.maximum(time_ns, self.opening_ns) + round(ahead.total_seconds() / NS))
 
     def of(self, time_ns: Times) -> list[rr.TimeColumn]:
-        """Columns of all timelines for moments (ns since 1970); those before the first position are moved to it.
-
-        The viewer therefore opens at the first position of the trip.
-        """
-        at_ns = np.maximum(time_ns, self.trip.time_ns[0])
+        """Columns of all timelines for moments (ns since 1970)."""
+        at_ns = np.maximum(time_ns, self.opening_ns)
         position_m = np.maximum(np.rint(self.trip.at(at_ns, self.trip.s_m)), 0.0)
         return [
+            rr.TimeColumn(self.line_clock, timestamp=self.local_ns(time_ns).astype("datetime64[ns]")),
             rr.TimeColumn(DRIVE_CLOCK, duration=(at_ns - self.clock.zero_ns).astype("timedelta64[ns]")),
-            rr.TimeColumn(TIME_OF_DAY, timestamp=at_ns.astype("datetime64[ns]")),
             rr.TimeColumn(POSITION, sequence=position_m.astype(np.int64)),
         ]
+
+    def in_seconds(self, time_ns: Times) -> list[rr.TimeColumn]:
+        """Columns of all timelines for moments of a list, in whole seconds so that they fit its column."""
+        return self.of(np.rint(time_ns * NS).astype(np.int64) * round(1 / NS))
 
 
 def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, with_map: bool) -> None:
     """Send everything to rerun that is to be shown, except the energy attribution; the display is in a language."""
     out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
-    lines = Timelines(trip=scene.trip, clock=scene.clock)
+    lines = Timelines.of_scene(scene)
     for name, (time_ns, values) in scene.series.items():
         if len(time_ns):
             _series(out, lines, name, time_ns, values)
-    for lane in scene.lanes:
+    for lane in scene.lanes_in_words:
         _lane(out, lines, lane)
     _bookmarks(out, lines, scene)
     _events(out, lines, scene)
-    _cab(out, lines, scene, language)
+    send_cab(out, lines.of, scene, DisplayWords(language, scene.drive.zone))
     if scene.way is not None:
         _location(out, lines, scene.way, scene, with_map=with_map)
     _over_distance(out, lines, scene)
@@ -114,7 +147,7 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language, *, wit
 
 def send_attribution(out: rr.RecordingStream, scene: ReviewScene) -> None:
     """Send where the energy went in a scene with its energy attribution, or why it is not known."""
-    lines, shown = Timelines(trip=scene.trip, clock=scene.clock), scene.attribution
+    lines, shown = Timelines.of_scene(scene), scene.attribution
     why_not = f"Where the energy went is not known: {scene.drive.why_no_attribution}."
     out.log(ENERGY, rr.TextDocument(why_not if shown is None else shown.text, media_type=MARKDOWN), static=True)
     if shown is not None:
@@ -138,13 +171,28 @@ def _series(out: rr.RecordingStream, lines: Timelines, name: str, time_ns: Times
 
 
 def _lane(out: rr.RecordingStream, lines: Timelines, lane: Lane) -> None:
-    """Send a lane of states, with one row for each change."""
-    entity, states = lane_entity(lane.name), list(lane.colors)
-    shades = np.array([rgba(lane.color(state, VIEWER)) for state in states], dtype=np.uint32)
+    """Send a lane of states, with one row for each change. A state too short for its words has its figure, or none."""
+    entity = lane_entity(lane.name)
     time_ns = np.array([change.time_ns for change in lane.changes])
-    out.log(entity, rr.StateConfiguration(values=states, colors=shades), static=True)
-    columns = rr.StateChange.columns(state=[change.state for change in lane.changes])
-    out.send_columns(entity, lines.of(time_ns), columns)
+    ends_ns = np.maximum(np.append(time_ns, lines.trip.time_ns[-1]), lines.opening_ns)
+    letters = np.diff(ends_ns) / max(float(lines.trip.time_ns[-1] - lines.opening_ns), 1.0) * LANE_LETTERS
+    texts = [fitting(change.state, room) for change, room in zip(lane.changes, letters, strict=True)]
+    # A value is told from another one with the same colour and the same words by its end, which is not shown.
+    values = {f"{change.state}|{text}": (text, change.state) for change, text in zip(lane.changes, texts, strict=True)}
+    shades = np.array([rgba(lane.color(state, VIEWER)) for _, state in values.values()], dtype=np.uint32)
+    labels = [text or " " for text, _ in values.values()]
+    out.log(entity, rr.StateConfiguration(values=list(values), labels=labels, colors=shades), static=True)
+    states = [f"{one.state}|{text}" if one.state else "" for one, text in zip(lane.changes, texts, strict=True)]
+    out.send_columns(entity, lines.of(time_ns), rr.StateChange.columns(state=states))
+
+
+def fitting(state: str, letters: float) -> str:
+    """The words of a state, or else the figure in them, or else nothing: whatever fits into a number of letters."""
+    figure = FIGURE.search(state)
+    for text in (state, figure[0] if figure else ""):
+        if len(text) + 1 <= letters:
+            return text
+    return ""
 
 
 def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
@@ -162,7 +210,7 @@ def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) ->
         level=["INFO"] * len(scene.bookmarks),
         color=np.array([rgba(one.color(VIEWER)) for one in scene.bookmarks], dtype=np.uint32),
     )
-    out.send_columns(BOOKMARKS, index, columns)
+    out.send_columns(BOOKMARKS, lines.in_seconds(time_ns), columns)
 
 
 def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
@@ -171,25 +219,17 @@ def _events(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> No
     said.sort(key=lambda event: event.timestamp.ToNanoseconds())
     if said:
         time_ns = np.array([event.timestamp.ToNanoseconds() for event in said])
-        early_s = (lines.trip.time_ns[0] - time_ns) * NS
+        early_s = (lines.opening_ns - time_ns) * NS
         columns = rr.TextLog.columns(
             text=[_event_text(event, early) for event, early in zip(said, early_s, strict=True)],
             level=[LEVELS.get(event.level, "TRACE") for event in said],
         )
-        out.send_columns("events", lines.of(time_ns), columns)
+        out.send_columns("events", lines.in_seconds(time_ns), columns)
 
 
 def _event_text(event: Log, early_s: float) -> str:
     when = f"({early_s:.0f} s before) " if early_s > 0 else ""
     return f"{when}{event.name}: {event.message}" if event.name else f"{when}{event.message}"
-
-
-def _cab(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene, language: Language) -> None:
-    """Send what the driver saw, as a text that changes with the time."""
-    found = cards(scene.recording, scene.trip, DisplayWords(language, scene.drive.zone))
-    if found:
-        columns = rr.TextDocument.columns(text=[card.text for card in found], media_type=[MARKDOWN] * len(found))
-        out.send_columns(CAB_CARD, lines.of(np.array([card.time_ns for card in found])), columns)
 
 
 def _location(out: rr.RecordingStream, lines: Timelines, way: MapTrack, scene: ReviewScene, *, with_map: bool) -> None:
@@ -318,7 +358,7 @@ def _grid(out: rr.RecordingStream, plane: Plane) -> None:
         texts.append((x, BOTTOM + 22.0, f"km {at:g}"))
     for strip in STRIPS:
         low, high = plane.ranges[strip.name]
-        step = _step(high - low, most=6 if strip.name == "speed" else 3)
+        step = _step(high - low, most={"speed": 6, "force": 3}.get(strip.name, 2))
         top = step * np.floor(high / step)
         for value in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step:
             y = float(plane.y(strip.name, value))
@@ -342,7 +382,11 @@ def _texts(
 
 def _stops(out: rr.RecordingStream, plane: Plane, scene: ReviewScene) -> None:
     """Send a line at every stop, and its name above it."""
-    texts = [(float(plane.x(s_m)), 14.0, name) for name, s_m in scene.stops if plane.start_m <= s_m <= plane.end_m + KM]
+    texts = [
+        (float(plane.x(s_m)), 14.0, name)
+        for name, s_m in scene.stops
+        if plane.start_m - REACHED_M <= s_m <= plane.end_m + KM
+    ]
     if texts:
         lines = [np.array([(x, 28.0), (x, BOTTOM)]) for x, _, _ in texts]
         out.log("distance/stops", rr.LineStrips2D(lines, colors=INK, radii=THIN), static=True)

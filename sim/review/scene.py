@@ -22,9 +22,11 @@ from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
+from sim.review.beside import partings, series_beside
 from sim.review.colors import Meaning, Theme
-from sim.review.lanes import COST, Change, Lane, lanes
+from sim.review.lanes import COST, Change, Lane, instructions, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
+from sim.review.words import attribution_text
 
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
 """The quantities that viewer and picture draw over distance as well as over time."""
@@ -67,8 +69,6 @@ COST_MEANINGS: Final = {
     EnergyCause.SIGNAL: Meaning.DANGER,
     EnergyCause.RESTRICTION: Meaning.LIMIT,
     EnergyCause.AS_ADVISED: Meaning.ADVISED,
-    EnergyCause.LATENESS: Meaning.WARNING,
-    EnergyCause.REST: Meaning.NO_ADVICE,
     **dict.fromkeys(OTHER_THAN_ADVISED, Meaning.AGAINST),
 }
 """What the colours of costs mean; the other causes have the colour of energy lost."""
@@ -152,8 +152,11 @@ class ReviewScene:
     """Where the energy went; None until `with_attribution` has found it, or if it is not known."""
 
     @classmethod
-    def of(cls, drive: Drive) -> ReviewScene:
-        """The scene of a recorded drive, without its energy attribution; DasError if it has no position at all."""
+    def of(cls, drive: Drive, beside: Drive | None = None) -> ReviewScene:
+        """The scene of a drive, with another one beside it, and without its energy attribution.
+
+        Raises DasError if the drive has no position at all.
+        """
         recording, trip, clock = drive.recording, drive.course, drive.clock
         filled = filled_in(drive)
         happened = happenings(recording, trip, drive.silences)
@@ -163,15 +166,16 @@ class ReviewScene:
                 "speed/limit": on_trip(trip, trip.time_ns, drive.limit_mps / KMH, held=True),
                 **_without_silence(series(recording, trip), drive.silences),
                 **filled.series,
+                **series_beside(drive, beside),
             },
-            placed=tuple(_placed(drive)),
+            placed=tuple(_placed(drive, beside)),
             lanes=lanes(drive),
             stops=tuple(
                 (stop.name, stop.s_m) for one in recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
             ),
             places=tuple(_places(drive)),
             marks=tuple(_mark(one, trip, clock) for one in happened),
-            bookmarks=tuple(_bookmark(one, clock) for one in drive.events if one.kind not in ROUTINE),
+            bookmarks=_bookmarks(drive, beside),
             way=MapTrack.of(recording) or filled.way,
             filled_from=filled.source,
         )
@@ -201,6 +205,12 @@ class ReviewScene:
     def clock(self) -> DriveClock:
         """The clock of the drive."""
         return self.drive.clock
+
+    @property
+    def lanes_in_words(self) -> tuple[Lane, ...]:
+        """The lanes; that of the display has its words ("hold 120") instead of modes, if it said how to drive."""
+        said = instructions(self.drive)
+        return tuple(said if one.name == said.name and said.changes else one for one in self.lanes)
 
     @property
     def quantities(self) -> set[str]:
@@ -251,9 +261,12 @@ class ReviewScene:
                 yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
-def _placed(drive: Drive) -> Iterator[Trace]:
-    """The first plan, and by how much the train was faster than the speed shown to keep."""
+def _placed(drive: Drive, beside: Drive | None) -> Iterator[Trace]:
+    """The first plan, the other drive, and by how much the train was faster than the speed shown to keep."""
     trip, plan, shown = drive.course, FirstPlans.of(drive.recording), drive.shown
+    if beside is not None:
+        there = (beside.course.s_m >= trip.s_m.min()) & (beside.course.s_m <= trip.s_m.max())
+        yield Trace("speed/other", beside.course.s_m[there], beside.course.speed_mps[there] / KMH)
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
         yield Trace("speed/optimum", plan.s_m[within], plan.speed_mps[within] / KMH)
@@ -292,10 +305,20 @@ def _mark(one: Happening, trip: DrivenCourse, clock: DriveClock) -> Mark:
     return Mark(one.time_ns, where_and_when(one, trip, clock), HAPPENING_MEANINGS.get(one.kind))
 
 
-def _bookmark(one: DriveEvent, clock: DriveClock) -> Mark:
-    """A bookmark whose text gives its time as all tables do, because rerun itself shows seconds."""
-    text = f"{clock.shown(one.time_ns)}  {place_text(one.s_m)}  {one.kind}: {one.text}"
-    return Mark(one.time_ns, text, BOOKMARK_MEANINGS.get(one.kind))
+def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
+    """The bookmarks; the list of the viewer shows their times beside the texts."""
+    found = [
+        Mark(one.time_ns, f"{place_text(one.s_m)}  {_named(one)}", BOOKMARK_MEANINGS.get(one.kind))
+        for one in drive.events
+        if one.kind not in ROUTINE
+    ]
+    found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
+    return tuple(sorted(found, key=lambda one: one.time_ns))
+
+
+def _named(event: DriveEvent) -> str:
+    """The words of an event; those of a person are called a note."""
+    return f"note: {event.text}" if event.kind is EventKind.NOTE else event.text
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:
@@ -339,7 +362,7 @@ class AttributionView:
     def of(cls, attribution: Attribution) -> AttributionView:
         """The view of an energy attribution."""
         return cls(
-            text=_attribution_text(attribution),
+            text=attribution_text(attribution),
             series=_attribution_series(attribution),
             placed=tuple(_attribution_by_place(attribution)),
             spans=tuple(span for leg in attribution.legs for span in spans_of(leg)),
@@ -422,25 +445,3 @@ def _motors(leg: LegAttribution) -> Iterator[MotorPoints]:
     """The forces of the motors in the optimum of a leg, and as driven."""
     for name, run in (("motors/optimum", leg.optimum.trajectory), ("motors/driven", leg.energies.trajectory)):
         yield MotorPoints(name, run.mean_speed_mps(), run.force_el_n)
-
-
-def _attribution_text(attribution: Attribution) -> str:
-    """The energy attribution as a table (Markdown)."""
-    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
-    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
-    source = "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured it"
-    return "\n".join(
-        [
-            f"### Above the optimum for the same times: {attribution.above.words}",
-            "",
-            "| | kWh |",
-            "|---|---:|",
-            f"| optimum for the same times | {kwh(attribution.optimum_j):.1f} |",
-            *rows,
-            f"| **as driven** | **{kwh(attribution.driven_j):.1f}** |",
-            "",
-            f"Energy at the current collector, {source}.",
-            "",
-            *meanings,
-        ]
-    )

@@ -94,10 +94,12 @@ STYLES: Final = {
     "speed/same_times": Style(SAME_TIMES, Meaning.OPTIMUM, width=1.2),
     "speed/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "speed/shown": Style("shown to the driver", Meaning.SHOWN, width=1.0, held=True),
+    "speed/other": Style("in the other drive", Meaning.OTHER_DRIVE),
     "speed/driven": Style("driven", Meaning.DRIVEN),
     "force/advised": Style("advised", Meaning.ADVISED, width=3.0, gaps=True),
     "force/driven": Style("driven", Meaning.DRIVEN),
     "energy/optimum": Style(SAME_TIMES, Meaning.OPTIMUM),
+    "energy/other": Style("in the other drive", Meaning.OTHER_DRIVE),
     "energy/driven": Style("driven", Meaning.DRIVEN),
     "lost/driving": Style("lost by the driving so far", Meaning.LOST),
     "lost/advice": Style("of it, by other efforts than advised", Meaning.AGAINST),
@@ -196,7 +198,7 @@ def series(recording: Recording, trip: DrivenCourse) -> Found:
     found = {
         **_plan(recording),
         **_advised(recording),
-        **_driven(recording, trip),
+        **driven(recording, trip),
         **_in_the_cab(recording),
         **_estimated(recording, trip),
     }
@@ -223,7 +225,8 @@ def _advised(recording: Recording) -> Found:
     }
 
 
-def _driven(recording: Recording, trip: DrivenCourse) -> Found:
+def driven(recording: Recording, trip: DrivenCourse) -> Found:
+    """What the train did, as far as it was recorded; no series but the speed is within the time of the trip yet."""
     fields = ("force_el_n", "force_friction_n", "gradient_ratio", "energy_input_j")
     truth = recording.columns(topics.TRUTH, "time_ns", *fields)
     delay = recording.columns(topics.DELAY, "time_ns", "delay_s")

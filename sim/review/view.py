@@ -38,9 +38,16 @@ CLOSING_S: Final = 5.0
 
 
 def save_view(
-    recording: Recording, rrd_path: Path, *, with_map: bool = False, language: Language = Language.EN
+    recording: Recording,
+    rrd_path: Path,
+    *,
+    beside: Recording | None = None,
+    with_map: bool = False,
+    language: Language = Language.EN,
 ) -> None:
     """Write a recording as a rerun file, with our layout, the energy attribution, and a display in a language.
+
+    The curves of another drive on the line, `beside`, lie under those of the recording.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -48,15 +55,22 @@ def save_view(
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        write_view(recording, whole, with_map=with_map, language=language)
+        write_view(recording, whole, beside=beside, with_map=with_map, language=language)
         write_whole(rrd_path, whole.read_bytes())
 
 
-def write_view(recording: Recording, path: Path, *, with_map: bool = False, language: Language = Language.EN) -> None:
+def write_view(
+    recording: Recording,
+    path: Path,
+    *,
+    beside: Recording | None = None,
+    with_map: bool = False,
+    language: Language = Language.EN,
+) -> None:
     """Write a rerun file with our layout, replacing an existing file; if this fails, a half-written file is left."""
     from sim.review.rerun_drawing import send, send_attribution
 
-    scene = _scene_of(recording)
+    scene = _scene_of(recording, beside)
     with _stream(scene) as out:
         out.save(path, default_blueprint=_blueprint(scene, with_map=with_map))
         send(out, scene, language, with_map=with_map)
@@ -65,7 +79,9 @@ def write_view(recording: Recording, path: Path, *, with_map: bool = False, lang
         out.disconnect()
 
 
-def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT) -> None:
+def save_picture(
+    recording: Recording, picture_path: Path, theme: Theme = LIGHT, *, beside: Recording | None = None
+) -> None:
     """Write the picture of a recording; the suffix (.png, .pdf, .svg) decides its kind.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or matplotlib is not installed.
@@ -76,10 +92,16 @@ def save_picture(recording: Recording, picture_path: Path, theme: Theme = LIGHT)
     from sim.review.canvas import DPI
     from sim.review.picture import picture_of
 
-    save_figure(picture_path, picture_of(recording, theme), dpi=DPI, facecolor=theme.background)
+    save_figure(picture_path, picture_of(recording, theme, beside=beside), dpi=DPI, facecolor=theme.background)
 
 
-def open_view(recording: Recording, *, with_map: bool = False, language: Language = Language.EN) -> None:
+def open_view(
+    recording: Recording,
+    *,
+    beside: Recording | None = None,
+    with_map: bool = False,
+    language: Language = Language.EN,
+) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
     The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
@@ -87,7 +109,7 @@ def open_view(recording: Recording, *, with_map: bool = False, language: Languag
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = _scene_of(recording), _free_port()
+    scene, port = _scene_of(recording, beside), _free_port()
     interrupt_on_termination()
     run_viewer(port, lambda: _feed_viewer(scene, port, language, with_map=with_map))
 
@@ -109,11 +131,11 @@ def _feed_viewer(scene: ReviewScene, port: int, language: Language, *, with_map:
         out.flush()
 
 
-def _scene_of(recording: Recording) -> ReviewScene:
+def _scene_of(recording: Recording, beside: Recording | None) -> ReviewScene:
     from sim.drive.drive import Drive
     from sim.review.scene import ReviewScene
 
-    return ReviewScene.of(Drive(source=recording))
+    return ReviewScene.of(Drive(source=recording), None if beside is None else Drive(source=beside))
 
 
 def _stream(scene: ReviewScene) -> rr.RecordingStream:

@@ -14,6 +14,7 @@ from das.advice.wording import Language
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, NS, PERCENT, kwh
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.drive import Drive
 from sim.drive.happenings import withdrawal_words
 from sim.drivers.messages import recorded_view
@@ -23,7 +24,7 @@ from sim.world.disturbances import NOTHING
 
 LETTERS: Final = 150
 """Largest number of characters in a line under the headline of a picture."""
-NO_ADVICE: Final = "## No advice is shown"
+NO_ADVICE: Final = "# No advice is shown"
 NODE_ALONE: Final = "*Nobody recorded the display: this is what the node advised.*"
 
 
@@ -44,6 +45,28 @@ def summary(drive: Drive, filled_from: str = "") -> str:
     for name, entries in recording.metadata.items():
         lines += _table(name.capitalize(), [readable(key, value) for key, value in entries.items()])
     return "\n".join(lines)
+
+
+def attribution_text(attribution: Attribution) -> str:
+    """The energy attribution as a table (Markdown)."""
+    rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
+    meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
+    source = "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured it"
+    return "\n".join(
+        [
+            f"### Above the optimum for the same times: {attribution.above.words}",
+            "",
+            "| | kWh |",
+            "|---|---:|",
+            f"| optimum for the same times | {kwh(attribution.optimum_j):.1f} |",
+            *rows,
+            f"| **as driven** | **{kwh(attribution.driven_j):.1f}** |",
+            "",
+            f"Energy at the current collector, {source}.",
+            "",
+            *meanings,
+        ]
+    )
 
 
 def headline(drive: Drive) -> str:
@@ -147,13 +170,13 @@ def _changes(texts: list[Card], trip: DrivenCourse) -> Iterator[Card]:
 
 def _of_cab(cab: Any, said: DisplayWords) -> str:
     view = recorded_view(cab)
-    head = NO_ADVICE if view is None else f"## {presenter_of(view.presentation).headline(view, said.language)}"
+    head = NO_ADVICE if view is None else f"# {presenter_of(view.presentation).headline(view, said.language)}"
     rows = [("limit", speed_words(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
     if view is not None:
         shows = presenter_of(view.presentation)
         rows[:0] = [
             ("effort advised", _share(view.lever_ratio)),
-            ("next", _next(shows.mode_words(view.next_mode, said.language), view.next_change_s)),
+            ("next", _next(shows.mode_words(view.next_mode, said.language), view.next_change_s, view.next_speed_mps)),
             ("why", wording.words(view.reason, *said)),
         ]
     if view is not None and view.mode == Regime.DEPART:
@@ -168,7 +191,7 @@ def _of_cab(cab: Any, said: DisplayWords) -> str:
 
 def _of_advice(advice: Any, said: DisplayWords) -> str:
     if advice.mode == Regime.NONE:
-        return _text(f"## No advice: {withdrawal_words(advice)}", [], NODE_ALONE)
+        return _text(f"# No advice: {withdrawal_words(advice)}", [], NODE_ALONE)
     language = said.language
     rows = [
         ("effort advised", _share(advice.advised_force_ratio)),
@@ -178,17 +201,19 @@ def _of_advice(advice: Any, said: DisplayWords) -> str:
     if advice.mode == Regime.DEPART:
         name = mode_words(advice.next_mode, language) if advice.next_mode else ""
         how = _departure(name, advice.departure_speed_mps, advice.departure_force_ratio)
-        return _text(f"## {mode_words(advice.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
+        return _text(f"# {mode_words(advice.mode, language)}", [("when cleared", how), *rows[2:]], NODE_ALONE)
     head = mode_words(advice.mode, language)
-    return _text(f"## {head}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
+    return _text(f"# {head}, {speed_words(advice.display_speed_mps)}", rows, NODE_ALONE)
 
 
 def _share(ratio: float) -> str:
     return f"{ratio / PERCENT:+.0f} %" if math.isfinite(ratio) else ""
 
 
-def _next(name: str, in_s: float) -> str:
-    return f"{name} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
+def _next(name: str, in_s: float, speed_mps: float = math.nan) -> str:
+    """The next change, with its speed if the display shows one."""
+    to = f", {speed_words(speed_mps)}," if speed_mps > 0 else ""
+    return f"{name}{to} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
 
 
 def _departure(name: str, speed_mps: float, ratio: float) -> str:

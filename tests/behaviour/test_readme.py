@@ -14,8 +14,8 @@ PAGES = ("README.md", "docs/tutorials/own-line.md", "docs/tutorials/first-replay
 ELSEWHERE = ("pytest", "das-node")
 """Programs of other tests: the tests themselves, and the node, which runs until it is stopped."""
 WRITTEN = (
-    "my-line/posts.csv", "my-line/run.png", "my-line/tables/build.json", "run.png", "tables/build.json", "x.png",
-    "zug-luzern.png",
+    "both.png", "my-line/posts.csv", "my-line/run.png", "my-line/tables/build.json", "run.png", "tables/build.json",
+    "x.png", "zug-luzern.png",
 )  # fmt: skip
 """Files that the commands of all pages leave behind, beside recordings."""
 
@@ -32,8 +32,12 @@ def lines(page: str) -> list[list[str]]:
 def run(words: list[str], folder: Path) -> str:
     """Run a command line in a folder as the page says it; what it printed."""
     program, *arguments = words
-    recordings = sorted((folder / "recordings").glob("*.mcap"))
-    arguments = [str(recordings[0]) if "replay-…" in one else one for one in arguments]
+    coached = next(iter((folder / "recordings").glob("replay-*-coach.mcap")), folder)
+    named = {
+        "recordings/replay-….mcap": str(coached).replace("-coach", ""),
+        "recordings/replay-…-coach.mcap": str(coached),
+    }
+    arguments = [named.get(one, one) for one in arguments]
     assert program in ("das-sim", "das-precompute"), words
     done = das_sim(*arguments, cwd=folder) if program == "das-sim" else das_precompute(folder, *arguments)
     assert done.returncode == 0, f"{shlex.join(words)}: {done.stderr}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
@@ -16,13 +17,30 @@ import numpy as np
 import pytest
 
 from das.advice.reason import ReasonCode
+from das.bus import das_pb2
 from das.bus.recording import read_recording
-from das.bus.topics import ADVICE, CONTROL, DELAY, EVENT, JOURNEY, LOCATION, LOG, PLAN, POSITION, SAVING, STATUS, TRUTH
+from das.bus.topics import (
+    ADVICE,
+    CAB,
+    CONTROL,
+    DELAY,
+    EVENT,
+    JOURNEY,
+    LOCATION,
+    LOG,
+    PLAN,
+    POSITION,
+    SAVING,
+    STATUS,
+    TRUTH,
+)
 from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.bundled.hurried import DriverStyle, HurriedDriver, HurriedPlant, HurriedState
 from sim.cli.trips import bundled_recording
+from sim.drive.drive import Drive
+from sim.drive.equal_arrival import EqualArrival
 from sim.trips.estimate import estimate_run
 from tests.support.making import das_sim, in_a_process, refusal, wait_until
 from tests.support.recordings import advices_so_far
@@ -34,19 +52,65 @@ def default_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.Co
     return in_a_process("sim.cli", cwd=folder), folder
 
 
+COACH = das_pb2.Cab.PRESENTATION_COACH
+DRIVER = "sim.bundled.recorded_driver:RecordedDriver"
+
+
+def recordings(run: tuple[subprocess.CompletedProcess[str], Path]) -> tuple[Path, Path]:
+    """The two recordings of a run of `das-sim` without arguments: the replay, and the drive with the coach."""
+    found = sorted((run[1] / "recordings").glob("*.mcap"), key=lambda path: len(path.name))
+    assert len(found) == 2
+    assert found[1].name == f"{found[0].stem}-coach.mcap"
+    return found[0], found[1]
+
+
 @pytest.mark.processes
 @pytest.mark.slow
-def test_das_sim_alone_replays_the_bundled_recording(
+def test_das_sim_alone_compares_the_bundled_trip_with_the_coach(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
-    """`das-sim` without arguments makes one recording, loses nothing, and says how to look at it."""
-    done, folder = default_run
+    """At most 12 lines: both drives, one sentence with what its figures hang on, and how to look at them."""
+    done, _ = default_run
     assert done.returncode == 0, done.stderr
-    files = list((folder / "recordings").glob("*.mcap"))
-    assert len(files) == 1
-    assert f"das-sim view recordings/{files[0].name}" in done.stdout
-    assert "above the optimum" in done.stdout
-    assert "/ 0" in next(line for line in done.stdout.splitlines() if "recorded / lost" in line)
+    replayed, coached = recordings(default_run)
+    lines = done.stdout.splitlines()
+    assert len(lines) <= 11  # the last one is longer than 80 columns
+    assert lines[-1].endswith(f"das-sim view recordings/{coached.name} --beside recordings/{replayed.name}")
+    said = " ".join(lines[:-1])
+    assert all(words in said for words in ("as recorded", "with the coach", "at the same arrival time", "is simulated"))
+
+
+def test_the_drive_with_the_coach_is_of_the_same_driver_train_and_brakes(
+    default_run: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    """The figures that are printed are those of the two recordings, at equal arrival and with the motors first."""
+    before, after = (Drive.read(path) for path in recordings(default_run))
+    run = after.recording.metadata["run"]
+    assert (run["driver"], run["advice"], run["friction_policy"]) == (DRIVER, "coach", "electric-first")
+    assert all(one.message.presentation == COACH for one in after.recording.of(CAB)[20:-5])
+    assert after.violations.over_limit_s == 0
+    assert abs(after.late_s) < 30.0
+    equal = EqualArrival.of(before, after, own=False)
+    less, less_at_equal = 1.0 - after.motors_first.driven_j / before.motors_first.driven_j, equal.ratio
+    assert less_at_equal is not None
+    printed = [int(percent) for percent in re.findall(r"(\d+) % less", " ".join(default_run[0].stdout.split()))]
+    assert printed == pytest.approx([100.0 * less, -100.0 * less_at_equal], abs=0.5)
+
+
+@pytest.mark.more
+@pytest.mark.processes
+@pytest.mark.slow
+def test_without_the_coach_the_driver_drives_the_recorded_trip_again(
+    default_run: tuple[subprocess.CompletedProcess[str], Path], tmp_path: Path
+) -> None:
+    """On the train of the simulator of today, with another sequence of chances: 1 % of the energy, 15 s."""
+    replayed, alone = recordings(default_run)[0], tmp_path / "alone.mcap"
+    what_if = ("what-if", str(replayed), "--driver", DRIVER, "--advice", "none", "--out", str(alone))
+    done = das_sim(*what_if, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    before, after = Drive.read(replayed), Drive.read(alone)
+    assert abs(EqualArrival.of(before, after, own=False).ratio or math.inf) < 0.01
+    assert abs(after.late_s - before.late_s) < 15.0
 
 
 @pytest.mark.processes
@@ -54,8 +118,7 @@ def test_the_recording_holds_every_topic_and_its_inputs(
     default_run: tuple[subprocess.CompletedProcess[str], Path],
 ) -> None:
     """What was heard, said and used is in the recording; advice comes every second, never above the limit."""
-    _, folder = default_run
-    recording = read_recording(next((folder / "recordings").glob("*.mcap")))
+    recording = read_recording(recordings(default_run)[0])
     assert recording.complete
     for topic in (POSITION, DELAY, JOURNEY, CONTROL, ADVICE, PLAN, STATUS, EVENT, TRUTH, LOCATION, SAVING, LOG):
         assert recording.of(topic), topic.name
@@ -80,7 +143,7 @@ def test_replay_is_open_loop_and_repeatable(
     """The same recording through the node twice: the same advice, field by field."""
     done = das_sim("replay", str(bundled_recording()), "--out", "again.mcap", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    files = next((default_run[1] / "recordings").glob("*.mcap")), tmp_path / "again.mcap"
+    files = recordings(default_run)[0], tmp_path / "again.mcap"
     first, second = ([m.message.SerializeToString() for m in read_recording(file).of(ADVICE)] for file in files)
     assert first == second
 

@@ -68,6 +68,50 @@ def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels:
     assert answered(kernels) == (31, 1, "")
 
 
+PARTS = """
+from das.compiling import kernel
+
+@kernel
+def checked(x):
+    if x < 0:
+        raise ValueError("negative")
+    return 2 * x
+
+@kernel
+def first(x):
+    return checked(x) + 1
+
+@kernel
+def second(x):
+    return checked(x) + first(x)
+"""
+CALLS = """
+from {package}.parts import checked, first, second
+calls = [lambda: first(3), lambda: second(3), lambda: checked(3), lambda: checked(3.5), lambda: first(3.5)]
+for call in calls if ORDER else calls[::-1]:
+    print(call())
+for one in (first, second, checked):
+    try:
+        one(-1)
+    except ValueError as error:
+        print(error)
+print(sum(sum(one.stats.cache_hits.values()) for one in (checked, first, second)))
+"""
+
+
+@pytest.mark.processes
+def test_python_and_kernels_may_call_the_same_kernel_in_any_order(tmp_path: Path) -> None:
+    """Also the error that a called kernel raises arrives, compiled just now or kept before."""
+    copy_of(tmp_path, "das")
+    (tmp_path / "das/parts.py").write_text(PARTS)
+    results = ["7", "13", "6", "7.0", "8.0"]
+    for order, kept in ((1, "0"), (0, "5")):
+        done = run_copy(tmp_path, "-c", CALLS.replace("ORDER", str(order)).replace("{package}", "das"))
+        assert done.returncode == 0, done.stderr
+        said = done.stdout.split()
+        assert said == [*(results if order else results[::-1]), *["negative"] * 3, kept]
+
+
 @pytest.mark.more
 @pytest.mark.processes
 def test_a_module_that_the_kernel_does_not_use_changes_nothing(kernels: Path) -> None:
@@ -244,7 +288,7 @@ def test_every_kernel_of_ours_is_compiled_by_the_one_decorator() -> None:
         for path in (REPOSITORY / package).rglob("*.py")
         if "import njit" in path.read_text(encoding="utf-8") or "numba.njit(" in path.read_text(encoding="utf-8")
     ]
-    assert own == ["das/compiling.py", "precompute/bench/measuring.py"]
+    assert own == ["precompute/bench/measuring.py"]
 
 
 @kernel

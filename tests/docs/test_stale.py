@@ -18,8 +18,10 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
+from das.drawing.picture import Picture
 from docs.studies import coach, coach_days, made_by, null_experiments, paper, relaxed_loss, what_if
 from docs.studies.made_by import ROOT, SAME_PICTURE, StaleFigures, marks_of, not_on_page, pages, picture_difference
+from docs.studies.notebooks import NOTEBOOKS
 from docs.studies.output import DOCS, Output, write_table
 from tests.support.making import das_precompute, das_sim, printed
 
@@ -31,18 +33,21 @@ NOT_FIGURES = ("bus.md", "assess-from-outside.md")
 """Pages with blocks that are words, each compared with the code by a test of its own."""
 TABLES = DOCS / "reference" / "study"
 """Pages that a command writes whole, with a mark in their first line."""
-NOTEBOOK = DOCS / "tutorials" / "first-steps.ipynb"
+NOTEBOOK = NOTEBOOKS["first-steps"]
 SENSITIVITY = ("sensitivity", "zurich-luzern", "re460-ic", "--from", "Zug", "--to", "Luzern", "--buffer", "7")
 QUICK = {
     "das-precompute loss-map re460-ic --plot docs/images/loss_map_gto.png": "test_maps_of_losses",
     "das-precompute loss-map re460-ic-igbt --plot docs/images/loss_map_igbt.png": "test_maps_of_losses",
     f"das-precompute {' '.join(SENSITIVITY)} --plot docs/images/sensitivity.png": "test_sensitivity",
     "das-precompute journey stops zurich-luzern re460-ic --buffer 7": "test_a_journey",
-    "jupyter execute --inplace docs/tutorials/first-steps.ipynb": "test_outputs_of_the_notebook",
     "python -m docs.studies.coach price": "test_what_calm_costs",
     "python -m docs.studies.coach_days": "test_a_day_of_the_coach_and_the_what_if",
     "python -m docs.studies.calibrate --check --page": "test_calibrate.py",
     "python -m docs.studies.estimation": "test_calibration.py",
+    "python -m docs.studies.notebooks first-steps": "test_outputs_of_the_notebook",
+    "python -m docs.studies.notebooks notebook-own-experiment": "test_notebook.py",
+    "python -m docs.studies.notebooks notebook-own-line": "test_outputs_of_the_notebook_with_an_own_line",
+    "python -m docs.studies.notebooks notebook-real-trip": "test_notebook.py",
     "python -m docs.studies.null_experiments": "test_null_experiments",
     "python -m docs.studies.paper --out study": "test_a_picture_of_the_study",
     "python -m docs.studies.relaxed_loss": "test_what_the_relaxation_allows",
@@ -67,29 +72,21 @@ def plain_text(report: str) -> str:
 
 def made_cells(notebook: Any) -> list[tuple[str, bytes | None]]:
     """What the cells of a notebook put out when they are run here: text, and the picture if there is one."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
     names: dict[str, Any] = {}
     found = []
     for cell in notebook["cells"]:
         if cell["cell_type"] != "code":
             continue
-        text, picture = io.StringIO(), io.BytesIO()
+        text = io.StringIO()
         body = ast.parse("".join(cell["source"])).body
         last = body.pop() if isinstance(body[-1], ast.Expr) else None
         with redirect_stdout(text):
             exec(compile(ast.Module(body, []), "cell", "exec"), names)
             value = None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), names)
-        if isinstance(value, dict):
+        picture = value._repr_png_() if isinstance(value, Picture) else None
+        if value is not None and picture is None:
             text.write(repr(value))
-        drawn = bool(pyplot.get_fignums())
-        if drawn:
-            pyplot.savefig(picture, format="png", bbox_inches="tight")
-            pyplot.close("all")
-        found.append((" ".join(text.getvalue().split()), picture.getvalue() if drawn else None))
+        found.append((" ".join(text.getvalue().split()), picture))
     return found
 
 
@@ -99,7 +96,7 @@ def kept_cells(notebook: Any) -> list[tuple[str, bytes | None]]:
     for cell in notebook["cells"]:
         outputs = cell.get("outputs", [])
         shown = [one["data"] for one in outputs if "data" in one]
-        texts = ["".join(one["text"]) for one in outputs if "text" in one]
+        texts = ["".join(one["text"]) for one in outputs if "text" in one and one["name"] == "stdout"]
         texts += ["".join(data["text/plain"]) for data in shown if "image/png" not in data]
         pictures = [base64.b64decode("".join(data["image/png"])) for data in shown if "image/png" in data]
         if cell["cell_type"] == "code":
@@ -166,9 +163,17 @@ def test_outputs_of_the_notebook() -> None:
     kept, made = kept_cells(notebook), made_cells(notebook)
     assert stale_cells(kept, made) == []
     as_it_was = [(re.sub(r"'energy_kwh': [\d.]+", "'energy_kwh': 460.8", text), picture) for text, picture in kept]
-    assert stale_cells(as_it_was, made) == [made[-1][0]]
+    assert stale_cells(as_it_was, made) == [made[-2][0]]
     other_picture = [*kept[:-1], (kept[-1][0], kept[1][1])]
     assert stale_cells(other_picture, made) == ["picture"]
+
+
+@pytest.mark.slow
+def test_outputs_of_the_notebook_with_an_own_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The two slower ones beside it are run in test_notebook.py."""
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads(NOTEBOOKS["notebook-own-line"].read_text(encoding="utf-8"))
+    assert stale_cells(kept_cells(notebook), made_cells(notebook)) == []
 
 
 @pytest.mark.slow

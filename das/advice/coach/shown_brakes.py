@@ -167,6 +167,8 @@ class ShownBrakes:
             soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
         elif wanted.mode is Regime.CRUISE:
             soon_mps += min(max(wanted.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s)
+            if wanted.speed_mps < v_mps <= wanted.speed_mps + OVERSPEED_MPS:
+                soon_mps = wanted.speed_mps  # He holds it from here on.
         lead_s = max(lead_s + SOONER_S, CREEPS_M / max(soon_mps, 1.0))
         if not ahead.is_due(state.braked_m, soon_mps, lead_s):
             return wanted

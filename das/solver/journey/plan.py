@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.journey import Call, Held, Journey, Passing, Window
+from das.domain.journey import Call, Held, Journey, Passing, Window, clock
 from das.domain.levels import Level
+from das.domain.plotted import PlottedRun, PlottedWindow
 from das.domain.route import Route
+from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
 from das.solver import tolerances as tol
@@ -25,7 +27,8 @@ from das.solver.bound.certificate import Certificate
 from das.solver.journey.certificate import PricedTimeline, lower_bound_j
 from das.solver.journey.chains import Chains, DrivenStretch, Solved, Split
 from das.solver.journey.sections import DriveLink, JourneySection, Tight, build_journey_sections
-from das.solver.solution import trajectory_on
+from das.solver.section import Section
+from das.solver.solution import plotted_on, trajectory_on
 
 Floats = NDArray[np.float64]
 
@@ -47,8 +50,8 @@ class PassedAt:
     speed_mps: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SectionPlan:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SectionPlan(Summary):
     """The plan of a section.
 
     `lambda_w` holds the price of time (W) of each stretch between tight passings (inf: the fastest run). `feasible`
@@ -66,14 +69,23 @@ class SectionPlan:
     lambda_w: tuple[float, ...]
     feasible: bool
 
+    def facts(self) -> dict[str, str]:
+        """Both stops with their planned times, and what the run needs."""
+        return {
+            "departs": f"{self.start.name} {clock(self.departure.time_s)}",
+            "arrives": f"{self.end.name} {clock(self.arrival.time_s)}",
+            "needs": needs(self.trajectory.time_s, self.balance.input),
+            "buffer": f"{100.0 * self.buffer_ratio:.1f} %",
+        }
+
     @property
     def buffer_ratio(self) -> float:
         """Running time above the least possible, as a share of it."""
         return self.trajectory.time_s / self.least_time_s - 1.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JourneyPlan:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class JourneyPlan(Summary):
     """A planned journey, one part for each section.
 
     `table_bound_j` is a lower bound (J) of the energy of every run on the solver's decision grid that keeps the windows
@@ -86,6 +98,40 @@ class JourneyPlan:
     sections: tuple[SectionPlan, ...]
     table_bound_j: float
     priced: PricedTimeline
+
+    def facts(self) -> dict[str, str]:
+        """The journey, its train, the planned departures and the last arrival, and what the plan needs."""
+        last = self.sections[-1]
+        departs = {f"{one.start.name} departs": clock(one.departure.time_s) for one in self.sections}
+        return {
+            "journey": self.journey.name,
+            "train": self._whole.vehicle.name,
+            **departs,
+            f"{last.end.name} arrives": clock(last.arrival.time_s),
+            "needs": needs(self.time_s, self.input_j),
+        }
+
+    @property
+    def _whole(self) -> Section:
+        """The first section, which has the line, the train and the losses of all."""
+        return self.priced.sections[0].whole
+
+    def plotted(self) -> PlottedRun:
+        """The plan for a picture, on the journey's clock, with the windows of its times."""
+        windows = [
+            window
+            for one in self.sections
+            for window in (
+                PlottedWindow(position_m=one.start.position_m, window=one.start.departure, of="departure"),
+                *(
+                    PlottedWindow(position_m=x.passing.position_m, window=x.passing.window, of="passing")
+                    for x in one.passings
+                ),
+                PlottedWindow(position_m=one.end.position_m, window=one.end.arrival, of="arrival"),
+            )
+        ]
+        names = (self.journey.name, *self._whole.titles[1:])
+        return replace(plotted_on(self._whole, self.trajectory()), names=names, windows=tuple(windows))
 
     @property
     def input_j(self) -> float:

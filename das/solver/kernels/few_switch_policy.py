@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from das.compiling import compiled, kernel
+from das.solver.kernels.arrays import put
 from das.solver.kernels.driving import drive, full_traction_speed, hurry, trip_time
 from das.solver.kernels.forces import (
     electric_limit,
@@ -154,7 +155,9 @@ def few_switch_sweep(first, last, prices, moves, policy, value):
             for m in range(count):
                 _keep(here[j, m], best, change, 1 << m, stay[k, j, lo:last])
         ahead, here = here, ahead
-    value[:, :, lo:last] = ahead
+    for j in range(states):
+        for m in range(count):
+            put(ahead[j, m], value[j, m, lo:last])
 
 
 @kernel

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from das.compiling import kernel
+from das.solver.kernels.arrays import put
 from das.solver.kernels.driving import drive, step_energy
 from das.solver.kernels.few_switch_policy import BRAKE, COAST, CURVE, HOLD, TRACTION, speed_under
 from das.solver.kernels.forces import on_supply
@@ -238,9 +239,9 @@ def moved(k, move, by, begin, phases, node, envelope, new_begin, new_phases):
     kind, share, target = phases
     _, new_share, new_target = new_phases
     count = begin.size
-    new_begin[:] = begin
-    new_share[:] = share
-    new_target[:] = target
+    put(begin, new_begin)
+    put(share, new_share)
+    put(target, new_target)
     sign = 1.0 if move % 2 else -1.0
     if move < 2:
         if k == 0 or kind[k - 1] >= BRAKE:
@@ -302,7 +303,7 @@ def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted,
                     continue
                 start = max(start, first)
                 lay_out(new_begin, node, laid_out[0], laid_out[1])
-                v[:] = base[0]
+                put(base[0], v)
                 time, energy, unsaid = drive_schedule(
                     start, meets, laid_out, tried, back_share, line, envelope, p, c, base, v
                 )
@@ -312,8 +313,8 @@ def polish(first, begin, phases, back_share, node, line, envelope, p, c, wanted,
                 lacking = missing_time(first, new_begin, kind, line.step_m, least_s, v)
                 if lacking > missing:
                     continue
-                begin[:] = new_begin
-                share[:] = new_share
-                target[:] = new_target
+                put(new_begin, begin)
+                put(new_share, share)
+                put(new_target, target)
                 best, missing = cost, lacking
                 record(first, laid_out, phases, back_share, line, envelope, p, c, base)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import kernel
+from das.solver.kernels.arrays import add, put
 from das.solver.kernels.relaxed_program import (
     FIXED_ROWS,
     LOCAL,
@@ -135,9 +136,13 @@ def _complementarity(now):
 def _find_direction(now, program, newton, column, change):
     """Find the step: the predictor aims at slack · multiplier = 0; how far it can go sets the corrector's target."""
     n, m = now.slack.shape
-    factor(now.multipliers.rows / now.slack, newton, program.box.free)
+    theta = np.empty((n, m))
+    for k in range(n):
+        for i in range(m):
+            theta[k, i] = now.multipliers.rows[k, i] / now.slack[k, i]
+    factor(theta, newton, program.box.free)
     in_w, in_local = np.zeros(n + 1), np.zeros((n, 3))
-    in_local[:, 0] = program.motion.step_m
+    put(program.motion.step_m, in_local[:, 0])
     solve(newton, program.box.free, in_w, in_local, column.w, column.local)
     total = _complementarity(now)
     change.rows[:] = 0.0
@@ -175,8 +180,9 @@ def _newton_step(now, program, newton, column, centre, change):
     solve(newton, program.box.free, in_w, in_local, change.w, change.local)
     ratio = price / spare_s
     share = ratio * _time(program, change.local) / (1.0 + ratio * _time(program, column.local))
-    change.w[:] -= share * column.w
-    change.local[:] -= share * column.local
+    add(-share, column.w, change.w)
+    for k in range(n):
+        add(-share, column.local[k], change.local[k])
     change.spare_s[0] = -over_s - _time(program, change.local)
     change.price[0] = (-time_miss - price * change.spare_s[0]) / spare_s
     for k in range(n):
@@ -233,11 +239,12 @@ def _advance(now, program, change):
         if change.w[k] < 0.0 and program.box.free[k]:
             primal = min(primal, -0.9 * now.run.w[k] / change.w[k])
     primal, dual = min(1.0, _TO_BOUNDARY * primal), min(1.0, _TO_BOUNDARY * dual)
-    now.run.w[:] += primal * change.w
-    now.run.local[:] += primal * change.local
-    now.slack[:] += primal * change.slack
+    add(primal, change.w, now.run.w)
+    for k in range(now.slack.shape[0]):
+        add(primal, change.local[k], now.run.local[k])
+        add(primal, change.slack[k], now.slack[k])
+        add(dual, change.rows[k], now.multipliers.rows[k])
     now.spare_s[0] += primal * change.spare_s[0]
-    now.multipliers.rows[:] += dual * change.rows
     now.multipliers.time[0] += dual * change.price[0]
 
 
@@ -329,7 +336,8 @@ def factor(theta, newton, free):
 @kernel
 def _assemble(k, theta, newton, matrix):
     """The matrix (5, 5) of interval k: curvature + slopes·theta·slopes."""
-    matrix[:, :] = newton.curvature[k]
+    for a in range(LOCAL):
+        put(newton.curvature[k, a], matrix[a])
     for i in range(theta.shape[1]):
         for a in range(LOCAL):
             left = theta[k, i] * newton.slope[k, i, a]
@@ -366,7 +374,7 @@ def _eliminate(matrix, low, cross):
 def solve(newton, free, in_w, in_local, out_w, out_local):
     """Solve the factored system for one right-hand side: `in_w` is its part for the nodes, `in_local` for intervals."""
     n = in_local.shape[0]
-    out_w[:] = in_w
+    put(in_w, out_w)
     for k in range(n):
         low, cross = newton.cholesky[k], newton.cross[k]
         for a in range(3):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from das.compiling import compiled, kernel
+from das.solver.kernels.arrays import put
 from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_OFFSET, ADHESION_SPEED, on_supply
 from das.solver.kernels.landings import LANDING_STEPS, LANDINGS
 from das.solver.kernels.policy_values import grid_speed
@@ -232,10 +233,10 @@ def _fill_landings(speeds, h, g, q, top, p, landing, space):
     full_effort_landings(1, speeds, h, g, q, p, high)
     force[:] = 0.0
     landings_under(force, speeds, h, g, q, p, coast)
-    electric[:] = coast
+    put(coast, electric)
     if not p.brakes_dissipate and p.electric_force_n > 0.0:
         full_effort_landings(-1, speeds, h, g, q, p, electric)
-    low[:] = electric
+    put(electric, low)
     if p.friction_force_n > 0.0 or p.brakes_dissipate:
         full_brake_forces(speeds, p, force)
         landings_under(force, speeds, h, g, q, p, low)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.compiling import compiled, kernel
+from das.solver.kernels.arrays import put
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.transitions import adhesion, losses_of_map, places_on_map
 from das.solver.kernels.tuples import NO_LIMIT_N
@@ -76,7 +77,7 @@ def to_lines(k, tube, line, p, c, pairs):
         if i + 1 < i1:
             _after(start, landing, i, k, tube, w1)
         else:
-            w1[:] = landing
+            put(landing, w1)
         for j in range(w1.size):
             v1[j] = math.sqrt(w1[j])
         here = on_supply(p, line.supply[i])

@@ -251,6 +251,19 @@ def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
     )
 
 
+def since_departure_j(
+    legs: Sequence[DrivenLeg], energies: Sequence[LegEnergies], time_ns: Times, name: str = "balance_j"
+) -> Floats:
+    """Energy since the first departure (J) at moments (ns), summed over the legs: at stops in between nothing counts.
+
+    `name` is that of an array of `LegEnergies`.
+    """
+    total_j = np.zeros(len(time_ns))
+    for leg, one in zip(legs, energies, strict=True):
+        total_j += np.interp(time_ns, leg.motion.time_ns, getattr(one, name))
+    return total_j
+
+
 def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> Floats:
     """Energy drawn in each interval (J) if the friction brake took `friction_j` and the motors all the rest.
 

@@ -1,10 +1,10 @@
-"""The longest part between equal speeds of a drive that does not stand at both its stops."""
+"""Where the legs of a drive begin and end: at stops, or at equal speeds if it does not stand at both its stops."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
-from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, passing_name
-from sim.drive.attribution.driven_legs import LEAST_WAY_M, DrivenMotion, fast_enough
-from sim.drive.calls import STANDING_MPS, KeptCall
+from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, passing_name
+from sim.drive.attribution.driven_legs import LEAST_WAY_M, DrivenLeg, DrivenMotion, fast_enough, legs_of
+from sim.drive.calls import STANDING_MPS, KeptCall, calls_on_the_way, reported_course
+
+if TYPE_CHECKING:
+    from sim.drive.drive import DrivenEnergy
 
 EQUAL_MPS: Final = 0.5
 """Two speeds count as equal if each is within this (m/s) of the same speed."""
@@ -63,3 +66,21 @@ def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
         name=passing_name(s_m, speed_mps), s_m=s_m, due_arrival_ns=0, due_departure_ns=0,
         arrived_ns=time_ns, departed_ns=time_ns, stood_m=s_m, passed_mps=speed_mps,
     )  # fmt: skip
+
+
+def legs_of_drive(drive: DrivenEnergy, motion: DrivenMotion) -> tuple[DrivenLeg, ...]:
+    """The legs of a motion of a recorded drive, between its stops or in the part that a replay compared.
+
+    DasError if there are none, in the words of the recording if it says why.
+    """
+    recording, said, calls = drive.recording, drive.said, drive.calls
+    if said is None:
+        return legs_of(recording.path, motion, calls)
+    on_the_way = {one.start for one in said.sections[1:]} - {one.name for one in calls}
+    if on_the_way:
+        stops = [one for one in drive.inputs.route.stops if one.name in on_the_way]
+        more = calls_on_the_way(stops, drive.course, reported_course(recording))
+        calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
+    if said.part:
+        calls = open_calls(recording.path, drive.motion, drive.inputs.route, drive.inputs.vehicle, calls)
+    return legs_of(recording.path, motion, calls, said.why_not or NOT_WHOLE)

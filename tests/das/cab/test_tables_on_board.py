@@ -44,7 +44,8 @@ def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
     assert by_table.source is Source.TABLE
     assert by_table.energy_to_go_j == pytest.approx(solved.energy_to_go_j, rel=5e-3)
     assert at(made, 400, 6000.0, 24.0).source is Source.SOLVED
-    assert {news.text for news in made.take_news()} == {"A – B: from a table", "B – C: solved"}
+    missing = f"{tables}: no table of {made.leg.section.name}; solved instead"
+    assert {news.text for news in made.take_news()} == {"A – B: from a table", missing, "B – C: solved"}
     # A restriction makes another section of it; lifted, the table serves again.
     made = trip(Fronts(tables, threads=1))
     made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
@@ -58,6 +59,10 @@ def test_a_table_answers_where_its_hash_matches(tables: Path) -> None:
     assert any("other braking; solved instead" in news.text for news in made.take_news())
 
 
+def test_a_folder_without_tables_is_said(tmp_path: Path) -> None:
+    assert Fronts(tmp_path).notes == [f"{tmp_path}: no table in this folder"]
+
+
 def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) -> None:
     settings = TableSettings(buffers_percent=(0.0,), refine_s=0.0, proven=0)
     heavy = replace(train(1.3e5), id="heavy")
@@ -65,7 +70,7 @@ def test_of_tables_for_other_trains_too_only_the_nearest_is_named(tables: Path) 
     made = trip(Fronts(tables, threads=1))
     made.set_restrictions([Restriction(start_m=2000.0, end_m=2500.0, limit_mps=12.0)])
     at(made, 60, 1500.0, 24.0)
-    (text,) = (news.text for news in made.take_news() if news.bad)
+    (text,) = (news.text for news in made.take_news() if news.bad and "no table" not in news.text)
     assert text == f"{tables / 'a-b'}: not the table of {made.leg.section.name}: other line; solved instead"
 
 

@@ -46,11 +46,16 @@ def test_a_session_is_recorded_beside_what_is_there_already(tmp_path: Path) -> N
     child.send_signal(signal.SIGINT)
     said = child.communicate(timeout=30)[1]
     assert child.returncode == 0
-    assert "IC1.mcap exists already: recording to IC1-2.mcap" in said
+    lines = said.splitlines()
+    assert lines[0] == "IC1.mcap exists already: recording to IC1-2.mcap"
+    where = f"listening on {theirs}, connecting to {ours}"
+    assert lines[1] == f"das-record IC1: {where}, recording to IC1-2.mcap until Ctrl-C"
+    assert lines[2] == "das-record IC1: hears the localisation (position)"
     assert (tmp_path / "IC1.mcap").read_bytes() == b"mine"
     recording = read_recording(tmp_path / "IC1-2.mcap")
     assert recording.metadata == {"run": {"kind": "session", "version": __version__, "train": "IC1"}}
     assert len(recording.of(POSITION)) >= 1
+    assert lines[-1] == f"das-record IC1: {len(recording.of(POSITION))} messages in IC1-2.mcap"
     assert [one.name for one in recording.attached] == ["route.toml"]
 
 

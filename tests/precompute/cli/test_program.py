@@ -192,6 +192,8 @@ REFUSED = {
     f"{FRONT} --buffers 0,x": "--buffers 0,x: expected numbers separated",
     f"{FRONT} --step 2": "--step 2: expected a step from 5 to 150 m",
     f"{FRONT} --max-buffer 3": "--out, --bucket and --max-buffer belong to --exact",
+    f"{FRONT} --exact --plot a.png": "--plot: draws the solver's front, not together with --exact",
+    f"{FRONT} --plot a.gif": "a.gif: expected a file name that ends in .png, .pdf or .svg",
     f"{FRONT} --exact --max-buffer 3 --buffers 1,5": "--buffers 5: expected at most --max-buffer, 3 %",
     f"{FRONT} --exact --max-buffer nan": "buffer nan %: expected a number from 0",
     f"{FRONT} --exact --boundary-speed-mps 1": (

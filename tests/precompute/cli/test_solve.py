@@ -101,7 +101,7 @@ def test_solve_for_people_says_what_it_wrote_and_how_a_baseline_drives(tmp_path:
 
 
 def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
-    words = ("front", *SOLVE[1:], "--buffers", "0,2,7,20", "--json")
+    words = ("front", *SOLVE[1:], "--buffers", "0,2,7,20", "--plot", "front.png", "--json")
     result = json.loads(printed(tmp_path, *words))
     points = result["points"]
     assert [p["buffer_percent"] for p in points] == [0, 2, 7, 20]
@@ -113,6 +113,7 @@ def test_more_time_never_costs_more(tmp_path: Path, solved: Solved) -> None:
         assert point["time_s"] == pytest.approx(result["min_time_s"] * (1 + point["buffer_percent"] / 100), abs=0.05)
         assert set(point["ledger_kwh"]) == BALANCE
     assert points[2]["energy_kwh"] == pytest.approx(solved[0]["energy_kwh"], rel=1e-5)
+    assert (tmp_path / "front.png").read_bytes().startswith(b"\x89PNG")
     unrefined = json.loads(printed(tmp_path, *words[:3], "--buffers", "7", "--refine", "off", "--json"))
     assert unrefined["points"][0]["energy_kwh"] > points[2]["energy_kwh"]
 

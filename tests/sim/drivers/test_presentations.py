@@ -67,7 +67,7 @@ def test_a_new_presentation_takes_one_file_and_one_line(traffic_light: Presentat
     assert {change.state for change in lane.changes} == {"", "a light", "depart", "stop"}
     assert lane.color("a light", DARK) == "#123456"
     assert {"green", "amber", "red"} <= {
-        card.text.splitlines()[0].removeprefix("## ") for card in cards(recording, trip)
+        card.text.splitlines()[0].removeprefix("# ") for card in cards(recording, trip)
     }
     assert level_words("presentation", FactorLevel(text="traffic-light", value=traffic_light)) == "green, amber or red"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import presenter_of
-from sim.review.colors import DARK, LIGHT, MODES, VIEWER, Meaning, Theme, rgba
+from sim.review.colors import COMPARED, DARK, LIGHT, MODES, VIEWER, Meaning, Theme, rgba
 from sim.review.series import STYLES
 
 Floats = NDArray[np.float64]
@@ -67,6 +67,14 @@ def test_lines_on_one_axis_differ_for_any_colour_vision(theme: Theme, eye: str) 
         lines = {style.meaning for name, style in STYLES.items() if name.startswith(f"{panel}/")}
         for one, other in combinations(lines, 2):
             assert apart(theme.of[one], theme.of[other], eye) > 12.0, (panel, one, other)
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_drives_that_are_compared_differ_for_any_colour_vision_and_borrow_no_other_meaning(eye: str) -> None:
+    assert COMPARED[:2] == (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN])
+    assert min(apart(own, other) for own in COMPARED[2:] for other in (*LIGHT.of.values(), *MODES.values())) > 12.0
+    together = combinations([*COMPARED, LIGHT.of[Meaning.LIMIT]], 2)
+    assert min(apart(one, other, eye) for one, other in together) > 12.0
 
 
 @pytest.mark.parametrize("theme", [DARK, LIGHT], ids=lambda theme: theme.name)

@@ -22,8 +22,16 @@ from tests.support.making import das_sim
 from tests.support.recordings import write_recording
 
 pytest.importorskip("matplotlib")
-from sim.review.canvas import half_width_ratio, joined_labels
+from sim.drive.comparison import AlignedDrives, on_track
+from sim.drivers.kinds import DriverKind, Presentation
+from sim.review.canvas import comparison_figure, half_width_ratio, joined_labels
+from sim.review.colors import COMPARED
+from sim.review.lanes import instructions
 from sim.review.picture import panels, picture_of
+from tests.support.flat_days import flat_day
+from tests.support.recorded_days import inputs_of_day, recorded_day
+
+COACH, NONE = Presentation.COACH, Presentation.NONE
 
 
 def test_the_picture_shows_them_where_they_were() -> None:
@@ -97,3 +105,32 @@ def test_png_is_refused_where_it_cannot_be(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(DasError, match=r"matplotlib is not installed.*\[view\]"):
         view.save_picture(open_recording(recording), tmp_path / "x.png")
     assert [path.name for path in tmp_path.iterdir()] == ["r.mcap"]
+
+
+def test_compared_drives_have_a_strip_of_what_each_display_said() -> None:
+    """One panel for each drive with a display, in words if it changes seldom; the others are the same as ever."""
+    day = flat_day()
+    shown = {advice: recorded_day(day, day.driver(DriverKind.HUMAN), advice) for advice in (COACH, NONE)}
+    drives = [Drive(source=one, given=inputs_of_day(day)) for one in shown.values()]
+    aligned = AlignedDrives.of([on_track(one, label) for one, label in zip(drives, ("led", "alone"), strict=True)])
+    figure = comparison_figure(aligned)
+    speed, said, _, _ = figure.axes
+    words = [text.get_text() for text in said.texts]
+    assert words == [one.state for one in instructions(drives[0]).changes if one.state][: len(words)]
+    assert len(words) > 1
+    assert said.get_title(loc="left") == "led"
+    assert [line.get_color() for line in speed.get_lines() if line.get_label() in ("led", "alone")] == list(
+        COMPARED[:2]
+    )
+
+
+def test_the_title_of_a_picture_is_not_cut() -> None:
+    long = recorded()
+    long.metadata["run"] = {
+        "scenario": "day-of-the-recording",
+        "driver": "a.very.long.module.name:DriverOfTheRecording",
+    }
+    figure = picture_of(long)
+    (title,) = (text for text in figure.texts if "DriverOfTheRecording" in text.get_text())
+    box = title.get_window_extent(figure.canvas.get_renderer())
+    assert 0 < box.x0 < box.x1 < figure.bbox.x1

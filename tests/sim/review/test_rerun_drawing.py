@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import topics
 from das.bus.recording import read_recording
@@ -15,11 +19,12 @@ from sim.recording.opening import open_recording
 from sim.review import view
 from sim.review.scene import ROUTINE, ReviewScene
 from sim.review.series import series
-from tests.support.hand_recorded import day
-from tests.support.recordings import SECONDS, publish_before, write_recording
+from tests.support.hand_recorded import day, in_memory, logged, truth
+from tests.support.recordings import SECONDS, at_ns, publish_before, write_recording
 
 chunk = pytest.importorskip("rerun.chunk")
-from sim.review.rerun_drawing import WIDTH, Plane, stepped, unbroken  # noqa: E402 - it needs rerun
+from sim.review.cab_display import on_dial  # noqa: E402 - it needs rerun
+from sim.review.rerun_drawing import WIDTH, Plane, Timelines, fitting, stepped, unbroken  # noqa: E402 - it needs rerun
 
 
 def test_the_plane_keeps_the_shape_of_the_trip() -> None:
@@ -44,7 +49,7 @@ def rows_by_entity(rrd: Path) -> dict[str, int]:
     found: dict[str, int] = {}
     for piece in reader.stream(store=reader.recordings()[0]).to_chunks():
         rows = 0 if piece.is_static else piece.num_rows
-        assert piece.is_static or set(piece.timeline_names) == {"drive_clock", "time_of_day", "position_m"}
+        assert piece.is_static or set(piece.timeline_names) == {"clock in UTC (no zone)", "drive_clock", "position_m"}
         found[piece.entity_path] = found.get(piece.entity_path, 0) + rows
     return found
 
@@ -60,9 +65,9 @@ def test_view_of_a_whole_recording(whole: Path, tmp_path: Path) -> None:
     for name in every_second:
         assert found[f"/{name}"] == SECONDS, name
     assert found["/deviation/operator"] == 11  # held to the end of the trip
-    assert found["/mode/advised"] == 4  # full traction, none, full traction, coast
-    assert found["/mode/node"] == 3
-    assert found["/mode/no_advice"] == 2  # withdrawn, and back
+    assert found["/Advised"] == 4  # full traction, none, full traction, coast
+    assert found["/Node"] == 3
+    assert found["/No_advice"] == 2  # withdrawn, and back
     chronicle = Drive(source=open_recording(whole))
     worth = [one for one in chronicle.events if one.kind not in ROUTINE]
     assert found["/speed/bookmarks"] == found["/bookmarks"] == len(worth) > 0
@@ -93,5 +98,46 @@ def test_what_was_sent_before_the_trip(tmp_path: Path) -> None:
     assert len(data["speed/advised"][0]) == 30
     view.save_view(open_recording(path), tmp_path / "view.rrd")
     found = rows_by_entity(tmp_path / "view.rrd")
-    assert found["/mode/node"] == 1
-    assert found["/mode/advised"] == 1
+    assert found["/Node"] == 1
+    assert found["/Advised"] == 1
+
+
+def test_the_viewer_opens_at_the_first_bookmark_of_a_train_that_stood_until_then() -> None:
+    def opening(*sent: tuple[topics.Topic, Any], stood_s: float) -> Timelines:
+        seconds = range(SECONDS + 1)
+        course = [truth(t, 20.0 * max(t - stood_s, 0.0), 20.0 * (t >= stood_s)) for t in seconds]
+        return Timelines.of_scene(ReviewScene.of(Drive(source=in_memory(*course, *sent))))
+
+    warned = logged(20, "a warning", topics.EVENT, Log.WARNING)
+    assert opening(warned, stood_s=30.0).opening_ns == at_ns(20)
+    assert opening(warned, stood_s=10.0).opening_ns == at_ns(0)
+    assert opening(stood_s=10.0).opening_ns in (at_ns(0), at_ns(10))
+
+
+def test_the_timeline_shows_the_clock_of_the_line() -> None:
+    scene = ReviewScene.of(Drive(source=day()))
+    lines = replace(Timelines.of_scene(scene), zone=ZoneInfo("Europe/Zurich"), opening_ns=at_ns(10))
+    ahead_ns = lines.local_ns(np.array([at_ns(5), at_ns(20)])) - np.array([at_ns(10), at_ns(20)])
+    assert set((ahead_ns / 3.6e12).tolist()) <= {1.0, 2.0}  # in winter and in summer
+    assert lines.line_clock == "clock in Europe/Zurich"
+
+
+@pytest.mark.parametrize(
+    ("state", "letters", "said"),
+    [
+        ("accelerate 120", 15.0, "accelerate 120"),
+        ("accelerate 120", 14.9, "120"),
+        ("+0.4 kWh against the advice", 6.0, "+0.4"),
+        ("coast", 5.0, ""),
+    ],
+)
+def test_words_that_would_be_cut_are_left_out(state: str, letters: float, said: str) -> None:
+    assert fitting(state, letters) == said
+
+
+def test_the_hands_of_the_speedometer() -> None:
+    """From the lower left over the top to the lower right; y grows downwards."""
+    (low_x, low_y), (top_x, top_y), (high_x, high_y) = on_dial(np.array([0.0, 0.5, 1.0]), 100.0).tolist()
+    assert (low_x, low_y) == pytest.approx((-high_x, high_y))
+    assert low_x < 0 < low_y
+    assert (top_x, top_y) == pytest.approx((0.0, -100.0))

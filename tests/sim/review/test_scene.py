@@ -5,14 +5,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.domain.units import kwh
+from das.domain.units import KMH, kwh
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.event import Note, add_note
@@ -20,11 +22,23 @@ from sim.drive.happenings import NOT_HEARD, happenings, points, signals
 from sim.drivers.kinds import DriverKind
 from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
-from sim.review.colors import Meaning
-from sim.review.lanes import lanes
-from sim.review.scene import OTHER_THAN_ADVISED, ReviewScene
+from sim.review.colors import MODES, Meaning
+from sim.review.lanes import instructions, lanes
+from sim.review.scene import OTHER_THAN_ADVISED, ROUTINE, ReviewScene
 from tests.support.flat_days import flat_day
-from tests.support.hand_recorded import LINE_MPS, SECONDS, SPEED_MPS, advice, cab, logged, recorded, told, withdrawn
+from tests.support.hand_recorded import (
+    LINE_MPS,
+    SECONDS,
+    SPEED_MPS,
+    advice,
+    cab,
+    in_memory,
+    logged,
+    recorded,
+    told,
+    truth,
+    withdrawn,
+)
 from tests.support.recorded_days import inputs_of_day, recorded_day
 from tests.support.recordings import START_NS, at_ns, write_recording
 
@@ -160,7 +174,7 @@ def test_notes_are_marks_and_bookmarks(tmp_path: Path) -> None:
     (mark,) = (one for one in scene.marks if one.meaning is Meaning.NOTE)
     assert (mark.time_ns, mark.text.endswith("note: braked late")) == (at_ns(100), True)
     assert [one.time_ns for one in found] == sorted(one.time_ns for one in found)
-    assert not [one for one in found if "  advice: " in one.text]
+    assert len(found) == sum(one.kind not in ROUTINE for one in scene.drive.events)
 
 
 def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -> None:
@@ -190,3 +204,43 @@ def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -
     names = list(panels(scene))
     assert "lost" in names
     assert names.index("cost") == names.index("lever") + 1  # under the effort shown and set
+
+
+def standing_until(t_s: float, *sent: tuple[topics.Topic, Any]) -> Recording:
+    """A train that stands until a moment and then runs at 20 m/s until 100 s."""
+    seconds = range(SECONDS + 1)
+    return in_memory(*(truth(t, SPEED_MPS * max(t - t_s, 0.0), SPEED_MPS * (t >= t_s)) for t in seconds), *sent)
+
+
+def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_reads() -> None:
+    shown = das_pb2.Cab.PRESENTATION_COACH
+    told_modes = (
+        (0, Regime.DEPART, 40.0),
+        (10, Regime.REDUCED_TRACTION, 80.0),
+        (11, Regime.FULL_TRACTION, 80.2),
+        (40, Regime.CRUISE, 80.0),
+        (90, Regime.STOP, 0.0),
+    )
+    said = [
+        cab(t, presentation=shown, mode=mode, advised_speed_mps=kmh * KMH, display_speed_mps=kmh * KMH, stop_m=9.0)
+        for t, mode, kmh in told_modes
+    ]
+    lane = instructions(Drive(source=recorded(*said)))
+    assert [(one.time_ns, one.state) for one in lane.changes] == [
+        (at_ns(10), "accelerate 80"),
+        (at_ns(40), "hold 80"),
+        (at_ns(90), ""),
+    ]
+    assert lane.colors["hold 80"] == MODES["cruise"]
+    assert instructions(Drive(source=recorded())).changes == ()
+
+
+def test_another_drive_lies_beside_this_one_by_place_and_by_the_clocks_of_both() -> None:
+    drive, other = Drive(source=standing_until(10.0)), Drive(source=standing_until(30.0))
+    scene = ReviewScene.of(drive, other)
+    time_ns, kmh = scene.series["speed/other"]
+    assert (time_ns[0], time_ns[-1]) == (at_ns(0), at_ns(SECONDS))
+    assert kmh[[29, 31]].tolist() == [0.0, 72.0]
+    (placed,) = scene.over_distance(["speed/other"])
+    assert placed.s_m[-1] == SPEED_MPS * (SECONDS - 30.0)
+    assert "speed/other" not in ReviewScene.of(drive).series

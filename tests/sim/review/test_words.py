@@ -65,13 +65,13 @@ def test_what_the_driver_saw() -> None:
     seen = cards(recording, DrivenCourse.of(recording))
     assert [card.time_ns for card in seen] == [at_ns(0), at_ns(2), at_ns(3)]  # each text once
     first, top, nothing = (card.text for card in seen)
-    assert first.startswith("## cruise, 72 km/h")
+    assert first.startswith("# cruise, 72 km/h")
     assert "| next | coast in 12 s |" in first
     assert "| effort advised | +40 % |" in first
-    assert top.startswith("## top speed 72 km/h")
+    assert top.startswith("# top speed 72 km/h")
     assert "| signal at danger | km 1.50 |" in top
     assert "| limit | 144 km/h |" in top
-    assert nothing.startswith("## No advice")
+    assert nothing.startswith("# No advice")
     alone = day()
     alone.messages.pop("cab")
     assert all(NODE_ALONE in card.text for card in cards(alone, DrivenCourse.of(alone)))
@@ -79,19 +79,20 @@ def test_what_the_driver_saw() -> None:
 
 def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
     held: dict[str, Any] = {"presentation": 4, "mode": 4, "display_speed_mps": 20.0, "next_mode": 6, "next_change_s": 8}
+    held["next_speed_mps"] = 10.0
     reason = das_pb2.Reason(code=das_pb2.REASON_POINT_EARLIEST, at_m=1500.0, time_ns=at_ns(0), late_s=math.nan)
     recording = recorded(cab(0, reason=reason, **held), cab(1, presentation=1, mode=3, display_speed_mps=20.0))
     said = DisplayWords(Language.DE, ZoneInfo("Europe/Zurich"))
     coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
-    assert coach.startswith("## ausrollen, 72 km/h")
-    assert "| next | bremsen in 8 s |" in coach
+    assert coach.startswith("# ausrollen, 72 km/h")
+    assert "| next | bremsen, 36 km/h, in 8 s |" in coach
     assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in coach
-    assert top.startswith("## Höchstgeschwindigkeit 72 km/h")
+    assert top.startswith("# Höchstgeschwindigkeit 72 km/h")
 
 
 def test_a_recording_made_before_the_codes_of_reasons_names_the_cause() -> None:
     recording = recorded((topics.ADVICE, das_pb2.Advice(time_ns=at_ns(0), cause=11)))
-    assert cards(recording, DrivenCourse.of(recording))[0].text.startswith("## No advice: position stale")
+    assert cards(recording, DrivenCourse.of(recording))[0].text.startswith("# No advice: position stale")
 
 
 def test_what_the_driver_saw_of_how_to_depart() -> None:
@@ -99,10 +100,10 @@ def test_what_the_driver_saw_of_how_to_depart() -> None:
     top_speed: dict[str, Any] = {"presentation": 1, "mode": 9, "display_speed_mps": 25.0}
     recording = recorded(cab(0, presentation=4, display_speed_mps=25.0, **to_depart), cab(1, **top_speed))
     coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording)))
-    assert coach.startswith("## depart when cleared\n")
+    assert coach.startswith("# depart when cleared\n")
     assert "| when cleared | accelerate, 90 km/h, +100 % |" in coach
     assert "effort advised" not in coach
-    assert top.startswith("## depart when cleared, top speed 90 km/h")
+    assert top.startswith("# depart when cleared, top speed 90 km/h")
 
 
 def test_summary(whole: Path, cut: Path) -> None:

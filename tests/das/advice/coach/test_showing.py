@@ -848,3 +848,11 @@ def test_a_brake_that_ends_hardly_above_its_speed_does_not_grow() -> None:
     assert brakes.shown(NeededBrake(asked, target_mps, at_m), near).effort_ratio == first
     asked = brakes.ahead.effort_to(far_above.s_m, far_above.v_mps, at_m, target_mps)
     assert brakes.shown(NeededBrake(asked, target_mps, at_m), far_above).effort_ratio < first
+
+
+def test_a_driver_just_above_the_speed_to_hold_is_not_told_to_brake_for_a_far_limit() -> None:
+    """57 m before 80 km/h, at 80.9 km/h, he holds it: the least braking for 60 km/h, 900 m on, is no brake yet."""
+    brakes, state = ShownBrakes(section_of(("zurich-luzern", 2)), SETTINGS), TrainState(0, 54243.0, 80.9 * KMH)
+    holds = Instruction(mode=Regime.CRUISE, speed_mps=80 * KMH)
+    assert brakes.safe(holds, state, 90 * KMH) is holds
+    assert brakes.safe(holds, state._replace(v_mps=84 * KMH), 90 * KMH).mode in BRAKES

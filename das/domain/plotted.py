@@ -1,0 +1,88 @@
+"""A run as pictures show it, whoever computed or drove it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.journey import Window
+from das.domain.route import Route
+from das.domain.summary import Summary, needs
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlottedWindow:
+    """When a train may be at a position (m): a window on the time axis of its run, and what it is for."""
+
+    position_m: float
+    window: Window
+    of: str
+    """"departure", "arrival" or "passing"."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PlottedRun(Summary):
+    """A run as pictures show it: arrays of shape (n,), with a value for each node; None where something is not known.
+
+    The limit and the forces of motors and friction brake hold from a node to the next. `energy_j` is the net energy at
+    the current collector since the first node. `names` tells the run from others: its train, level, strategy or file.
+    """
+
+    names: tuple[str, ...]
+    time_s: Floats
+    s_m: Floats
+    speed_mps: Floats
+    limit_mps: Floats | None = None
+    force_el_n: Floats | None = None
+    force_friction_n: Floats | None = None
+    energy_j: Floats | None = None
+    route: Route | None = None
+    windows: tuple[PlottedWindow, ...] = ()
+
+    def facts(self) -> dict[str, str]:
+        """What tells the run from others, and what it needs."""
+        return {"run": ", ".join(self.names), "needs": self.figures}
+
+    @property
+    def figures(self) -> str:
+        """Time and energy in words; the time alone if the energy is not known."""
+        took_s = float(self.time_s[-1] - self.time_s[0])
+        return f"{took_s:.0f} s" if self.energy_j is None else needs(took_s, float(self.energy_j[-1]))
+
+    @property
+    def stops(self) -> list[tuple[str, float]]:
+        """Names and positions (m) of the line's stops between the ends of the run; empty if the line is not known."""
+        if self.route is None:
+            return []
+        low_m, high_m = float(self.s_m.min()) - NEAR_M, float(self.s_m.max()) + NEAR_M
+        return [(one.name, one.position_m) for one in self.route.stops if low_m <= one.position_m <= high_m]
+
+    def named(self, *more: str) -> PlottedRun:
+        """The same run with more names."""
+        return replace(self, names=(*self.names, *more))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlottedFront:
+    """Points of a front, fastest first, as arrays of shape (points,); `names` tells it from others."""
+
+    names: tuple[str, ...]
+    buffer_percent: Floats
+    time_s: Floats
+    energy_j: Floats
+
+
+class Plottable(Protocol):
+    """Anything that pictures can show as a run."""
+
+    def plotted(self) -> PlottedRun:
+        """The run for a picture."""
+
+
+NEAR_M = 50.0
+"""A stop this far (m) beyond the ends of a run belongs to it: trains stand some metres off."""

@@ -1,0 +1,1 @@
+"""Pictures of runs and fronts, and the colours that all pictures on white share."""

@@ -1,0 +1,64 @@
+"""The driver of the bundled recording, who can be shown the coach when his trip is driven anew."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from das.advice.regimes import BRAKES, TRACTION, Regime
+from sim.bundled.hurried import DriverStyle, HurriedDriver
+from sim.drivers.cab import AdviceView, CabView, Efforts
+from sim.drivers.handling import HEEDING
+from sim.drivers.knowledge import LineKnowledge
+from sim.plant.kernels import Command
+from sim.plant.plant import COAST, lever
+
+DRIVING: Final = TRACTION | BRAKES | {Regime.CRUISE, Regime.COAST}
+LOOK_S: Final = 0.2
+"""The time (s) between two looks out of the window and at the speedometer."""
+GLANCE_S: Final = 5.0
+"""The time (s) between two glances at the display; an assumption, that of the default human driver in the mean."""
+
+
+class RecordedDriver:
+    """Drives as in the bundled recording: alone as fast as the limits allow, never minding the clock.
+
+    With the coach he does what he read at his last glance: he holds or goes for its speed, with no more than its
+    effort, in his own manner and with his own wandering. Limits of the line and stops he keeps as ever; temporary
+    restrictions he does not know, for there are none on his trip. He brakes with the motors first, as the train of the
+    recording did.
+    """
+
+    def __init__(self, line: LineKnowledge, seed: int = 0) -> None:
+        self.line, self.seed = line, seed
+        self.own: HurriedDriver | None = None
+        self.read: AdviceView | None = None
+        self.glances_s = -math.inf
+
+    def command(self, cab: CabView) -> Command:
+        """The controller's setting for the next look."""
+        if cab.shall_stand:
+            return COAST
+        if self.own is None or self.own.end_m != cab.halt_m:
+            self.own = HurriedDriver(self.line.route, self.line.vehicle, cab.halt_m, self.seed, DriverStyle())
+        if cab.time_s >= self.glances_s or cab.speed_mps <= 0:
+            self.read, self.glances_s = cab.shown and cab.shown.departure, cab.time_s + GLANCE_S
+        efforts = Efforts.at(cab.speed_mps, self.line.train)
+        top_mps, most_n = _told(self.read, cab.speed_mps, efforts)
+        force_n = min(self.own.wanted_force_n(cab.s_m, cab.speed_mps, LOOK_S, top_mps), most_n)
+        return lever(efforts.lever_ratio(force_n))
+
+
+def _told(view: AdviceView | None, speed_mps: float, efforts: Efforts) -> tuple[float, float]:
+    """The top speed (m/s) and the largest force (N) that the coach asks for at a speed; infinite without advice."""
+    if view is None or view.mode not in DRIVING:
+        return math.inf, math.inf
+    if view.mode in TRACTION:
+        return view.shown_speed_mps, view.lever_ratio * efforts.traction_n
+    if view.mode == Regime.COAST and speed_mps > view.shown_speed_mps:
+        return math.inf, 0.0
+    if view.mode in BRAKES and math.isnan(view.lever_ratio):  # He stops by eye, and does not speed up before.
+        return max(speed_mps, HEEDING.creeps_mps), math.inf
+    if view.mode in BRAKES and speed_mps > view.shown_speed_mps:
+        return math.inf, view.lever_ratio * efforts.brakes_n
+    return view.shown_speed_mps, math.inf

@@ -1,0 +1,99 @@
+"""The command without arguments: the bundled trip as it was recorded, and driven by the same driver with the coach."""
+
+from __future__ import annotations
+
+import shlex
+import tempfile
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from das.command_line.printing import busy, paragraph, progress_bar, tell, typed
+from das.domain.files.writing import new_file
+from das.domain.units import KM, NS, PERCENT, kwh
+from sim.cli.options import new_recording, removed_if_unused
+from sim.cli.trips import bundled_recording, replayed
+from sim.drivers.kinds import Presentation
+from sim.options import ReplayOptions
+
+if TYPE_CHECKING:
+    from sim.drive.comparison import AlignedDrives
+    from sim.drive.drive import Drive
+
+DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
+"""The driver of the bundled recording, who can be shown the coach."""
+HANGS_ON: Final = (
+    "he is simulated, watches no clock when alone, does what the coach says, and brakes with the motors first: drivers "
+    "who keep time by themselves saved about nothing (docs/explanation/coach.md)."
+)
+"""What the figures of the result hang on, as the end of its sentence."""
+
+
+def first_minute() -> None:
+    """Replay the bundled recording, drive its trip anew with the coach, and print what came of both."""
+    trip = bundled_recording()
+    recorded = new_recording("replay")
+    with removed_if_unused(recorded):
+        replayed(trip, ReplayOptions(), recorded)
+    coached = new_file(recorded.with_name(f"{recorded.stem}-coach.mcap"))
+    with removed_if_unused(coached):
+        found = _with_coach(recorded, coached)
+    _print(found)
+    files = f"{shlex.quote(str(coached))} --beside {shlex.quote(str(recorded))}"
+    tell(f"See it: {typed('das-sim')} view {files}")
+
+
+def _with_coach(recorded: Path, coached: Path) -> AlignedDrives:
+    """Drive a replayed trip anew by the same driver with the coach, and put the two drives beside each other."""
+    from sim.drive.comparison import AlignedDrives, drives_on_track
+    from sim.drive.drive import Drive
+    from sim.runs.what_if.anew import day_again, drive_again
+    from sim.runs.what_if.origin import Origin
+    from sim.runs.what_if.otherwise import DrivenOtherwise, Otherwise
+
+    new = Otherwise(driven=DrivenOtherwise(driver=DRIVER, advice=Presentation.COACH))
+    with tempfile.TemporaryDirectory(prefix="das-first-minute-") as folder:
+        with busy("reading the recorded day …"):
+            again = day_again(Origin.read(recorded, None, Path(folder)), new)
+        with progress_bar("driving the trip with the coach", "starting node and recorder", "m") as progress:
+            drive_again(again, coached, progress)
+    with busy("comparing …"):
+        return AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(coached)]))
+
+
+def _print(found: AlignedDrives) -> None:
+    """Print both drives beside each other, and in one sentence what the coach was worth and what that hangs on."""
+    before, after = (one.drive for one in found.drives)
+    alone_j, coached_j = (float(one[-1]) for one in found.energy_j)
+    start, end = before.calls[0], before.calls[-1]
+    rows = (
+        ("", "as recorded", "with the coach"),
+        (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
+        (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
+        ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(coached_j):.0f} kWh"),
+        ("instructions in the cab", "none", f"{after.instructions.changes}"),
+    )
+    tell(f"A late train from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km; the same driver twice:")
+    width = max(len(name) for name, _, _ in rows)
+    for name, one, other in rows:
+        tell(f"{name:<{width}}  {one:>12}  {other:>14}")
+    equal = found.equal_arrival(1)
+    at_equal = f"{_less(equal.ratio)} at the same arrival time" if equal.ratio is not None else equal.why_not
+    driven = f"{_less((coached_j - alone_j) / alone_j)} energy"
+    paragraph(f"With the coach the same driver needed {driven}, {at_equal}; {HANGS_ON}")
+
+
+def _less(ratio: float) -> str:
+    return f"{abs(ratio) / PERCENT:.0f} % {'less' if ratio < 0 else 'more'}"
+
+
+def _times(found: AlignedDrives, *, first: bool) -> list[str]:
+    """When each drive left its first stop, or came to its last one."""
+    calls = [one.drive.calls[0 if first else -1] for one in found.drives]
+    times = [call.departed_ns if first else call.arrived_ns for call in calls]
+    return [_clock(one.drive, time_ns) for one, time_ns in zip(found.drives, times, strict=True)]
+
+
+def _clock(drive: Drive, time_ns: int) -> str:
+    """A moment on the clock of the line, "09:05:30"."""
+    return f"{datetime.fromtimestamp(round(time_ns * NS), drive.zone):%H:%M:%S}"

@@ -1,0 +1,169 @@
+"""What a driver of your own can be made of: hold a speed, brake to one, stop at a mark, keep time, notches, noise.
+
+All settings are the controller's, from −1 (both brakes) to 1 (full traction), for `sim.plant.plant.lever`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final, Generic, Self, TypeVar
+
+import numpy as np
+
+from das.advice.regimes import BRAKES, TRACTION, Regime
+from das.domain.units import KMH
+from sim.drivers.cab import AdviceView, CabView, Efforts
+from sim.drivers.handling import Wander
+from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
+from sim.drivers.presentations.presenter import SpeedIs, presenter_of
+from sim.drivers.tracking import RULE, TRACKING, TimeRule, hold, stop_at, under_ceiling
+from sim.plant.kernels import Command, demanded
+
+LOOK_S: Final = 0.2
+"""A driver is asked for a setting at this interval (s)."""
+BEFORE_SIGNAL_M: Final = 15.0
+"""A train is stopped this far (m) before a signal at danger."""
+CALM_PER_S: Final = 0.1
+"""This share of a speed error is corrected per second."""
+SAYS_HOW: Final = TRACTION | BRAKES | {Regime.CRUISE, Regime.COAST}
+"""The regimes of advice that say how to drive."""
+
+_Seen = TypeVar("_Seen")
+
+
+class Skills:
+    """What a practised driver does with the controller: each skill is a setting for what the cab shows now.
+
+    Call `see` at every look, then ask for settings. He plans to brake with `braking_mps2`, and keeps `below_mps` below
+    limits, but at most a tenth of them. No setting but that of `most` keeps the limits: set the lower of it and yours.
+    """
+
+    def __init__(self, line: LineKnowledge, *, braking_mps2: float = 0.5, below_mps: float = 2.0 * KMH) -> None:
+        self.braking_mps2 = braking_mps2
+        self._foresight = Foresight(line, Habit(braking_mps2=braking_mps2, below_mps=below_mps))
+        self._rule = TimeRule(RULE.judged_every_s)
+        self._cab: CabView | None = None
+        self._outlook: Outlook | None = None
+
+    def see(self, cab: CabView) -> Self:
+        """Take in what the cab shows; a signal at danger counts as if it stood `BEFORE_SIGNAL_M` nearer."""
+        self._cab = cab._replace(signal_m=cab.signal_m - BEFORE_SIGNAL_M)
+        self._outlook = self._foresight.outlook(self._cab)
+        return self
+
+    @property
+    def cab(self) -> CabView:
+        """The cab as it was seen last."""
+        assert self._cab is not None, "see(cab) comes first"
+        return self._cab
+
+    @property
+    def outlook(self) -> Outlook:
+        """The line up to the next halt, with the highest speed from which planned braking keeps all that is ahead."""
+        assert self._outlook is not None, "see(cab) comes first"
+        return self._outlook
+
+    @property
+    def halt_in_m(self) -> float:
+        """The distance (m) to where the train must stand next."""
+        return self.cab.halt_m - self.cab.s_m
+
+    def hold(self, speed_mps: float) -> float:
+        """The setting that holds a speed, with the force that this is known to need here."""
+        return self._ratio(hold(self.cab, self.outlook, speed_mps)._replace(gain_per_s=CALM_PER_S))
+
+    def brake_to(self, speed_mps: float, at_m: float) -> float | None:
+        """The setting with which the train has a lower speed at a place (m); None while it is too early to brake."""
+        cab, way_m = self.cab, at_m - self.cab.s_m
+        if cab.speed_mps <= speed_mps:
+            return None
+        needed_mps2 = (cab.speed_mps**2 - speed_mps**2) / (2.0 * way_m) if way_m > 0 else self.braking_mps2
+        if needed_mps2 < TRACKING.stopping_ratio * self.braking_mps2:
+            return None
+        force_n = self.outlook.resisting_n(cab.s_m, cab.speed_mps) - self.outlook.train.inertial_mass_kg * needed_mps2
+        return self._efforts().lever_ratio(force_n)
+
+    def stop_at(self, mark_m: float) -> float | None:
+        """The setting that stops the train at a mark (m); None above 10 m/s, and while it is too early."""
+        found = stop_at(self.cab, self.outlook, mark_m, self.braking_mps2)
+        return None if found is None else self._ratio(found)
+
+    def most(self) -> float:
+        """The highest setting that limits, restrictions, signals and stops allow; it stops the train at its halt."""
+        below = self._ratio(under_ceiling(self.cab, self.outlook, RULE.anticipation_s))
+        stopping = self.stop_at(self.cab.halt_m)
+        return below if stopping is None else stopping
+
+    def timely_mps(self) -> float:
+        """The top speed (m/s) with which the rest of the way takes the time that the timetable leaves."""
+        return self._rule.cap_mps(self.cab, self.outlook)
+
+    def advised(self, view: AdviceView) -> float | None:
+        """The setting that a display asks for: its effort, and to hold its speed once that is reached.
+
+        None if it does not say how to drive.
+        """
+        presenter = presenter_of(view.presentation)
+        if not presenter.says_mode or view.mode not in SAYS_HOW:
+            return None
+        over_mps = self.cab.speed_mps - view.shown_speed_mps
+        reached = over_mps >= 0 if view.mode in TRACTION else over_mps <= 0
+        to_reach = presenter.speed_is(view.mode) is SpeedIs.TO_REACH
+        if view.mode == Regime.CRUISE or (to_reach and reached):
+            return self.hold(view.shown_speed_mps)
+        if view.mode == Regime.COAST:
+            return 0.0
+        usual = 1.0 if view.mode in TRACTION else -0.5  # where the display shows no effort
+        return usual if math.isnan(view.lever_ratio) else view.lever_ratio
+
+    def _efforts(self) -> Efforts:
+        return Efforts.at(self.cab.speed_mps, self.outlook.train)
+
+    def _ratio(self, command: Command) -> float:
+        """The setting for a command."""
+        return self._efforts().lever_ratio(demanded(command, 0.0, self.cab.speed_mps, self.outlook.train))
+
+
+class NotchedLever:
+    """A controller with as many notches each way, which is moved by no less than a whole one."""
+
+    def __init__(self, count: int) -> None:
+        self.count, self.notch = count, 0
+
+    def set(self, wanted: float, most: float = 1.0) -> float:
+        """The setting of the notch nearest to what is wanted; for what is allowed at most, the next lower one."""
+        if abs(self.count * wanted - self.notch) >= 1.0:
+            self.notch = round(self.count * wanted)
+        self.notch = min(self.notch, math.floor(self.count * most))
+        return self.notch / self.count
+
+
+class Late(Generic[_Seen]):
+    """What was seen a while ago: `seen` takes what there is at each look, and returns what there was then."""
+
+    def __init__(self, late_s: float, before: _Seen) -> None:
+        looks = round(late_s / LOOK_S)
+        self._seen: deque[_Seen] = deque([before] * looks, looks)
+
+    def seen(self, now: _Seen) -> _Seen:
+        """What was seen that long ago."""
+        then = self._seen[0]
+        self._seen.append(now)
+        return then
+
+
+class WanderingError:
+    """An error that wanders slowly about 0, drawn by a seed: the same seed gives the same error at the same looks."""
+
+    def __init__(self, seed: int, *, deviation: float, correlation_s: float) -> None:
+        self._deviation = deviation
+        self._wander = Wander(correlation_s, np.random.default_rng(seed))
+        self._time_s: float | None = None
+
+    def at(self, time_s: float) -> float:
+        """The error at a time (s) that is not before the last one."""
+        if self._time_s is not None:
+            self._wander.over(time_s - self._time_s)
+        self._time_s = time_s
+        return self._deviation * self._wander.value
