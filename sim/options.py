@@ -41,6 +41,16 @@ LineOption = Annotated[
         help="Kilometre posts with latitude and longitude, to which GPS points are matched [default: the route's map].",
     ),
 ]
+VehiclesOption = Annotated[
+    str | None,
+    typer.Option(
+        "--vehicles",
+        metavar="A,B,…|all",
+        help="Find the train: which of these can have driven the trip? Bundled names, files, folders of files, or all "
+        "(every bundled train).",
+        show_default=False,
+    ),
+]
 OfTrainOption = Annotated[
     str | None,
     typer.Option(

@@ -29,10 +29,12 @@ NEUTRAL = -2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """A place where trains stop."""
+    """A place where trains stop; its WGS 84 coordinates (deg) are None if the file has none."""
 
     name: str
     position_m: float
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -225,7 +227,7 @@ class Route(Summary):
         return replace(
             self,
             name=f"{self.name} (reversed)",
-            stops=tuple(Stop(name=s.name, position_m=length - s.position_m) for s in reversed(self.stops)),
+            stops=tuple(replace(s, position_m=length - s.position_m) for s in reversed(self.stops)),
             limits_mps=self.limits_mps.reversed(length),
             gradients_ratio=self.gradients_ratio.reversed(length, sign=-1.0),
             curvature_per_m=self.curvature_per_m.reversed(length),

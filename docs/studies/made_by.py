@@ -50,6 +50,7 @@ DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
     "python -m docs.studies.own_drivers": DAY,
     "python -m docs.studies.peers": (*SOLVER, "precompute/tables"),
     "python -m docs.studies.pictures": (*DAY, "sim/bundled", "sim/drive", "sim/review"),
+    "python -m docs.studies.planted_trains": (*DAY, "sim/trips"),
     "python -m docs.studies.real_trips": (*SOLVER, "sim/trips", "sim/drive"),
     "rerun": ("sim/review",),
 }
@@ -68,6 +69,7 @@ MINUTES: Final[dict[str, float]] = {
     "python -m docs.studies.bundled smoke": 0.5,
     "python -m docs.studies.exact_front": 2,
     "python -m docs.studies.peers": 3,
+    "python -m docs.studies.planted_trains": 6,
     "python -m docs.studies.real_trips": 0.5,
     "python -m docs.studies.display": 5,
     "python -m docs.studies.own_braking": 13,

@@ -35,9 +35,10 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
 from sim.cli.options import TripArgument, new_recording, removed_if_unused, tell_written
-from sim.options import ReplayOptions, TripOptions, typed_command
+from sim.options import ReplayOptions, TripOptions, VehiclesOption, typed_command
 
 if TYPE_CHECKING:
+    from das.domain.vehicle import Vehicle
     from sim.bundled.hurried import HurriedState
     from sim.bundled.make_trip import TripPlan
 
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 def trip(
     file: TripArgument,
     options: TripOptions,
+    vehicles: VehiclesOption = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", "--write", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
@@ -53,38 +55,62 @@ def trip(
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Look at a recorded trip: what was cleaned, how it fits the line, where it stood, its energy."""
+    """Look at a recorded trip: what was cleaned, how it fits the line, where it stood, its energy, its train."""
     check_picture(plot)
     inputs = (file, options.route, options.vehicle, options.line, options.loss_map)
     check_outputs(out, plot, inputs=inputs, overwrite=overwrite)
-    with busy("reading the trip …"):
-        found, report = _look(file, options, out, plot)
+    trains = None if vehicles is None else _trains(vehicles, options)
+    with busy("reading the trip …") if trains is None else loading_solver():
+        found, report = _look(file, options, trains, out, plot)
     if as_json:
         print(json.dumps(found))
         return
     from sim.trips.report import print_description
 
     print_description(found, report)
+    if found["trains"] is not None:
+        from sim.runs.replay.found import print_trains
+
+        print_trains(found["trains"])
     tell_written(out, plot)
 
 
-def _look(file: Path, options: TripOptions, out: Path | None, plot: Path | None) -> tuple[dict[str, Any], Any]:
+def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
+    """The trains that may have driven a trip; DasError if one cannot be used."""
+    from sim.trips.find_train import candidates
+
+    for name, value in (("--vehicle", options.vehicle), ("--loss-map", options.loss_map)):
+        if value is not None:
+            raise DasError(f"{name} {value}: expected either {name} or --vehicles, which looks for the train")
+    return candidates(vehicles)
+
+
+def _look(
+    file: Path, options: TripOptions, trains: list[tuple[str, Vehicle]] | None, out: Path | None, plot: Path | None
+) -> tuple[dict[str, Any], Any]:
     """Read the trip and write what is asked for; returns its description and the report on its cleaning."""
-    from sim.runs.replay.replay import smoothed_parts
+    from sim.runs.replay.replay import stated_parts
     from sim.trips.estimate import estimate_run
     from sim.trips.report import describe, draw_trip, write_cleaned
     from sim.trips.trip import open_trip, trip_section
 
     with tempfile.TemporaryDirectory(prefix="das-trip-") as folder:
         options, read = open_trip(file, options, Path(folder))
-        section = trip_section(read, options) if options.vehicle is not None else None
-        found = describe(read, section, smoothed_parts(read))
+        section, tried = None, None
+        if trains is not None:
+            from sim.runs.replay.found import described_trains
+
+            tried, section = described_trains(read, trains, options)
+        elif options.vehicle is not None:
+            section = trip_section(read, options)
+        parts, part = (None, "") if section is None else stated_parts(read, section)
+        found = {**describe(read, section, parts, part), "trains": tried}
         if out is not None:
             write_cleaned(out, read)
         if plot is not None:
             run = read.run
             driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps) if section is not None else None
-            draw_trip(plot, read, driven)
+            draw_trip(plot, read, driven, section)
     return found, read.matched.report.cleaning
 
 

@@ -8,13 +8,14 @@ this module, and the same words if the energy cannot be stated.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.domain.units import kwh
+from das.domain.units import KM, KMH, kwh
 
 if TYPE_CHECKING:
     from das.solver.solution import Solution
@@ -25,6 +26,20 @@ SAID_BY_THE_RECORDING: Final = "the recording says that its trip and the optimum
 """Why, by a recording that is older than `Saving.not_comparable`."""
 NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
 """Why, for a drive without a departure from one stop and an arrival at another."""
+NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
+"""Why, for a trip without such a departure and arrival, of which no part can be compared either."""
+_PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")
+"""The name of an end of a part between equal speeds."""
+
+
+def passing_name(s_m: float, speed_mps: float) -> str:
+    """The name of an end of a part that is no stop: where it is on the route as driven, and how fast the train was."""
+    return f"km {s_m / KM:.1f} at {speed_mps / KMH:.0f} km/h"
+
+
+def part_between(start: str, end: str) -> str:
+    """The part of a trip between two ends with these names, in words; empty if both are stops."""
+    return f"{start} to {end}" if any(_PASSING.fullmatch(one) for one in (start, end)) else ""
 
 
 class EnergyBand(NamedTuple):
@@ -148,6 +163,11 @@ class AboveOptimum:
         return None if self.ratio is None or self.optimum_j <= 0 else self.driven_j / self.optimum_j - 1.0
 
     @property
+    def part(self) -> str:
+        """Which part of a trip was compared, in words; empty if it ran from standstill to standstill at its stops."""
+        return part_between(self.sections[0].start, self.sections[-1].end) if self.sections else ""
+
+    @property
     def too_fast(self) -> bool:
         """Whether a section was driven faster than the assumed train can drive it."""
         return any(one.too_fast for one in self.sections)
@@ -175,6 +195,8 @@ class AboveOptimum:
         if self.why_not:
             return [(name, f"{NOT_COMPARABLE}: {self.why_not}")]
         rows = [(name, self.words)]
+        if self.part:
+            rows.append((f"{name}, compared part", self.part))
         if not self.measured:
             rows += [
                 (f"{name}, {which}", "not known" if band is None else band.words)
@@ -224,14 +246,11 @@ def _band(low_j: float, high_j: float) -> EnergyBand | None:
     return None if math.isnan(low_j + high_j) else EnergyBand(low_j, high_j)
 
 
-def why_not_comparable(sections: Iterable[SectionEnergy], *, whole: bool = True, direction_known: bool = True) -> str:
-    """Why a drive cannot be compared with its optimum, in words; empty if it can.
+def why_not_comparable(sections: Iterable[SectionEnergy], *, direction_known: bool = True) -> str:
+    """Why the sections of a drive cannot be compared with their optima, in words; empty if they can.
 
-    It cannot if it did not run from standstill to standstill at stops, was faster than the assumed train can be, or ran
-    in an unknown direction.
+    They cannot if the drive was faster than the assumed train can be, or ran in an unknown direction.
     """
-    if not whole:
-        return NOT_WHOLE
     late_s = [one.late_s for one in sections if one.too_fast]
     if late_s:
         by_s = math.fsum(late_s)

@@ -41,7 +41,7 @@ class KeptCall:
 
     Times are in ns since 1970, 0 if there is none: those of the timetable (`due_`), and when the train came and left.
     `stood_m` is where the train stood, NaN if it did not stop. `reached`: it got as far as the stop. `stand`: the
-    samples of the recording in which it stood.
+    samples of the recording in which it stood. `passed_mps`: its speed at an end of a part that is no stop.
     """
 
     name: str
@@ -53,6 +53,7 @@ class KeptCall:
     stood_m: float
     reached: bool = True
     stand: StandingTime | None = None
+    passed_mps: float = 0.0
 
     @property
     def served(self) -> bool:

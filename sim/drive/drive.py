@@ -30,7 +30,7 @@ from sim.drive.above_optimum import (
     why_not_comparable,
 )
 from sim.drive.attribution.causes import ShownAdvice
-from sim.drive.calls import AtStop, KeptCall, Travelled, at_stops, calls_of, calls_on_the_way, reported_course
+from sim.drive.calls import AtStop, KeptCall, Travelled, at_stops, calls_of
 from sim.drive.events.chronicle import LineAndTrain, events_of
 from sim.drive.events.event import DriveEvent
 from sim.drive.happenings import Signal, Span, signals, silences
@@ -182,29 +182,21 @@ class DrivenEnergy(DrivenWay):
     def legs(self) -> tuple[DrivenLeg, ...]:
         """The motion between the stops that were served; DasError if the train served fewer than two.
 
-        Stops of a replayed trip count even if its journey does not name them.
+        Stops of a replayed trip count even if its journey does not name them. If the replay compared a part between
+        equal speeds, the legs are those of that part.
         """
-        return self._legs_of(self.motion)
+        from sim.drive.attribution.open_part import legs_of_drive
 
-    def _legs_of(self, motion: DrivenMotion) -> tuple[DrivenLeg, ...]:
-        from sim.drive.attribution.driven_legs import legs_of
-
-        names = [] if self.said is None else [one.start for one in self.said.sections[1:]]
-        on_the_way = [name for name in names if name not in {one.name for one in self.calls}]
-        calls = self.calls
-        if on_the_way:
-            stops = [one for one in self.inputs.route.stops if one.name in on_the_way]
-            more = calls_on_the_way(stops, self.course, reported_course(self.recording))
-            calls = tuple(sorted((*calls, *more), key=lambda one: one.s_m))
-        return legs_of(self.recording.path, motion, calls)
+        return legs_of_drive(self, self.motion)
 
     @property
     def smoothed(self) -> driven_legs.Smoothed | None:
         """How the legs change if the recorded positions are smoothed otherwise; None without usable positions."""
         from sim.drive.attribution.driven_legs import smoothed_motions
+        from sim.drive.attribution.open_part import legs_of_drive
 
         motions = _or_error(lambda: smoothed_motions(self.recording, self.inputs.route))
-        return None if isinstance(motions, DasError) else lambda jerk: self._legs_of(motions(jerk))
+        return None if isinstance(motions, DasError) else lambda jerk: legs_of_drive(self, motions(jerk))
 
     @cached_property
     def energies(self) -> tuple[LegEnergies, ...]:

@@ -56,15 +56,24 @@ class EnergyRange:
 class DrivenEstimate:
     """A driven run with the forces that this vehicle would have needed.
 
-    `index[i]` is the point of the run at node i of the trajectory. `beyond_ratio` is the share of time in which the run
-    needs more force than the vehicle has; then it was another train, or the positions are rough.
+    `index[i]` is the point of the run at node i of the trajectory. `traction_n` and `brakes_n` are the largest forces
+    of the vehicle at the speed of each interval, and `beyond` marks intervals in which the run needs more for 8 s; then
+    it was another train, or the positions are rough.
     """
 
     trajectory: Trajectory
     balance: EnergyBalance
     energy_input_j: Floats
     index: NDArray[np.intp]
-    beyond_ratio: float
+    traction_n: Floats
+    brakes_n: Floats
+    beyond: NDArray[np.bool_]
+
+    @property
+    def beyond_ratio(self) -> float:
+        """The share of time in which the run needs more force than the vehicle has."""
+        step_s = self.trajectory.interval_s()
+        return float(step_s[self.beyond].sum() / max(step_s.sum(), 1e-9))
 
 
 def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Floats) -> DrivenEstimate:
@@ -91,7 +100,6 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     electric = np.clip(force, -motors_limit, traction)
     friction = np.minimum(force + motors_limit, 0.0)
     brakes_limit = vehicle.brake_effort_n(mean)
-    beyond = (force > ESTIMATE.beyond_ratio * traction) | (-force > ESTIMATE.beyond_ratio * brakes_limit)
     t = time_s[index]
     trajectory = Trajectory(
         s_m=node,
@@ -111,8 +119,23 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         balance=trajectory.balance_with(vehicle, loss),
         energy_input_j=np.concatenate(([0.0], np.cumsum(trajectory.input_j(loss)))),
         index=index,
-        beyond_ratio=float(np.diff(t)[beyond].sum() / max(t[-1] - t[0], 1e-9)),
+        traction_n=traction,
+        brakes_n=brakes_limit,
+        beyond=_beyond(t, force, traction) | _beyond(t, -force, brakes_limit),
     )
+
+
+def _beyond(t: Floats, force_n: Floats, largest_n: Floats) -> NDArray[np.bool_]:
+    """Which intervals between times (s) lie in 8 s whose mean force (N) is above that of the largest forces."""
+    seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
+    here = np.searchsorted(t, seconds) - 1
+    length = min(ESTIMATE.held_s, len(seconds))
+    around = np.lib.stride_tricks.sliding_window_view
+    excess_n = around(force_n[here] - ESTIMATE.beyond_ratio * largest_n[here], length).mean(axis=1)
+    found = np.zeros(len(force_n), dtype=bool)
+    for first in np.flatnonzero(excess_n > 0):
+        found[here[first] : here[first + length - 1] + 1] = True
+    return found
 
 
 def strongest_held_n(driven: DrivenEstimate) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
 from sim.trips.cells import LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, check_location, number
+from sim.trips.settings import PLACING
 
 COLUMNS: Final = {
     "latitude": LATITUDE_NAMES,
@@ -31,7 +32,8 @@ _PAIRS_AT_ONCE: Final = 1_000_000
 class Line:
     """A polyline with a chainage at each vertex, increasing in driving order; arrays of shape (vertices,).
 
-    `on_route` says whether the chainage is the position on the route; otherwise it has a zero of its own.
+    `on_route` says whether the chainage is the position on the route; otherwise it has a zero of its own. `by_stops`:
+    the coordinates of stops told the position, perhaps only to some 100 m.
     """
 
     source: str
@@ -39,6 +41,7 @@ class Line:
     latitude_deg: Floats
     longitude_deg: Floats
     on_route: bool
+    by_stops: bool = False
 
     def __post_init__(self) -> None:
         for array in (self.chainage_m, self.latitude_deg, self.longitude_deg):
@@ -66,6 +69,34 @@ class Line:
             chainage_m=self.chainage_m[-1] - self.chainage_m[::-1],
             latitude_deg=self.latitude_deg[::-1].copy(),
             longitude_deg=self.longitude_deg[::-1].copy(),
+        )
+
+    def placed(self, route: Route) -> Line:
+        """The same line on the positions of a route, by the coordinates of its stops; unchanged if these do not tell.
+
+        They tell if two stops or more are near the line, and are as far apart along it as on the route, within 1 %.
+        Then they also tell which way the route is driven along the line.
+        """
+        stops = [s for s in route.stops if s.latitude_deg is not None and s.longitude_deg is not None]
+        if len(stops) < 2:
+            return self
+        places = np.array([(s.position_m, s.latitude_deg, s.longitude_deg) for s in stops], dtype=float)
+        chainage, aside = self.match(places[:, 1], places[:, 2])
+        near = np.flatnonzero(aside <= PLACING.max_cross_track_m)
+        if len(near) < 2 or chainage[near[0]] == chainage[near[-1]]:
+            return self
+        first, last = near[0], near[-1]
+        scale = (places[last, 0] - places[first, 0]) / (chainage[last] - chainage[first])
+        if abs(abs(scale) - 1.0) > PLACING.scale_tolerance_ratio:
+            return self
+        order = slice(None, None, 1 if scale > 0 else -1)
+        return replace(
+            self,
+            chainage_m=(places[first, 0] + scale * (self.chainage_m - chainage[first]))[order],
+            latitude_deg=self.latitude_deg[order].copy(),
+            longitude_deg=self.longitude_deg[order].copy(),
+            on_route=True,
+            by_stops=True,
         )
 
     def match(self, latitude_deg: Floats, longitude_deg: Floats) -> tuple[Floats, Floats]:

@@ -26,7 +26,8 @@ class MatchReport:
     """How a record was placed on the route: s = offset_m + scale · chainage.
 
     `anchor` says what fixed offset and scale: "route" (the line has the route's positions already), "start and end",
-    "start" or "end" (the stops where the train stood), "positions" (the record has positions on the route). If only
+    "start" or "end" (the stops where the train stood), "stops" (the coordinates of the route's stops), "positions" (the
+    record has positions on the route). If only
     positions show that the train stood at an end of the record, it may have stood up to `stand_uncertainty_m` beyond
     that end. Distances from the line (cross track) are None if there is no line.
     """
@@ -166,7 +167,7 @@ def _alignment(
     """Offset, scale and anchor of s = offset + scale·chainage."""
     if line is None:
         return 0.0, 1.0, "positions"
-    if line.on_route:
+    if line.on_route and not line.by_stops:
         return 0.0, 1.0, "route"
     start_m, end_m = stops[0].position_m, stops[1].position_m
     pair = _stands_apart(pinned_m, found, end_m - start_m)
@@ -174,6 +175,8 @@ def _alignment(
         first, last = pair
         scale = (end_m - start_m) / (last - first)
         return start_m - scale * first, scale, "start and end"
+    if line.by_stops:
+        return 0.0, 1.0, "stops"
     if found and found[0].first == 0:
         return start_m - float(pinned_m[0]), 1.0, "start"
     if found and found[-1].last == len(pinned_m) - 1:

@@ -37,11 +37,13 @@ COLUMNS = ("time_ms", "position_m", "speed_mps", "speed_from_positions", "latitu
 _NS_PER_MS = round(MS / NS)
 
 
-def describe(trip: Trip, section: Section | None, parts: SmoothedParts) -> dict[str, Any]:
+def describe(
+    trip: Trip, section: Section | None, parts: SmoothedParts | None, compared_part: str = ""
+) -> dict[str, Any]:
     """What is in a trip, for JSON (times in s, distances in m, energies in kWh at the current collector).
 
-    Energies are those of its parts from stop to stop, without comfort systems. Without a section, that is without a
-    vehicle, `energy` is None.
+    Energies are those of its parts, without comfort systems: from stop to stop, or of the part of an open trip that is
+    compared with an optimum, if there is one. Without a section, that is without a vehicle, `energy` is None.
     """
     run, report = trip.run, trip.matched.report
     return {
@@ -72,7 +74,8 @@ def describe(trip: Trip, section: Section | None, parts: SmoothedParts) -> dict[
             "speed_lag_s": run.speed_lag_s,
         },
         "stands": _stands(trip),
-        "energy": None if section is None else _energy(trip, section, parts),
+        "compared_part": compared_part or None,
+        "energy": None if section is None or parts is None else _energy(trip, section, parts),
         "not_known": _not_known(trip, section),
     }
 
@@ -140,7 +143,7 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
         better = f" (try {trip.better_stops})" if trip.better_stops else ""
         notes.append(f"how the rest of the section was driven: the trip does not stand at both its stops{better}")
     if section is None:
-        return [*notes, "forces and energies: give a --vehicle"]
+        return [*notes, "forces and energies: give a --vehicle, or look for the train with --vehicles all"]
     notes += [
         "the true train and its load, the wind, and how brakes were blended: their ranges are in the table",
         "what auxiliaries drew: those of the vehicle's file are in the estimate",
@@ -162,6 +165,14 @@ def direction_by_posts(trip: Trip) -> str:
     return (
         f"kilometre posts do not tell which way the trip ran: {trip.start.name} to {trip.end.name} is taken; "
         f"{posts}give {right} if it is so, {wrong} if not"
+    )
+
+
+def part_words(part: str) -> str:
+    """A sentence that says which part of an open trip is compared; `part` has its ends."""
+    return (
+        f"the trip does not stand at both its stops: the energies are those of its longest part between equal speeds, "
+        f"{part}, beside an optimum with the same speeds there"
     )
 
 
@@ -195,11 +206,13 @@ def print_description(found: dict[str, Any], report: CleaningReport) -> None:
         print_table(_energy_table(found["energy"]), LEGEND)
     if found["line_not_used"]:
         tell(f"note: {found['line_not_used']}")
+    if found["compared_part"] and not found.get("trains"):
+        tell(f"note: {part_words(found['compared_part'])}")
     for note in found["not_known"]:
         tell(f"not known: {note}")
-    if found["energy"] is not None and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
+    if not found.get("trains") and found["energy"] and found["energy"]["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["energy"]["beyond_vehicle_ratio"]
-        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has")
+        tell(f"note: in {share:.0f} % of the time the trip asks more force than this vehicle has (marked by --plot)")
 
 
 def cleaning_table(report: CleaningReport) -> Table:
@@ -225,7 +238,11 @@ def _matching_table(found: dict[str, Any]) -> Table:
     if matching["median_m"] is not None:
         figures = " / ".join(f"{matching[name]:.1f}" for name in ("median_m", "p95_m", "max_m"))
         table.add_row("distance from the line, median / 95 % / most", f"{figures} m")
-    anchored = {"route": "the route's geometry", "positions": "positions of the record"}
+    anchored = {
+        "route": "the route's geometry",
+        "stops": "coordinates of the route's stops",
+        "positions": "positions of the record",
+    }
     anchor = anchored.get(matching["anchor"], f"stands at {matching['anchor']}, scale {matching['scale']:.5f}")
     table.add_row("position from", anchor)
     if matching["stand_uncertainty_m"] > 0:
@@ -274,8 +291,8 @@ def _energy_table(energy: dict[str, Any]) -> Table:
     return table
 
 
-def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
-    """Draw a trip over the position; without an estimate there are no forces.
+def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None, section: Section | None = None) -> None:
+    """Draw a trip over the position; without an estimate there are no forces, and no fastest run without a section.
 
     The suffix of `path` (.png, .pdf, .svg) decides the kind of picture. Raises DasError without matplotlib.
     """
@@ -284,7 +301,7 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
     figure, axes = pyplot.subplots(
         len(heights), 1, figsize=(12, 3 + sum(heights)), sharex=True, height_ratios=heights, layout="constrained"
     )
-    _speeds(axes[0], trip)
+    _speeds(axes[0], trip, section)
     _distances(axes[1], trip)
     if driven is not None:
         draw_forces(axes[2], driven)
@@ -293,9 +310,12 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None) -> None:
     pyplot.close(figure)
 
 
-def _speeds(axis: Any, trip: Trip) -> None:
+def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
     matched, run = trip.matched, trip.run
     axis.plot(run.s_m / KM, trip.route.limits_mps.at(run.s_m) / KMH, color="0.45", linewidth=1, label="limit")
+    if section is not None:
+        name, fastest_mps = f"fastest run of {section.vehicle.id}", section.fastest_run.speed_mps
+        axis.plot(section.node_m / KM, fastest_mps / KMH, color="tab:green", linewidth=1, linestyle="--", label=name)
     axis.plot(run.s_m / KM, run.speed_mps / KMH, color="tab:blue", label="smooth run")
     for which, colour, label in (
         (~matched.dropout, "black", "measured"),
@@ -306,7 +326,7 @@ def _speeds(axis: Any, trip: Trip) -> None:
             axis.plot(matched.s_m[shown] / KM, matched.speed_mps[shown] / KMH, ".", color=colour, ms=3, label=label)
     axis.set_ylabel("speed, km/h")
     axis.set_ylim(bottom=0)
-    axis.legend(loc="lower center", ncols=4)
+    axis.legend(loc="lower center", ncols=5)
     kept = f"{matched.report.cleaning.kept} of {matched.report.cleaning.read} points"
     axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}")
 
@@ -321,18 +341,34 @@ def _distances(axis: Any, trip: Trip) -> None:
 
 
 def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
-    """Draw the wheel forces of motors and friction brake; peaks that are not held are cut, and the title names them."""
+    """Draw the wheel forces of motors and friction brake, the largest ones of the vehicle, and where more was needed.
+
+    Peaks that are not held are cut, and the title names them.
+    """
     at_km = driven.trajectory.s_m / KM
+    together_n = driven.trajectory.force_el_n + driven.trajectory.force_friction_n
     axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
     if driven.trajectory.force_friction_n.any():
         axis.stairs(driven.trajectory.force_friction_n / KN, at_km, baseline=0, color="tab:red", label="friction brake")
+    for largest_n, label in ((driven.traction_n, "largest of this vehicle"), (-driven.brakes_n, None)):
+        axis.plot(at_km[:-1], largest_n / KN, color="tab:green", linewidth=1, linestyle="--", label=label)
+    if driven.beyond.any():
+        more_n = np.where(driven.beyond, together_n, 0.0)
+        axis.stairs(
+            more_n / KN,
+            at_km,
+            baseline=0,
+            fill=True,
+            color="tab:purple",
+            label=f"more than it has, for {ESTIMATE.held_s} s",
+        )
     axis.axhline(0, color="0.3", linewidth=0.5)
     axis.set_ylabel("wheel force, kN")
-    force_kn = (driven.trajectory.force_el_n + driven.trajectory.force_friction_n) / KN
+    force_kn = together_n / KN
     shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(driven)) / KN
     cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
+    axis.set_ylim(*(shown_kn * np.array([-1.0, 1.0]) if shown_kn > 0 else (None, None)))
     if cut:
-        axis.set_ylim(-shown_kn, shown_kn)
         axis.set_title(f"cut, as shorter than {ESTIMATE.held_s} s: {', '.join(cut)}", fontsize="small")
     axis.legend(loc="upper right")
 

@@ -6,8 +6,8 @@ The values are assumptions unless a field says otherwise. They were tried on cle
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 from das.domain.units import KMH
 
@@ -180,6 +180,97 @@ class EstimateSettings:
     """If a trip needs more force than the vehicle has in more than this share of the time, another vehicle drove it."""
 
 
+class RegimeShares(NamedTuple):
+    """How often drivers do what; a uniform density counts per 1 m/s² of acceleration."""
+
+    coasting: float = 0.08
+    full: float = 0.12
+    """Full traction."""
+    held: float = 0.4
+    """A speed is held."""
+    traction: float = 0.45
+    """Any other traction: its density is the same for all trains that have the effort."""
+    braking: float = 0.3
+    """Any braking: its density is the same for all trains that have the brakes."""
+    unexplained: float = 2.5e-4
+    """Everything else: a force that the train does not have, or a wrong record."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainWindows:
+    """The windows of the motion by which a train is found, and how exact they are."""
+
+    samples: int = 12
+    """Samples of a window, one a second: less shows no acceleration beside the noise, more mixes what a driver does."""
+    weight: float = 0.5
+    """Weight of a window, because each overlaps half of the one before."""
+    least: int = 8
+    """A trip with fewer windows is too short to find its train."""
+    unmeasured_speed_sd_mps: float = 0.3
+    """Noise (m/s) of the speeds of a record that reports none."""
+    line_sd_ratio: float = 5e-4
+    """How well gradients and curves are known, as a share of the weight (one standard deviation)."""
+    full_sd_ratio: float = 0.02
+    """How exactly the full effort of the train is known (one standard deviation)."""
+    held_sd_mps2: float = 0.02
+    """A driver who holds a speed accelerates by this (m/s², one standard deviation)."""
+    hardest_braking_mps2: float = 1.0
+    """No driver brakes harder than this (m/s²) in service, however strong the brakes are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatioSearch:
+    """Which masses and resistances of a train are tried, and what is known of them beforehand."""
+
+    mass_bounds: tuple[float, float] = (0.7, 1.4)
+    """Bounds of the mass: an empty train, and an overloaded train."""
+    resistance_bounds: tuple[float, float] = (0.5, 2.0)
+    """Bounds of the resistance: a long tail wind, and a storm from ahead."""
+    steps: int = 36
+    """Values of either ratio that are tried."""
+    mass_sd: float = 0.1
+    """Standard deviation of the mass ratio before the motion is looked at."""
+    resistance_log_sd: float = 0.15
+    """Standard deviation of the logarithm of the resistance ratio before the motion is looked at."""
+    model_sd: float = 0.015
+    """The uncertainty of either ratio that no motion removes (one standard deviation)."""
+    known_sd_ratio: float = 0.6
+    """A record shows the mass if it reduces the standard deviation to this share of that beforehand."""
+    evidence_weight: float = 0.5
+    """Weight of the evidence between trains, because windows of one driver are alike: the likeliest train is right
+    about as often as its probability says on simulated drives."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainChoice:
+    """Which trains are possible, and what their speeds say."""
+
+    certain_sds: float = 2.0
+    """A window needs more effort than the train has only if noise of this many standard deviations is no reason."""
+    beyond_ratio: float = 0.02
+    """A train cannot have driven a trip that needs more effort in more than this share of the time …"""
+    beyond_windows: int = 3
+    """… and in at least this many windows."""
+    overspeed_ratio: float = 1.05
+    """Trains are driven up to this many times their top speed: train protection brakes above it."""
+    high_percentile: float = 90.0
+    """The high speed of a trip is this percentile over its way, and the speed allowed likewise."""
+    slower_ratio: float = 0.1
+    """By this share (the mean of an exponential distribution) drivers stay below what line and train allow."""
+    places: int = 500
+    """Places along the way at which speeds are compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FindingSettings:
+    """How the train of a trip is found; tried on simulated drives (docs/explanation/find-train.md)."""
+
+    windows: TrainWindows = field(default_factory=TrainWindows)
+    shares: RegimeShares = field(default_factory=RegimeShares)
+    ratios: RatioSearch = field(default_factory=RatioSearch)
+    choice: TrainChoice = field(default_factory=TrainChoice)
+
+
 POSITIONS: Final = PositionSettings()
 SPEEDS: Final = SpeedSettings()
 GAPS: Final = GapSettings()
@@ -187,3 +278,4 @@ STANDS: Final = StandSettings()
 PLACING: Final = PlacingSettings()
 SMOOTHING: Final = SmoothingSettings()
 ESTIMATE: Final = EstimateSettings()
+FINDING: Final = FindingSettings()

@@ -11,11 +11,13 @@ import numpy as np
 
 from das.bus.recording import Recording
 from das.command_line.files import load_route, load_vehicle
+from das.command_line.printing import typed
 from das.domain.errors import DasError
 from das.domain.files import load
 from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KMH, NS
+from das.domain.vehicle import Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from sim.options import TripOptions
 from sim.recording.inputs import AttachedFiles
@@ -33,8 +35,9 @@ class Trip:
     """A trip matched to a route as driven, its smooth run, and the journey and delays of a recording.
 
     `reversed` says that it ran against the route's file. `direction_known` is False if only kilometre posts give its
-    positions, because they do not show the direction. `line_not_used` is the file of kilometre posts given for a trip
-    that has positions on the route. `delays` are pairs of a time (ns) and a delay (s).
+    positions, because they do not show the direction; coordinates of the route's stops do. `line_not_used` is the file
+    of kilometre posts given for a trip that has positions on the route. `delays` are pairs of a time (ns) and a delay
+    (s).
     """
 
     path: Path
@@ -152,7 +155,7 @@ def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog)
     posts = f", or turn the list {said.line} round" if line is not None and not line.on_route else ""
     log.add(FindingKind.OTHER_WAY, record, [0], f"{other.stops[0].name} to {other.stops[-1].name}: {right}{posts}")
     if line is not None:
-        line = Line.from_route(other) if line.on_route else line.turned()
+        line = _line(record, other, said.line) if line.on_route else line.turned()
     return other, not reverse, line
 
 
@@ -169,7 +172,7 @@ def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
 def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
     if record.on_route:
         return None
-    return read_kilometre_posts(posts) if posts is not None else Line.from_route(driven)
+    return read_kilometre_posts(posts).placed(driven) if posts is not None else Line.from_route(driven)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,10 +263,21 @@ def _completed(reading: Reading, options: TripOptions, folder: Path) -> TripOpti
 def trip_section(trip: Trip, options: TripOptions) -> Section:
     """The section of a trip with the chosen vehicle; raises DasError if none is chosen or it cannot run there."""
     if options.vehicle is None:
-        raise DasError(f"{trip.path}: a trip without a journey needs --vehicle")
+        find = f"das-sim trip {shlex.quote(str(trip.path))} --route {shlex.quote(str(options.route))}"
+        find += f" --line {shlex.quote(str(options.line))}" if options.line is not None else ""
+        find += " --reverse" if options.reverse else ""
+        raise DasError(
+            f"{trip.path}: a trip without a journey needs --vehicle; which trains can have driven it, says "
+            f"{typed(find)} --vehicles all"
+        )
     vehicle = load_vehicle(options.vehicle)
     if options.loss_map is not None:
         vehicle = vehicle.with_loss_map(read_loss_map(options.loss_map))
+    return section_with(trip, vehicle, options)
+
+
+def section_with(trip: Trip, vehicle: Vehicle, options: TripOptions) -> Section:
+    """The section of a trip with a vehicle; DasError if it cannot run there."""
     return build_section(
         trip.route,
         vehicle,

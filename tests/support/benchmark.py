@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from das.domain.files.load import locate_vehicle
 from tests.support.making import REPOSITORY
 
 DATA = REPOSITORY / "tests" / "data"
@@ -47,8 +48,8 @@ def track_path(track: str) -> Path:
 
 
 def train_path(train: str) -> Path:
-    """The file of a train, in tests/data."""
-    return DATA / "vehicles" / f"{train}.toml"
+    """The file of a train of the library, as it is bundled."""
+    return locate_vehicle(train)
 
 
 def journey_path() -> Path:

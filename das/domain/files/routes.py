@@ -108,9 +108,15 @@ def _stops(fields: Fields) -> tuple[Stop, ...]:
         table = Fields.of(fields.source, entry, f"stops[{i}].")
         places = {"position": "length", "altitude": "length", "latitude": "angle", "longitude": "angle"}
         table.check_keys(["name", "source", *table.quantity_keys(places)])
-        for name, dimension in places.items():
-            table.quantity(name, dimension, 0.0)  # not used, but it must be readable
-        stops.append(Stop(name=table.name("name"), position_m=table.quantity("position", "length")))
+        table.quantity("altitude", "length", 0.0)  # not used, but it must be readable
+        latitude, longitude = (
+            table.within(name, "angle", most, (-most, most)) if table.given_keys(name, "angle") else None
+            for name, most in (("latitude", 90.0), ("longitude", 180.0))
+        )
+        if (latitude is None) != (longitude is None):
+            raise table.error("latitude_deg", MISSING if latitude is None else latitude, "both coordinates, or none")
+        at_m = table.quantity("position", "length")
+        stops.append(Stop(name=table.name("name"), position_m=at_m, latitude_deg=latitude, longitude_deg=longitude))
     return tuple(stops)
 
 

@@ -21,8 +21,9 @@ from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.trajectory import Trajectory
 from das.domain.units import NS
+from das.domain.vehicle import Vehicle
 from das.solver.front import Front
-from das.solver.section import Section, build_section, rebuilt
+from das.solver.section import Section, SectionOptions, build_section, rebuilt
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy
@@ -31,7 +32,7 @@ from sim.recording.course import Floats, Times
 from sim.recording.inputs import DriveInputs
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, estimate_run, one_by_one, over_unknowns
 from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.settings import SMOOTHING
+from sim.trips.settings import FINDING, SMOOTHING
 from sim.trips.trip import recorded_trip
 
 LEAST_WAY_M = 100.0
@@ -68,7 +69,8 @@ class DrivenMotion:
 class DrivenLeg:
     """The motion from a stand at one stop to the stand at the next stop that was served.
 
-    In the first and the last sample the train stands; their times are the refined departure and arrival.
+    In the first and the last sample the train stands; their times are the refined departure and arrival. A leg of a
+    part between equal speeds begins or ends at that speed instead.
     """
 
     start: KeptCall
@@ -150,11 +152,13 @@ def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floa
     return np.concatenate(([0.0], np.cumsum(step_j)))
 
 
-def legs_of(path: Path, motion: DrivenMotion, made: Sequence[KeptCall]) -> tuple[DrivenLeg, ...]:
-    """The legs of a drive between the stops that were served; DasError if the train served fewer than two stops."""
+def legs_of(
+    path: Path, motion: DrivenMotion, made: Sequence[KeptCall], why_none: str = NOT_WHOLE
+) -> tuple[DrivenLeg, ...]:
+    """The legs of a drive between the stops that were served; if fewer than two, DasError with `why_none`."""
     found = tuple(_legs(motion, [call for call in made if call.served]))
     if not found:
-        raise DasError(f"{path}: {NOT_COMPARABLE}: {NOT_WHOLE}")
+        raise DasError(f"{path}: {NOT_COMPARABLE}: {why_none}")
     return found
 
 
@@ -168,7 +172,7 @@ def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
         time_ns, speed_mps = cut.time_ns.copy(), cut.speed_mps.copy()
         # From rest to rest: a leg lasts from the recorded departure to the arrival, and its optimum has all that time.
         time_ns[0], time_ns[-1] = start.departed_ns, end.arrived_ns
-        speed_mps[0] = speed_mps[-1] = 0.0
+        speed_mps[0], speed_mps[-1] = start.passed_mps, end.passed_mps
         s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
         yield DrivenLeg(start=start, end=end, motion=replace(cut, time_ns=time_ns, speed_mps=speed_mps, s_m=s_m))
 
@@ -179,12 +183,28 @@ def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
 
 
 def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:
-    """The section from stand to stand with these restrictions; DasError if the train cannot run there."""
+    """The section of a leg, with these restrictions, and with its speeds at both ends (0 at a stop).
+
+    Raises DasError if the train cannot run there.
+    """
     first_m, last_m = float(leg.motion.s_m[0]), float(leg.motion.s_m[-1])
     restrictions = sorted(told)
     route = inputs.route.with_restrictions(restrictions) if restrictions else inputs.route
     start_m, end_m = max(first_m, 0.0), min(last_m, route.length_m)
-    return build_section(route, inputs.vehicle, level=inputs.level, start_m=start_m, end_m=end_m)
+    ends = SectionOptions(start_speed_mps=leg.start.passed_mps, end_speed_mps=leg.end.passed_mps)
+    vehicle = fast_enough(inputs.vehicle, leg.motion)
+    return build_section(route, vehicle, level=inputs.level, start_m=start_m, end_m=end_m, options=ends)
+
+
+def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
+    """The vehicle with the top speed that it was driven with, if that is at most 5 % above the one in its file.
+
+    Otherwise no optimum could arrive as early. Losses must be known up to that speed.
+    """
+    top_mps, own_mps = float(motion.speed_mps.max()), vehicle.max_speed_mps
+    losses = (one for one in vehicle.losses.values() if isinstance(one, LossMap))
+    known_mps = min([FINDING.choice.overspeed_ratio * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
+    return replace(vehicle, max_speed_mps=top_mps) if own_mps < top_mps <= known_mps else vehicle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

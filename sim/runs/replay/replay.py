@@ -9,7 +9,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -30,18 +30,16 @@ from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
-from sim.drive.attribution.driven_legs import (
-    DrivenLeg,
-    DrivenMotion,
-    Smoothed,
-    legs_of,
-)
-from sim.drive.calls import calls_on_the_way, kept_calls
+from sim.drive.above_optimum import part_between
+from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, Smoothed, legs_of
+from sim.drive.attribution.open_part import open_calls
+from sim.drive.calls import KeptCall, calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
 from sim.recording.course import DrivenCourse
 from sim.recording.inputs import input_files, sha256
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
 from sim.trips.profile import DrivenRun, to_profile
+from sim.trips.settings import SMOOTHING
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
 
@@ -171,14 +169,27 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
 
 def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
     """The legs of a trip, cut and timed as for every drive; one leg if the train does not stand at both end stops."""
-    motion, matched = DrivenMotion.of_run(run), trip.matched
-    course = DrivenCourse(time_ns=motion.time_ns, s_m=motion.s_m, speed_mps=motion.speed_mps)
-    told = DrivenCourse(time_ns=matched.time_ns, s_m=matched.s_m, speed_mps=matched.speed_mps)
+    motion = DrivenMotion.of_run(run)
+    course, told = _courses(trip, motion)
     start, end = kept_calls([OrderedStop(one.name, one.position_m) for one in (trip.start, trip.end)], course, told)
     if not trip.whole:
         return (DrivenLeg(start=start, end=end, motion=motion),)
+    return legs_of(trip.path, motion, [start, *_on_the_way(trip, motion), end])
+
+
+def _courses(trip: Trip, motion: DrivenMotion) -> tuple[DrivenCourse, DrivenCourse]:
+    """The course of a smoothed trip, and that of its record."""
+    matched = trip.matched
+    return (
+        DrivenCourse(time_ns=motion.time_ns, s_m=motion.s_m, speed_mps=motion.speed_mps),
+        DrivenCourse(time_ns=matched.time_ns, s_m=matched.s_m, speed_mps=matched.speed_mps),
+    )
+
+
+def _on_the_way(trip: Trip, motion: DrivenMotion) -> tuple[KeptCall, ...]:
+    """The stops on the way at which a trip stood."""
     stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
-    return legs_of(trip.path, motion, [start, *calls_on_the_way(stood, course, told), end])
+    return calls_on_the_way(stood, *_courses(trip, motion))
 
 
 def smoothed_legs(trip: Trip) -> Smoothed:
@@ -186,10 +197,34 @@ def smoothed_legs(trip: Trip) -> Smoothed:
     return cache(lambda jerk_psd_m2ps5: driven_legs(trip, to_profile(trip.matched, 1.0, jerk_psd_m2ps5)))
 
 
-def smoothed_parts(trip: Trip) -> SmoothedParts:
-    """The motion of the same legs."""
-    legs = smoothed_legs(trip)
+def compared_legs(trip: Trip, section: Section) -> Smoothed:
+    """The legs of a trip that can be compared with optima of a section's train, when its record is smoothed otherwise.
+
+    If the trip does not stand at both its stops, they are those of its longest part between equal speeds. Smoothing
+    changes neither the times nor the speeds of its ends, so that no kinetic energy is counted. DasError if there is no
+    such part.
+    """
+    if trip.whole:
+        return smoothed_legs(trip)
+    vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
+    motion = DrivenMotion.of_run(trip.run)
+    calls = open_calls(trip.path, motion, trip.route, vehicle, _on_the_way(trip, motion))
+    return cache(lambda jerk: legs_of(trip.path, DrivenMotion.of_run(to_profile(trip.matched, 1.0, jerk)), calls))
+
+
+def parts_of(legs: Smoothed) -> SmoothedParts:
+    """The motion of legs."""
     return lambda jerk: [DrivenPart(one.time_s, one.motion.s_m, one.motion.speed_mps) for one in legs(jerk)]
+
+
+def stated_parts(trip: Trip, section: Section) -> tuple[SmoothedParts, str]:
+    """The parts of a trip of which energies are stated, and which part of it they are in words (empty: all of it)."""
+    try:
+        legs = compared_legs(trip, section)
+    except DasError:  # no part of an open trip can be compared with this train
+        return parts_of(smoothed_legs(trip)), ""
+    made = legs(SMOOTHING.jerk_psd_m2ps5)
+    return parts_of(legs), part_between(made[0].start.name, made[-1].end.name)
 
 
 def _check(options: ReplayOptions) -> None:

@@ -10,24 +10,26 @@ import numpy as np
 from rich.table import Table
 
 from das.command_line.printing import print_table, tell, typed
+from das.domain.errors import DasError
 from das.domain.units import NS, kwh
+from das.solver.section import Section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, why_not_comparable
 from sim.drive.attribution.driven_legs import (
     ComparedLeg,
-    DrivenLeg,
+    Smoothed,
     leg_energies,
     likely_band,
     range_above,
     section_of_leg,
 )
 from sim.recording.inputs import DriveInputs
-from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, smoothed_legs, smoothed_parts
+from sim.runs.replay.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import EnergyRange, energy_range
-from sim.trips.report import direction_by_posts, line_not_used, unknowns
-from sim.trips.settings import ESTIMATE
+from sim.trips.report import direction_by_posts, line_not_used, part_words, unknowns
+from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
 LEAST_CERTAIN_RATIO = 0.01
@@ -50,27 +52,40 @@ class TripEnergies:
 
 
 def trip_energies(job: ReplayJob) -> TripEnergies:
-    """The energies of the trip of a replay."""
+    """The energies of the trip of a replay, with their ranges."""
     trip, section = job.trip, job.front.section
-    vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
-    inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
-
-    def compared(leg: DrivenLeg) -> ComparedLeg:
-        front = solve_front(section_of_leg(inputs, leg)) if trip.whole else job.front
-        return ComparedLeg.of(leg, front, leg_energies(front.section, leg))
-
-    legs = tuple(compared(leg) for leg in job.legs)
-    each = tuple(one.section_energy for one in legs)
-    why_not = why_not_comparable(each, whole=trip.whole, direction_known=trip.direction_known)
-    found = None if why_not else range_above(legs, smoothed_legs(trip))
-    above = AboveOptimum(
-        sections=each,
-        measured=False,
-        why_not=why_not,
+    try:
+        smoothed = compared_legs(trip, section)
+        legs, above = beside_optimum(trip, section, smoothed)
+    except DasError as error:  # no part of an open trip can be compared with this train
+        smoothed = smoothed_legs(trip)
+        legs = tuple(ComparedLeg.of(leg, job.front, leg_energies(section, leg)) for leg in job.legs)
+        why_not = str(error).removeprefix(f"{trip.path}: {NOT_COMPARABLE}: ")
+        above = AboveOptimum(sections=tuple(one.section_energy for one in legs), measured=False, why_not=why_not)
+    found = None if above.why_not else range_above(legs, smoothed)
+    above = replace(
+        above,
         likely=None if found is None else likely_band(found.estimate_j, found.unknowns),
         worst=None if found is None else EnergyBand(found.low_j, found.high_j),
     )
-    return TripEnergies(legs=legs, above=above, energy=energy_range(section, smoothed_parts(trip)), above_range=found)
+    return TripEnergies(legs=legs, above=above, energy=energy_range(section, parts_of(smoothed)), above_range=found)
+
+
+def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tuple[ComparedLeg, ...], AboveOptimum]:
+    """The legs of a trip beside their optima, and its energy above the optimum, with the train of a section.
+
+    `smoothed` returns the legs, as `compared_legs` finds them. Raises DasError if the train cannot run there.
+    """
+    vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
+    inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
+    driven = smoothed(SMOOTHING.jerk_psd_m2ps5)
+    fronts = [solve_front(section_of_leg(inputs, leg)) for leg in driven]
+    legs = tuple(
+        ComparedLeg.of(leg, front, leg_energies(front.section, leg)) for leg, front in zip(driven, fronts, strict=True)
+    )
+    each = tuple(one.section_energy for one in legs)
+    why_not = why_not_comparable(each, direction_known=trip.direction_known)
+    return legs, AboveOptimum(sections=each, measured=False, why_not=why_not)
 
 
 def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> dict[str, Any]:
@@ -84,6 +99,7 @@ def result(job: ReplayJob, outcome: ReplayOutcome, energies: TripEnergies) -> di
     return {
         "from": trip.start.name,
         "to": trip.end.name,
+        "compared_part": energies.above.part or None,
         "trip_time_s": (job.arrived_ns - job.departed_ns) * NS,
         "whole_section": trip.whole,
         "direction_known": trip.direction_known,
@@ -260,6 +276,8 @@ def notes(found: dict[str, Any]) -> list[str]:
 
 def _notes_of_figures(found: dict[str, Any]) -> list[str]:
     notes = []
+    if found["compared_part"] is not None:
+        notes.append(part_words(found["compared_part"]))
     if found["not_comparable"] is not None:
         notes.append(f"{NOT_COMPARABLE}: {found['not_comparable']}")
     if found["timetable_fit"] == Fit.LATE:
@@ -272,7 +290,10 @@ def _notes_of_figures(found: dict[str, Any]) -> list[str]:
         notes.append(f"the train stood at {names} on the way: it is compared section by section with the same stands")
     if found["beyond_vehicle_ratio"] > ESTIMATE.foreign_ratio:
         share = 100 * found["beyond_vehicle_ratio"]
-        notes.append(f"in {share:.0f} % of the time the trip asks more force than this vehicle has (another train?)")
+        notes.append(
+            f"in {share:.0f} % of the time the trip asks more force than this vehicle has: das-sim trip marks where "
+            "(--plot), and looks for other trains (--vehicles all)"
+        )
     if found["above_optimum_kwh"] is not None and not found["above_optimum_certain"]:
         notes.append("with the unknowns at their worst it took no more than the optimum, or hardly more")
     if found["direction_note"]:

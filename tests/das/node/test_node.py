@@ -230,7 +230,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "it is for train 'T2', this node is for 'T1'": {"train": "T2"},
     "expected one that leads forwards on the route": stops((0.0, None, 0.0), (1e10, 300.0, None)),
     "it has 1 stops, expected at least 2": stops((0.0, None, None)),
-    "it is for vehicle '../x', this node knows re460-ic, re460-ic-igbt": {"vehicle_id": "../x"},
+    "it is for vehicle '../x', this node knows CH_Stadler_FLIRT_TPF, CH_Stadler_KISS_SBB": {"vehicle_id": "../x"},
     "no load 'full'": {"load": "full"},
     "level 'l9': expected one of l0-noreg": {"level": "l9"},
     "timetable: the departure from stop 2 is before the arrival there": stops(

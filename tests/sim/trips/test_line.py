@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from das.domain.errors import DasError
+from das.domain.route import Route, Stop
 from sim.trips.line import Line, read_kilometre_posts
 from tests.support.made_line import arc, north, posts, posts_file, route
 
@@ -103,3 +105,36 @@ def test_columns_of_posts_may_stand_in_any_order_with_decimal_commas(tmp_path: P
     assert line.chainage_m == pytest.approx([0.0, 1100.0, 2200.0])
     assert line.latitude_deg == pytest.approx([47.0, 47.01, 47.02])
     assert not line.on_route
+
+
+def with_stops(*stops: tuple[float, float], aside_m: float = 0.0) -> Route:
+    """The route with stops at positions (m), whose coordinates are at distances (m) north of the first post."""
+    at = [(position_m, *(float(x[0]) for x in north(np.array([north_m]), aside_m))) for position_m, north_m in stops]
+    named = (Stop(name=f"S{i}", position_m=p, latitude_deg=a, longitude_deg=b) for i, (p, a, b) in enumerate(at))
+    return replace(route(), stops=tuple(named))
+
+
+def test_coordinates_of_stops_put_posts_on_the_route_whichever_way_they_are_listed(tmp_path: Path) -> None:
+    """Stop 0 is 1500 m after the first post, or, driven the other way, 1500 m before the last one."""
+    line = posts(tmp_path)
+    along = line.placed(with_stops((0.0, 1500.0), (8000.0, 9500.0)))
+    against = line.placed(with_stops((0.0, 9500.0), (8000.0, 1500.0)))
+    for placed, at_m in ((along, np.array([1500.0, 4000.0])), (against, np.array([9500.0, 7000.0]))):
+        assert placed.on_route
+        assert placed.by_stops
+        assert (np.diff(placed.chainage_m) > 0).all()
+        assert placed.match(*north(at_m))[0] == pytest.approx([0.0, 2500.0], abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "on",
+    [
+        route(),  # no coordinates
+        with_stops((0.0, 1500.0), (8000.0, 1500.0)),  # of one place only
+        with_stops((0.0, 1500.0), (8000.0, 9800.0)),  # 4 % too far apart
+        with_stops((0.0, 1500.0), (8000.0, 9500.0), aside_m=300.0),  # beside another line
+    ],
+)
+def test_coordinates_that_do_not_tell_change_nothing(tmp_path: Path, on: Route) -> None:
+    line = posts(tmp_path)
+    assert line.placed(on) is line

@@ -24,7 +24,7 @@ from sim.cli import trips as trip_command
 from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, leg_energies, likely_band, range_above
 from sim.options import ReplayOptions, TripOptions
 from sim.runs.replay import report as replay_report
-from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare, smoothed_parts
+from sim.runs.replay.replay import ReplayOutcome, driven_legs, prepare, stated_parts
 from sim.runs.replay.report import trip_energies
 from sim.trips.estimate import EnergyRange, energy_range, estimate_run, strongest_held_n
 from sim.trips.profile import to_profile
@@ -50,7 +50,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Trip, Section, Ene
     """The clean trip on a level line with a lossless train of 100 t that feeds back all it can."""
     section = lossless()
     trip = on_route(tmp_path_factory.mktemp("trip"), clean(), section.route, positions=True)
-    return trip, section, energy_range(section, smoothed_parts(trip))
+    return trip, section, energy_range(section, stated_parts(trip, section)[0])
 
 
 def test_without_losses_the_energy_is_that_of_the_resistance(driven: tuple[Trip, Section, EnergyRange]) -> None:
@@ -200,6 +200,24 @@ def test_the_strongest_force_is_one_that_is_held(driven: tuple[Trip, Section, En
     assert -force_n.min() == pytest.approx(1.5 * mass_kg - C0_N, rel=0.02)  # of the last second alone
     assert traction_n == pytest.approx(0.5 * mass_kg + C0_N + C2 * 26.0**2, rel=0.01)
     assert braking_n == pytest.approx(0.5 * mass_kg - C0_N - C2 * 5.0**2, rel=0.01)
+
+
+@pytest.mark.parametrize(("seconds", "beyond_s"), [(2, 0), (12, 12)])
+def test_more_force_than_the_vehicle_has_counts_if_it_is_held_and_is_marked(
+    driven: tuple[Trip, Section, EnergyRange], seconds: int, beyond_s: int
+) -> None:
+    """0.5 m/s², then 1.25 m/s² (of 100 kN and 100 t) for a while, then a steady speed."""
+    from matplotlib.figure import Figure
+
+    t = np.arange(0.0, 121.0)
+    v = np.interp(t, [0, 30, 30 + seconds, 120], [0, 15, 15 + 1.25 * seconds, 15 + 1.25 * seconds])
+    found = estimate_run(driven[1], t, np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]))), v)
+    assert found.beyond_ratio * 120 == pytest.approx(beyond_s, abs=4)
+    assert not found.beyond[:25].any()
+    axis = Figure().subplots()
+    draw_forces(axis, found)
+    marked = [str(text.get_text()) for text in axis.get_legend().get_texts()]
+    assert ("more than it has, for 8 s" in marked) == (beyond_s > 0)
 
 
 def test_the_picture_is_scaled_to_forces_that_are_held(driven: tuple[Trip, Section, EnergyRange]) -> None:

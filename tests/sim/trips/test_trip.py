@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from das.domain.errors import DasError
-from das.domain.route import Floats, Stop
+from das.domain.route import Floats, Route, Stop
 from sim.options import TripOptions
 from sim.trips.cleaning import FindingKind
 from sim.trips.points import slowed_to
@@ -20,7 +20,7 @@ from sim.trips.report import write_cleaned
 from sim.trips.trip import Trip, load_trip
 from tests.support import dirt
 from tests.support.dirt import LENGTH_M, STOOD_S, Point, Points, changed, check_truth, clean, counts, load, on_route
-from tests.support.made_line import motion, route
+from tests.support.made_line import motion, north, route
 
 
 def beyond_both_ends() -> Points:
@@ -359,3 +359,35 @@ def test_posts_are_not_used_where_positions_are_on_the_route(tmp_path: Path) -> 
     assert (trip.line_not_used, without.line_not_used) == (posts, None)
     assert trip.direction_known
     assert np.array_equal(trip.matched.s_m, without.matched.s_m)
+
+
+def located() -> Route:
+    """The route without geometry, whose stops have coordinates."""
+    places = zip(("A", "B"), (0.0, LENGTH_M), *north(np.array([0.0, LENGTH_M])), strict=True)
+    stops = (Stop(name=n, position_m=p, latitude_deg=a, longitude_deg=b) for n, p, a, b in places)
+    return replace(route(), stops=tuple(stops))
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_coordinates_of_the_stops_tell_the_direction(tmp_path: Path, back: bool) -> None:
+    """Along the posts or against them, whatever is said: it runs to the stop where it ends, and posts need no turn."""
+    points = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()] if back else clean()
+    for said in ({}, {"reverse": False}, {"reverse": True}):
+        trip = load(tmp_path, points, located(), **said)
+        assert trip.direction_known
+        assert trip.reversed == back
+        assert (trip.start.name, trip.end.name) == (("B", "A") if back else ("A", "B"))
+        assert trip.whole
+        check_truth(trip, clean())
+
+
+@pytest.mark.parametrize("back", [False, True])
+def test_coordinates_of_the_stops_place_a_record_that_never_stands(tmp_path: Path, back: bool) -> None:
+    points = [p for p in clean() if 1000.0 < p.s_m < 7000.0]
+    points = [replace(p, s_m=LENGTH_M - p.s_m) for p in points] if back else points
+    trip = load(tmp_path, points, located())
+    assert trip.matched.report.anchor == "stops"
+    assert trip.reversed == back
+    check_truth(trip, clean())
+    with pytest.raises(DasError, match="the train stands neither at the first nor at the last line"):
+        load(tmp_path, points)

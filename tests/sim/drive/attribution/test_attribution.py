@@ -111,7 +111,6 @@ def test_why_a_drive_cannot_be_compared() -> None:
     late = replace(fits, late_s=2.5)
     assert why_not_comparable([fits, fits]) == ""
     assert why_not_comparable([fits, late]).endswith("the optimum is its fastest run, 2.5 s later")
-    assert why_not_comparable([fits], whole=False) == "the trip does not run from standstill to standstill at the stops"
     assert why_not_comparable([fits], direction_known=False) == "the direction of the trip is not known"
 
 

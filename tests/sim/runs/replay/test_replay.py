@@ -12,15 +12,18 @@ import pytest
 
 from das.bus import codec, das_pb2
 from das.bus.recording import Recording, Stamped
+from das.domain.errors import DasError
 from das.domain.route import Stop
 from das.domain.units import KMH
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
+from sim.drive.attribution.driven_legs import fast_enough
+from sim.drive.attribution.open_part import EQUAL_MPS
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
-from sim.runs.replay.replay import ReplayJob, _Feed, _journey, driven_legs, plan_timing, prepare
+from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, plan_timing, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.trips.estimate import estimate_run
 from sim.trips.record import read_trip
@@ -158,4 +161,51 @@ def test_a_trip_that_does_not_stand_at_its_stops_is_one_leg_over_its_whole_run(d
     (only,) = driven_legs(part, trip.run)
     assert only.trip_s == pytest.approx(float(trip.run.time_s[-1]))
     found = trip_energies(replace(driven[0], trip=part, legs=(only,)))
-    assert (found.above.above_j, found.above_range) == (None, None)
+    assert found.above.part == "km 0.0 at 0 km/h to km 8.0 at 0 km/h"  # equal speeds: it stood there all the same
+    assert [one.end for one in found.above.sections] == ["M", "km 8.0 at 0 km/h"]
+    assert found.above.above_j == pytest.approx(driven[1].above.above_j, abs=0.01 * found.above.driven_j)
+
+
+def test_an_open_trip_is_compared_over_its_longest_part_between_equal_speeds(driven: Driven) -> None:
+    """The record ends as the train brakes: the part begins when it was as fast, and its optimum is as fast there."""
+    trip = driven[0].trip
+    cut = int(np.searchsorted(trip.run.s_m, 7600.0))
+    run = replace(trip.run, **{name: getattr(trip.run, name)[:cut] for name in ("time_s", "s_m", "speed_mps")})
+    ends = trip.matched.ends._replace(ends_standing=False)
+    part = replace(trip, run=run, matched=replace(trip.matched, ends=ends))
+    found = trip_energies(replace(driven[0], trip=part))
+    first, last = found.legs[0], found.legs[-1]
+    assert first.leg.motion.s_m[0] < 1000.0
+    assert last.leg.motion.s_m[-1] > 7300.0
+    assert abs(first.leg.motion.speed_mps[0] - last.leg.motion.speed_mps[-1]) <= 2 * EQUAL_MPS
+    for speeds in (first.optimum.trajectory.v_mps[0], first.leg.motion.speed_mps[0]):
+        assert speeds == pytest.approx(first.front.section.start_speed_mps)
+    assert last.optimum.trajectory.v_mps[-1] == pytest.approx(last.leg.motion.speed_mps[-1])
+    assert len(found.legs) == 2  # it stood at M
+    assert 0.0 < found.above.above_j < driven[1].above.above_j  # type: ignore[operator]
+    assert found.above_range is not None
+    assert found.above_range.low_j < found.above.above_j < found.above_range.high_j  # type: ignore[operator]
+    assert found.energy.low_j < found.above.driven_j < found.energy.high_j
+
+
+def test_a_part_of_less_than_a_kilometre_is_not_compared(driven: Driven) -> None:
+    """It only accelerates; and a train of 60 km/h has no part of a drive of 108 km/h."""
+    trip = driven[0].trip
+    cut = int(np.searchsorted(trip.run.s_m, 800.0))
+    run = replace(trip.run, **{name: getattr(trip.run, name)[:cut] for name in ("time_s", "s_m", "speed_mps")})
+    part = replace(trip, run=run)
+    section = driven[0].front.section
+    slow = replace(section, vehicle=replace(section.vehicle, max_speed_mps=60 * KMH))
+    with pytest.raises(DasError, match=r"not comparable: .*, nor does it have equal speeds 1 km apart$"):
+        compared_legs(part, section)
+    with pytest.raises(DasError, match="which is faster than this train, 60 km/h"):
+        compared_legs(part, slow)
+
+
+def test_a_train_that_was_driven_a_little_too_fast_is_that_fast(driven: Driven) -> None:
+    motion, train = driven[0].legs[0].motion, driven[0].front.section.vehicle
+    top_mps = float(motion.speed_mps.max())
+    near, far = (replace(train, max_speed_mps=top_mps / ratio) for ratio in (1.04, 1.06))
+    assert fast_enough(near, motion).max_speed_mps == top_mps
+    assert fast_enough(far, motion) is far
+    assert fast_enough(train, motion) is train
