@@ -130,7 +130,7 @@ def say(text: str) -> None:
     """
     with contextlib.suppress(OSError):
         if select.select([], [STDERR], [], 0)[1]:
-            os.write(STDERR, f"{visible(text)}\n".encode(sys.stderr.encoding, errors="replace"))
+            os.write(STDERR, f"{visible(text)}\n".encode(sys.stderr.encoding or "utf-8", errors="replace"))
 
 
 def typed(command: str) -> str:
