@@ -85,7 +85,7 @@ def test_several_runs_are_named_by_what_tells_them_apart(
 def test_many_runs_all_look_different(run: das.Solution) -> None:
     looks = {(str(look["color"]), str(look["linestyle"])) for look in map(look_of, range(36))}
     assert len(looks) == 36
-    first, seventh = (das.plot(*[run] * 7).axes[0].lines[at] for at in (0, 6))
+    first, seventh = (das.plot(*[run] * 7).axes[0].lines[at] for at in (1, 7))
     assert first.get_color() == seventh.get_color()
     assert first.get_linestyle() != seventh.get_linestyle()
 
