@@ -323,7 +323,7 @@ def _plotted(shown: object) -> PlottedRun:
     """A run as a picture shows it; InputError for anything that is no run."""
     plotted = getattr(shown, "plotted", None)
     if plotted is None:
-        expected = "solutions, trajectories, planned journeys, days and drives, or fronts alone"
+        expected = "solutions, trajectories, planned journeys, days and drives, or fronts alone (of a list: *runs)"
         raise InputError("plot", "runs", type(shown).__name__, expected)
     found: PlottedRun = plotted()
     return found

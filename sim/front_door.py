@@ -333,6 +333,8 @@ def _drive(given: Drive | str | Path) -> Drive:
 
 def _new(out: str | Path) -> Path:
     """The path of a file that can be written and is not there yet; DasError for any other."""
+    if Path(out).is_file():
+        raise DasError(f"{out}: exists already, expected the name of a new file")
     check_writable(Path(out), overwrite=False)
     return Path(out)
 

@@ -33,7 +33,7 @@ LONGEST_LINE = 600
 """Longest message (characters) that is printed whole; a longer one loses its middle."""
 
 LOADING = "loading the solver …"
-COMPILING = "compiling the solver (once on a machine, some 20 s) …"
+COMPILING = "compiling the solver (up to half a minute, and only the first time) …"
 SCIPYS_BLAS = "scipy.linalg.cython_blas"
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Any, Final
 
 BACKGROUND, INK, GRID = "#ffffff", "#222222", "#d9d9d9"
 LIMIT: Final = "#8c1d18"
@@ -12,3 +13,9 @@ SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f0
 any colour vision tell apart. They have no meaning of their own; lines differ in style as well."""
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Line styles of runs or drives that are compared, in their order."""
+
+
+def look_of(number: int, colors: Sequence[str] = SEVERAL) -> dict[str, Any]:
+    """Colour and line style of the run or drive with a number, counted from 0; the first 36 all look different."""
+    again, which = divmod(number, len(colors))
+    return {"color": colors[which], "linestyle": LINES[(which + again) % len(LINES)]}

@@ -19,7 +19,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
 from das.domain.plotted import PlottedFront, PlottedRun
 from das.domain.units import KM, KN, PERMILLE, kmh, kwh
-from das.drawing.colors import BACKGROUND, GRID, INK, LIMIT, LINES, SEVERAL
+from das.drawing.colors import BACKGROUND, GRID, INK, LIMIT, look_of
 
 try:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -38,7 +38,7 @@ NAME_APART: Final = 0.012
 ALTITUDE_MARGIN_M: Final = 5.0
 LEAST_RISE_M: Final = 0.5
 """A line that rises and falls by no more than this (m) is flat."""
-LIMITS: Final = "limit"
+LIMITS, LIMITS_OF_FIRST = "limit", "limit of the first run"
 
 
 class Over(StrEnum):
@@ -56,6 +56,8 @@ class Picture(Figure):
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the picture as .png, .pdf or .svg; DasError for another suffix, or for a file that is already there."""
         check_picture(Path(path))
+        if Path(path).is_file() and not overwrite:
+            raise DasError(f"{path}: exists already; picture.save(…, overwrite=True) replaces it")
         check_writable(Path(path), overwrite=overwrite)
         save_figure(Path(path), self)
 
@@ -83,8 +85,7 @@ class _Runs:
     def drawn(self) -> Iterator[tuple[PlottedRun, Floats, dict[str, Any]]]:
         """Each run with its place on the horizontal axis and its look."""
         for number, (run, label) in enumerate(zip(self.runs, self.labels, strict=True)):
-            look = {"color": SEVERAL[number % len(SEVERAL)], "linestyle": LINES[number % len(LINES)], "label": label}
-            yield run, self.x(run), look
+            yield run, self.x(run), {**look_of(number), "label": label}
 
     def stops(self) -> list[tuple[str, float]]:
         """Names of the stops of the first run and where they lie on the horizontal axis."""
@@ -131,8 +132,7 @@ def draw_fronts(
     figure, (axis,) = _figure((4.0,))
     for number, front in enumerate(fronts):
         x = front.buffer_percent if over is Over.BUFFER else front.time_s
-        look = {"color": SEVERAL[number % len(SEVERAL)], "linestyle": LINES[number % len(LINES)]}
-        axis.plot(x, kwh(front.energy_j), marker=".", label=names[number], **look)
+        axis.plot(x, kwh(front.energy_j), marker=".", label=names[number], **look_of(number))
     axis.set_xlabel("buffer, % above the least time" if over is Over.BUFFER else "trip time, s", color=INK)
     axis.set_ylabel("energy, kWh", color=INK)
     _explain(figure, axis, ", ".join(title))
@@ -200,12 +200,13 @@ def _rises(run: PlottedRun) -> bool:
 def _speed(axis: Any, shown: _Runs) -> None:
     """Speeds, and the limit: over time that of the first run, else every one that is not that of a run before."""
     limits: list[Floats] = []
+    words = LIMITS_OF_FIRST if shown.over is Over.TIME and len(shown.runs) > 1 else LIMITS
     for run, x, _ in shown.drawn():
         limit = None if run.limit_mps is None else np.column_stack((x, kmh(run.limit_mps)))
         if limit is not None and not any(np.array_equal(limit, other) for other in limits):
             limits.append(limit)
             axis.step(
-                *limit.T, where="post", color=LIMIT, linewidth=1.0, alpha=0.8, label=None if limits[1:] else LIMITS
+                *limit.T, where="post", color=LIMIT, linewidth=1.0, alpha=0.8, label=None if limits[1:] else words
             )
         if shown.over is Over.TIME:
             break

@@ -112,7 +112,7 @@ def figures_by_name() -> dict[str, Callable[[Reference], list[Figure]]]:
 
 def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -> dict[str, Any]:
     """Measure figures; returns what `--json` prints."""
-    with busy("compiling the solver (once on a machine, about 10 s) …"):
+    with busy("compiling the solver (about 10 s, and only the first time) …"):
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
         from precompute.bench.figures import FULL, QUICK, Reference, Workload

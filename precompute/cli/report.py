@@ -126,10 +126,11 @@ LEGEND = {
 
 
 def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
-    """Print runs, as `solution_json` gives them, one a row; savings are relative to the first."""
+    """Print runs, as `solution_json` gives them, one a row; of several, also the savings relative to the first."""
+    several = len(results) > 1
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     energies = (f"{name}\nkWh" for name in ("input", "lost", "stored"))
-    for name in ("time s", "buffer %", *energies, "saved\n%", "λ kW", "gap %", "ms", "fit"):
+    for name in ("time s", "buffer %", *energies, *(["saved\n%"] if several else []), "λ kW", "gap %", "ms", "fit"):
         table.add_column(name, justify="right", no_wrap=True)
     first = results[0]["energy_kwh"]
     for result in results:
@@ -140,13 +141,13 @@ def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
             f"{result['energy_kwh']:.2f}",
             f"{result['energy_irreversible_kwh']:.2f}",
             f"{result['energy_stored_kwh']:+z.2f}",
-            f"{100 * (1 - result['energy_kwh'] / first):.1f}" if len(results) > 1 and first else "–",
+            *([f"{100 * (1 - result['energy_kwh'] / first):.1f}" if first else "–"] if several else []),
             _price(result),
             f"{100 * result['gap_ratio']:.3f}" if result["gap_ratio"] is not None else "–",
             f"{1e3 * result['solve_s']:.0f}",
             result["fit"],
         )
-    print_table(table, LEGEND if len(results) > 1 else {name: LEGEND[name] for name in LEGEND if name != "saved"})
+    print_table(table, LEGEND if several else {name: LEGEND[name] for name in LEGEND if name != "saved"})
 
 
 def _price(result: dict[str, Any]) -> str:

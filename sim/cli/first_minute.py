@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from das.command_line.printing import busy, paragraph, progress_bar, tell, typed
 from das.domain.files.writing import new_file
 from das.domain.units import KM, NS, PERCENT, kwh
-from sim.cli.options import new_recording, removed_if_unused
+from sim.cli.options import naming_recorded, new_recording, removed_if_unused
 from sim.cli.trips import bundled_recording, replayed
 from sim.drivers.kinds import Presentation
 from sim.options import ReplayOptions
@@ -32,11 +32,11 @@ HANGS_ON: Final = (
 def first_minute() -> None:
     """Replay the bundled recording, drive its trip anew with the coach, and print what came of both."""
     trip = bundled_recording()
-    recorded = new_recording("replay")
+    recorded = new_recording("replay", "start das-sim in a folder where it can write")
     with removed_if_unused(recorded):
         replayed(trip, ReplayOptions(), recorded)
     coached = new_file(recorded.with_name(f"{recorded.stem}-coach.mcap"))
-    with removed_if_unused(coached):
+    with removed_if_unused(coached), naming_recorded(recorded, coached):
         found = _with_coach(recorded, coached)
     _print(found)
     files = f"{shlex.quote(str(coached))} --beside {shlex.quote(str(recorded))}"

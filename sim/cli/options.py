@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -130,13 +131,13 @@ def chosen(kind: type[Kind], option: str, text: str) -> Kind:
     return kind(text)
 
 
-def new_recording(kind: str) -> Path:
-    """Make a new file in ./recordings, named by its kind and the time."""
+def new_recording(kind: str, otherwise: str = "say where with --out") -> Path:
+    """Make a new file in ./recordings, named by its kind and the time; an error says what to do `otherwise`."""
     folder = Path("recordings")
     try:
         make_folder(folder)
     except DasError as error:
-        raise DasError(f"{error}; say where with --out") from error
+        raise DasError(f"{error}; {otherwise}") from error
     return new_file(folder / f"{kind}-{datetime.now(UTC):%Y%m%d-%H%M%S}.mcap")
 
 
@@ -149,6 +150,18 @@ def removed_if_unused(reserved: Path | None) -> Iterator[None]:
         with suppress(OSError):
             if reserved is not None and reserved.stat().st_size == 0:
                 reserved.unlink()
+        raise
+
+
+@contextmanager
+def naming_recorded(*files: Path | None) -> Iterator[None]:
+    """If the block is interrupted, say in which of these recordings there is something already."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        begun = [str(one) for one in files if one is not None and one.is_file() and one.stat().st_size > 0]
+        if begun:
+            print(f"recorded so far: {', '.join(begun)}", file=sys.stderr)
         raise
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ from das.command_line.printing import busy, loading_solver, paragraph, print_tab
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen, removed_if_unused
+from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen, naming_recorded, removed_if_unused
 from sim.options import NodeSaid, OfTrainOption, WhatIfKind
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
@@ -326,12 +325,11 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
         raise DasError(f"--tables {said.tables}: a day driven anew solves its sections")
     with busy("solving the sections …"):
         again = day_again(origin, new, said.node)
-    try:
-        with progress_bar(f"driving {origin.path.name} anew", "starting node and recorder", "m") as progress:
-            drive_again(again, out, progress)
-    except KeyboardInterrupt:
-        print(f"stopped; recorded so far: {out}", file=sys.stderr)
-        raise
+    with (
+        naming_recorded(out),
+        progress_bar(f"driving {origin.path.name} anew", "starting node and recorder", "m") as progress,
+    ):
+        drive_again(again, out, progress)
     return [] if origin.is_simulated else [FROM_A_DRIVE]
 
 

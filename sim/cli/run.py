@@ -36,6 +36,7 @@ from sim.cli.options import (
     InProcessOption,
     RunAtOption,
     ScenarioArgument,
+    naming_recorded,
     new_recording,
     removed_if_unused,
 )
@@ -198,13 +199,10 @@ def _drive(day: Day, how: How, out: Path | None, speed: float | None) -> DayResu
     driver = _external(day, how, speed) if isinstance(how.driver, External) else day.driver(how.driver, how.friction)
     try:
         title = f"{day.service.scenario.id}, {how.driver}"
-        with progress_bar(title, "starting node and recorder" if out else "driving", "km") as progress:
+        first = "starting node and recorder" if out else "driving"
+        with naming_recorded(out), progress_bar(title, first, "km") as progress:
             pace = _Pace(speed, progress)
             run, traffic = drive_day(day, driver, how, out, pace.tick)
-    except KeyboardInterrupt:
-        if out is not None:
-            print(f"stopped; recorded so far: {out}", file=sys.stderr)
-        raise
     except DasError as error:
         if out is None or not out.is_file() or out.stat().st_size == 0:
             raise

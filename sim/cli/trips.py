@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shlex
-import sys
 import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
@@ -34,7 +33,7 @@ from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
-from sim.cli.options import TripArgument, new_recording, removed_if_unused, tell_written
+from sim.cli.options import TripArgument, naming_recorded, new_recording, removed_if_unused, tell_written
 from sim.options import ReplayOptions, TripOptions, VehiclesOption, typed_command
 
 if TYPE_CHECKING:
@@ -152,12 +151,11 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
     with busy("estimating the energy of the trip, and how well it is known …"):
         energies = trip_energies(job)
     interrupt_on_termination()
-    try:
-        with progress_bar(f"replaying {trip.name}", "starting node and recorder", "s") as progress:
-            outcome = run_replay(job, progress, energies.above.message)
-    except KeyboardInterrupt:
-        print(f"stopped; recorded so far: {out}", file=sys.stderr)
-        raise
+    with (
+        naming_recorded(out),
+        progress_bar(f"replaying {trip.name}", "starting node and recorder", "s") as progress,
+    ):
+        outcome = run_replay(job, progress, energies.above.message)
     return result(job, outcome, energies)
 
 

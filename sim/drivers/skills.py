@@ -12,6 +12,7 @@ from typing import Final, Generic, Self, TypeVar
 import numpy as np
 
 from das.advice.regimes import BRAKES, TRACTION, Regime
+from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.handling import Wander
@@ -129,6 +130,8 @@ class NotchedLever:
     """A controller with as many notches each way, which is moved by no less than a whole one."""
 
     def __init__(self, count: int) -> None:
+        if count < 1:
+            raise DasError(f"NotchedLever: count = {count}: expected at least one notch each way")
         self.count, self.notch = count, 0
 
     def set(self, wanted: float, most: float = 1.0) -> float:
@@ -143,14 +146,15 @@ class Late(Generic[_Seen]):
     """What was seen a while ago: `seen` takes what there is at each look, and returns what there was then."""
 
     def __init__(self, late_s: float, before: _Seen) -> None:
+        if not 0.0 <= late_s < math.inf:
+            raise DasError(f"Late: late_s = {late_s}: expected a finite time >= 0 s")
         looks = round(late_s / LOOK_S)
-        self._seen: deque[_Seen] = deque([before] * looks, looks)
+        self._seen: deque[_Seen] = deque([before] * looks, looks + 1)
 
     def seen(self, now: _Seen) -> _Seen:
         """What was seen that long ago."""
-        then = self._seen[0]
         self._seen.append(now)
-        return then
+        return self._seen[0]
 
 
 class WanderingError:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
-from das.drawing.colors import LINES
+from das.drawing.colors import look_of
 from sim.drive.happenings import Span
 from sim.recording.course import Floats, Times
 from sim.review.colors import COMPARED, LIGHT, Meaning, Theme
@@ -328,7 +328,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
     at_km = aligned.s_m / KM
     curve(speed, "speed/limit", at_km, kmh(aligned.limit_mps), LIGHT)
     for i, drive in enumerate(aligned.drives):
-        style = {"color": COMPARED[i % len(COMPARED)], "linestyle": LINES[i % len(LINES)], "linewidth": 1.4}
+        style = {**look_of(i, COMPARED), "linewidth": 1.4}
         speed.plot(at_km, kmh(aligned.speed_mps[i]), label=drive.label, **style)
         if i:
             time.plot(at_km, aligned.time_s[i] - aligned.time_s[0], **style)

@@ -52,6 +52,8 @@ def save_view(
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
     _check_installed("rerun", "rerun_cli")
+    if rrd_path.suffix.lower() != ".rrd":
+        raise DasError(f"{rrd_path}: expected a file name that ends in .rrd")
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"

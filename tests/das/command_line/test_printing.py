@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pty
 import select
@@ -113,6 +114,15 @@ def test_what_nobody_reads_is_not_said_and_holds_nobody_up() -> None:
         os.dup2(own, 2)
         os.close(own)
         os.close(log)
+
+
+def test_a_line_is_said_where_standard_error_has_no_encoding(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A program or a test that redirects standard error into a text buffer compiles as any other."""
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    say("compiling …")
+    assert capfd.readouterr().err == "compiling …\n"
 
 
 PROGRAM = """

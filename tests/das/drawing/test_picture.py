@@ -13,6 +13,7 @@ import das
 from das.domain.plotted import PlottedRun
 from das.domain.route import Stop
 from das.domain.units import KM, KMH, KWH
+from das.drawing.colors import look_of
 from das.drawing.picture import Over, Picture, draw_runs
 from tests.support.making import REPOSITORY
 
@@ -81,6 +82,19 @@ def test_several_runs_are_named_by_what_tells_them_apart(
     ]
 
 
+def test_many_runs_all_look_different(run: das.Solution) -> None:
+    looks = {(str(look["color"]), str(look["linestyle"])) for look in map(look_of, range(36))}
+    assert len(looks) == 36
+    first, seventh = (das.plot(*[run] * 7).axes[0].lines[at] for at in (1, 7))
+    assert first.get_color() == seventh.get_color()
+    assert first.get_linestyle() != seventh.get_linestyle()
+
+
+def test_over_time_the_limit_is_said_to_be_that_of_the_first_run(run: das.Solution) -> None:
+    assert words(das.plot(run, run, over="time"))[0] == "limit of the first run"
+    assert words(das.plot(run, over="time"))[0] == words(das.plot(run, run))[0] == "limit"
+
+
 def test_fronts_are_drawn_through_their_points(fronts: tuple[das.Front, das.Front]) -> None:
     points = das.front_points(fronts[0])
     picture = das.plot(*fronts)
@@ -137,7 +151,7 @@ def test_a_picture_is_shown_in_a_notebook_and_saved_once(run: das.Solution, tmp_
     assert (tmp_path / "again.png").read_bytes() == written, "the same picture gives the same bytes"
     assert picture._repr_png_().startswith(b"\x89PNG")
     assert repr(picture) == "<Picture: a notebook shows it; in a script, write it with .save('run.png')>"
-    with pytest.raises(das.DasError, match=r"run.png: .*exists"):
+    with pytest.raises(das.DasError, match=r"run.png: exists already; picture.save\(…, overwrite=True\) replaces it"):
         picture.save(path)
     with pytest.raises(das.DasError, match=r"run.gif: expected a file name that ends in .png, .pdf or .svg"):
         picture.save(tmp_path / "run.gif")

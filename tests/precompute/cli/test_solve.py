@@ -92,6 +92,7 @@ def test_the_csv_and_what_is_printed_are_one_run_that_the_verifier_finds_nothing
 def test_solve_for_people_says_what_it_wrote_and_how_a_baseline_drives(tmp_path: Path) -> None:
     out = printed(tmp_path, *SOLVE, "--time", "100", "--out", "run.csv")
     assert "late" in out
+    assert "saved" not in out, "a single run has nothing to be compared with"
     assert "written: run.csv" in out
     assert os.listdir(tmp_path) == ["run.csv"]
     out = printed(tmp_path, *SOLVE, "--level", "l1", "--strategy", "four-mode", "--buffer", "7")

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from sim.drivers.cab import CabView
 from sim.drivers.knowledge import LineKnowledge
@@ -96,3 +97,13 @@ def test_noise_wanders_by_its_seed_and_spread() -> None:
     again = WanderingError(1, deviation=2.0, correlation_s=5.0)
     assert [again.at(time_s) for time_s in times[:50]] == values[:50].tolist()
     assert WanderingError(2, deviation=2.0, correlation_s=5.0).at(0.0) != values[0]
+
+
+def test_what_is_not_late_is_seen_at_once_and_nonsense_is_refused() -> None:
+    now = Late(0.0, "nothing")
+    assert [now.seen(str(look)) for look in range(3)] == ["0", "1", "2"]
+    for late_s in (-1.0, math.nan, math.inf):
+        with pytest.raises(DasError, match="expected a finite time >= 0 s"):
+            Late(late_s, None)
+    with pytest.raises(DasError, match=r"NotchedLever: count = 0: expected at least one notch"):
+        NotchedLever(0)

@@ -30,6 +30,8 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
     assert [path.name for path in tmp_path.iterdir()] == ["view.rrd"]
     with pytest.raises(DasError, match="no such folder"):
         view.save_view(open_recording(whole), tmp_path / "nowhere" / "view.rrd")
+    with pytest.raises(DasError, match=r"view\.png: expected a file name that ends in \.rrd"):
+        view.save_view(open_recording(whole), tmp_path / "view.png")
     only_events = write_recording(tmp_path / "events.mcap", only=(topics.EVENT,))
     monkeypatch.undo()
     with pytest.raises(DasError, match="no positions"):

@@ -1,0 +1,36 @@
+"""What commands of das-sim say of the recordings that they begin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from das.domain.errors import DasError
+from sim.cli.first_minute import first_minute
+from sim.cli.options import naming_recorded, new_recording
+
+
+def test_an_interrupt_names_only_recordings_in_which_there_is_something(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty, begun = tmp_path / "empty.mcap", tmp_path / "begun.mcap"
+    empty.touch()
+    begun.write_bytes(b"something")
+    with pytest.raises(KeyboardInterrupt), naming_recorded(empty, None, tmp_path / "none.mcap", begun):
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err == f"recorded so far: {begun}\n"
+    with pytest.raises(KeyboardInterrupt), naming_recorded(empty):
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err == ""
+
+
+def test_where_nothing_can_be_recorded_the_first_minute_names_no_option_that_it_has_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "recordings").touch()
+    with pytest.raises(DasError, match=r"expected a folder to write to; start das-sim in a folder where it can write$"):
+        first_minute()
+    with pytest.raises(DasError, match=r"say where with --out$"):
+        new_recording("run")
