@@ -142,18 +142,19 @@ class PhaseNow:
     ) -> float:
         """The speed to which coasting leads: that of the schedule, or another one if this train ends far from it."""
         shown, end_m, ahead = self._scene.shown, schedule.begin_m(number + 1), self._scene.brakes.ahead
-        told = shown.speed_mps if shown.mode is Regime.COAST else target
-        here_m = max(state.s_m, schedule.begin_m(number))
-        young = shown.mode is Regime.COAST and self._scene.shown_s < self._settings.least_shown_s
-        if young or end_m - here_m < state.v_mps * COASTS_ON_S:
-            return told
-        nodes_m, speeds_mps = schedule.section.node_m, ahead.rolling_mps(here_m, state.v_mps)
-        ends_mps = float(np.interp(end_m, nodes_m[-len(speeds_mps) :], speeds_mps))
-        if abs(ends_mps - told) <= COAST_MISSES_MPS:
-            return told
+        here_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
         on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
         ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
+        goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
+        told = shown.speed_mps if goes_on else target
+        young = goes_on and self._scene.shown_s < self._settings.least_shown_s
+        if young or end_m - here_m < state.v_mps * COASTS_ON_S:
+            return told
+        speeds_mps = ahead.rolling_mps(here_m, state.v_mps)
+        ends_mps = float(np.interp(end_m, nodes_m[-len(speeds_mps) :], speeds_mps))
+        if abs(ends_mps - told) <= COAST_MISSES_MPS:
+            return told
         return told_mps(min(max(ends_mps, self._settings.brake.creep_mps), highest), schedule.section, highest)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
