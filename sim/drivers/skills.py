@@ -15,7 +15,7 @@ from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.errors import DasError
 from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, CabView, Efforts
-from sim.drivers.handling import Wander
+from sim.drivers.handling import HEEDING, Wander
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.drivers.tracking import RULE, TRACKING, TimeRule, hold, stop_at, under_ceiling
@@ -103,6 +103,8 @@ class Skills:
     def advised(self, view: AdviceView) -> float | None:
         """The setting that a display asks for: its effort, and to hold its speed once that is reached.
 
+        Told to stop without an effort, the driver holds his speed and brakes once he must.
+
         None if it does not say how to drive.
         """
         presenter = presenter_of(view.presentation)
@@ -115,6 +117,8 @@ class Skills:
             return self.hold(view.shown_speed_mps)
         if view.mode == Regime.COAST:
             return 0.0
+        if to_reach and math.isnan(view.lever_ratio) and view.shown_speed_mps <= 0:  # He stops by eye.
+            return min(self.hold(max(self.cab.speed_mps, HEEDING.creeps_mps)), self.most())
         usual = 1.0 if view.mode in TRACTION else -0.5  # where the display shows no effort
         return usual if math.isnan(view.lever_ratio) else view.lever_ratio
 

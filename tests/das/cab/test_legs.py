@@ -209,7 +209,7 @@ def test_trains_are_found_by_id_and_load_and_stay_the_same_object() -> None:
     assert trains.find("ours", "full").mass_kg == trains.find("ours/full").mass_kg == 1.4e5
     assert trains.find("ours", "full") is trains.find("ours", "full")
     assert trains.find("re460-ic-igbt").id == "re460-ic-igbt"
-    for vehicle_id, load, said in (("x", "", "knows ours, "), ("../x.toml", "", "knows"), ("ours", "half", "no load")):
+    for vehicle_id, load, said in (("x", "", "ours, "), ("../x.toml", "", "knows"), ("ours", "half", "no load")):
         with pytest.raises(DasError, match=said):
             trains.find(vehicle_id, load)
 
