@@ -17,7 +17,7 @@ SPEED_STEP_MPS: Final = 1.0 * KMH
 """The speeds that a driver reads are whole multiples of this."""
 TARGET_STEP_MPS: Final = 5.0 * KMH
 """The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
-BY_EYE_M: Final = 300.0
+STOP_BY_EYE_M: Final = 300.0
 """Nearer than this to his stop (m) a driver brakes by eye: he sees the platform, and no effort is shown to him."""
 SAME_READING_MPS: Final = 0.5 * KMH
 """A speed above the allowed one by no more than this (m/s) looks the same to a driver."""
@@ -57,7 +57,7 @@ def as_read(coaching: Coaching, largest_n: tuple[float, float], stop_m: float = 
     to the stop (m).
     """
     now = coaching.now
-    by_eye = now.mode in BRAKES and step_below(now.speed_mps) == 0.0 and stop_m < BY_EYE_M
+    by_eye = now.mode in BRAKES and step_below(now.speed_mps) == 0.0 and stop_m < STOP_BY_EYE_M
     if by_eye:
         now = replace(now, mode=Regime.REDUCED_BRAKE)
     if by_eye or now.mode is Regime.CRUISE:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import html
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 from das.domain.units import kwh
 
 
-class Summary:
+class Summary(ABC):
     """An object whose `repr` is one line, and which a notebook shows as a table of a few rows, instead of its arrays.
 
     A dataclass that inherits from it needs `repr=False`, because it would otherwise get a `repr` of all its fields.
     """
 
+    @abstractmethod
     def facts(self) -> Mapping[str, str]:
         """What tells the object from others, in words with units, by what it is; `repr` and notebooks show it."""
-        raise NotImplementedError
 
     def __repr__(self) -> str:
         told = "; ".join(f"{name}: {value}" for name, value in self.facts().items())

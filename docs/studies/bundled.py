@@ -100,8 +100,10 @@ def first_page(pdf: Path, picture: Path) -> None:
 
 def make(name: str) -> None:
     """Run a study, and write its report, its picture and its tables."""
-    folder = BUILD / f"{name}-{code_hash((*DAY, 'sim/experiment'))}"
-    das_sim("experiment", "run", name, "--out", folder)
+    made_in = BUILD / code_hash((*DAY, "sim/experiment"))  # A report states its command: no path of this machine in it.
+    made_in.mkdir(parents=True, exist_ok=True)
+    das_sim("experiment", "run", name, "--out", name, folder=made_in)
+    folder = made_in / name
     das_sim("experiment", "analyse", folder, "-o", DOCS / "reports" / f"{name}.html", "--overwrite")
     picture = PICTURES[name]
     if picture is None:

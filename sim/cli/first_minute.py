@@ -24,7 +24,7 @@ DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
 """The driver of the bundled recording, who can be shown the coach."""
 HANGS_ON: Final = (
     "he is simulated, watches no clock when alone, does what the coach says, and brakes with the motors first: drivers "
-    "who keep time by themselves saved 2 % on a clear day, and nothing when late (docs/explanation/coach.md)."
+    "who keep time by themselves save less (docs/explanation/coach.md)."
 )
 """What the figures of the result hang on, as the end of its sentence."""
 

@@ -103,9 +103,8 @@ class Skills:
     def advised(self, view: AdviceView) -> float | None:
         """The setting that a display asks for: its effort, and to hold its speed once that is reached.
 
-        Told to stop without an effort, the driver holds his speed and brakes once he must.
-
-        None if it does not say how to drive.
+        If it says to stop without an effort, the driver holds his speed and brakes once he must. None if it does not
+        say how to drive.
         """
         presenter = presenter_of(view.presentation)
         if not presenter.says_mode or view.mode not in SAYS_HOW:

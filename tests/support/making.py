@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 import precompute.cli.program
 import sim.cli.program
+from das.command_line.printing import COMPILING
 from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS
 from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
@@ -154,9 +155,12 @@ def wait_until(done: Callable[[], bool], for_s: float = 120.0) -> bool:
 
 
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
-    """Run a command of this checkout as a process, as users do; one test of each command uses this."""
+    """Run a command of this checkout as a process, as users do; one test of each command uses this.
+
+    What a cold machine says before it compiles is left out: whether it is cold depends on the tests before.
+    """
     paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-m", module, *args],
         cwd=cwd,
         env={**os.environ, "PYTHONPATH": paths, "PYTHONIOENCODING": "utf-8"},
@@ -165,6 +169,8 @@ def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -
         timeout=timeout_s,
         check=False,
     )
+    done.stderr = done.stderr.replace(f"{COMPILING}\n", "")
+    return done
 
 
 def run_here(

@@ -12,7 +12,7 @@ from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
 from das.advice.goal import TrainState
 from das.advice.regimes import TRACTION, InstructionKind, Regime
-from das.advice.shown import SAME_READING_MPS, TARGET_STEP_MPS, target_below
+from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
 from das.domain.units import KMH
 from das.solver.few_switch.as_run import BRIEF_S, GAINS_S
 from das.solver.few_switch.few_switch import NotchRegime
@@ -73,9 +73,8 @@ class PhaseNow:
         if state.s_m < schedule.begin_m(number) and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             target = min(target, float(schedule.section.limit_mps[one.begin]))
         highest = highest_mps(schedule, number, state.s_m)
-        if target > highest + SAME_READING_MPS and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
-            target = target_below(highest)
         if one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
+            target = target_below(highest) if target > highest + SAME_READING_MPS else target
             target = told_mps(target, schedule.section, target)
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
@@ -92,12 +91,12 @@ class PhaseNow:
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
-        after = number + 1
-        while schedule.kind_after(after - 1) is NotchRegime.HOLD:
-            after += 1
-        if self._scene.shown.mode in TRACTION or schedule.kind_after(after - 1) is not NotchRegime.BRAKE:
+        last = number
+        while schedule.kind_after(last) is NotchRegime.HOLD:
+            last += 1
+        if self._scene.shown.mode in TRACTION or schedule.kind_after(last) is not NotchRegime.BRAKE:
             return False
-        begin_m = schedule.begin_m(after)
+        begin_m = schedule.begin_m(last + 1)
         left_s, way_m = self._scene.foreseen.time_s(begin_m), begin_m - state.s_m
         return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < GAINS_S
 
@@ -182,7 +181,7 @@ class PhaseNow:
             may_roll = v_mps > target + settings.brake.rolls_above_mps and rolled_w <= target**2
         else:
             stands_short = eased < settings.brake.short_ratio and way_m > settings.brake.short_m
-            may_roll = way_m >= settings.brake.by_eye_m or stands_short
+            may_roll = way_m >= STOP_BY_EYE_M or stands_short  # Nearer, he brakes by eye.
         has_begun = state.s_m >= schedule.begin_m(number)
         if not slows and self.back == 0 and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
             may_roll = False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from das.advice.shown import BY_EYE_M
 from das.domain.units import KMH
 from das.solver.few_switch.settings import FewSwitchSettings, PolishSettings, ScheduleSettings
 
@@ -65,9 +64,6 @@ class BrakeShowingSettings:
     is needed."""
     rolls_above_mps: float = 8.0 * KMH
     """A driver this near to the speed that he brakes to is not told to coast: he would react too late."""
-    by_eye_m: float = BY_EYE_M
-    """A driver nearer than this to his stop is no longer told to hold a low speed, unless he would stop clearly short
-    of it (`short_ratio`, `short_m`): he brakes by eye."""
     short_ratio: float = 0.1
     """A train that brakes for its stop counts as stopping clearly short if this share of the planned braking is
     enough."""
