@@ -59,7 +59,7 @@ def as_read(coaching: Coaching, largest_n: tuple[float, float], stop_m: float = 
     now = coaching.now
     by_eye = now.mode in BRAKES and step_below(now.speed_mps) == 0.0 and stop_m < STOP_BY_EYE_M
     if by_eye:
-        now = replace(now, mode=Regime.REDUCED_BRAKE)
+        now = replace(now, mode=Regime.REDUCED_BRAKE, effort_ratio=math.nan)
     if by_eye or now.mode is Regime.CRUISE:
         shown_ratio = math.nan
     elif now.mode in TRACTION:

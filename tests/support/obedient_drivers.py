@@ -135,7 +135,7 @@ class ObedientDriver:
             return force(CREEP_SHARE * self._raw.train.pulling_n(0.0))
         if advice.mode in (Regime.STOP, Regime.DEPART):
             return self._brake(state)
-        return self._obeyed(state, advice, now_s - shown_s)
+        return self._obeyed(scene, advice, now_s - shown_s)
 
     def _under_top(self, scene: Scene, advice: Advice) -> Command:
         """Hold the top speed shown; the driver of such a display departs, and brakes for stops, by himself."""
@@ -143,14 +143,19 @@ class ObedientDriver:
         if state.speed_mps <= 0 and (scene.state.time_s < scene.departure_s or way_m <= AT_STOP_M):
             return COAST
         if state.speed_mps**2 >= 2.0 * STOPS_MPS2 * max(way_m - state.speed_mps, 0.1):
-            needed = state.speed_mps**2 / (2.0 * max(way_m, 0.5))
-            return force(self._raw.held_n(state.s_m, state.speed_mps) - self._raw.train.inertial_kg * needed)
+            return self._stop_by_eye(state, way_m)
         return self._hold(state, advice.reduced_max_speed_mps)
 
-    def _obeyed(self, state: PlantState, advice: Advice, since_s: float) -> Command:
+    def _stop_by_eye(self, state: PlantState, way_m: float) -> Command:
+        """Brake so that the train stands at the stop that the driver sees, `way_m` ahead."""
+        needed_mps2 = state.speed_mps**2 / (2.0 * max(way_m, 0.5))
+        return force(self._raw.held_n(state.s_m, state.speed_mps) - self._raw.train.inertial_kg * needed_mps2)
+
+    def _obeyed(self, scene: Scene, advice: Advice, since_s: float) -> Command:
         """Do what the display shows."""
         if self._presentation is Presentation.COACH:
-            return self._coached(state, advice, since_s)
+            return self._coached(scene, advice, since_s)
+        state = scene.state
         if self._style is Style.FORCE:
             return force(advice.advised_force_n)
         if self._style is Style.SPEED:
@@ -177,9 +182,9 @@ class ObedientDriver:
             return self._brake(state)
         return speed(soon, rate_mps2=later - soon)
 
-    def _coached(self, state: PlantState, advice: Advice, since_s: float) -> Command:
-        """Do what the coach shows."""
-        coach = advice.coach
+    def _coached(self, scene: Scene, advice: Advice, since_s: float) -> Command:
+        """Do what the coach shows; where it shows a brake for the stop without an effort, brake by eye."""
+        state, coach = scene.state, advice.coach
         assert coach is not None
         if self._style is Style.FORCE:
             return force(coach.reference_force_n)
@@ -188,7 +193,11 @@ class ObedientDriver:
             before, self._due = self._due, now
             same = before is not None and (before.mode, before.speed_mps) == (now.mode, now.speed_mps)
             self._reached = self._reached and same
-        return self._hold(state, self._due.speed_mps) if self._style is Style.SPEED else self._card(state, self._due)
+        if self._style is Style.SPEED:
+            return self._hold(state, self._due.speed_mps)
+        if self._due.mode in BRAKES and math.isnan(self._due.effort_ratio):
+            return self._stop_by_eye(state, scene.stop_m - state.s_m)
+        return self._card(state, self._due)
 
     def _card(self, state: PlantState, card: Instruction) -> Command:
         """Apply the mode and effort of an instruction until its speed is reached, then hold that speed."""
