@@ -30,6 +30,8 @@ HELD_S = 3.0
 """Limits and stop must be kept if the force of an advice is applied for this long, and full brakes afterwards."""
 FORCE_RATIO, FORCE_N = 1.02, 3000.0
 """A force may exceed the train's largest one by this factor and this amount, because the speed is measured."""
+STOPS_BY_EYE_M = 300.0
+"""Only a brake for a stop that is nearer than this may show no effort: the driver sees the platform and stops by eye."""
 WAY_RATIO = 0.02
 """The place of an announced change may be off by this share of the distance to it."""
 MOVES_MPS = 0.5
@@ -181,7 +183,7 @@ class DayJudge:
         yield from self._force("coach-reference-force", seen, coach.reference_force_n, advice.speed_mps)
         reference_n = coach.reference_force_n
         yield from self._held("coach-held-force", seen, lambda s, v: reference_n)
-        if now.in_s <= 0:
+        if now.in_s <= 0 and not _by_eye(now):
             yield from self._held("coach-held-card", seen, self._card(now))
         yield from self._announced(seen, coach)
 
@@ -204,7 +206,9 @@ class DayJudge:
         return self._allowed.limit(s_m - off_m, s_m + off_m) + SLACK_MPS
 
     def _effort(self, seen: Seen, now: Instruction) -> Iterator[Problem]:
-        """The problem of an effort with the wrong sign for its mode, or that the train does not have."""
+        """The problem of an effort that is missing, has the wrong sign for its mode, or is more than the train has."""
+        if _by_eye(now) and now.speed_mps == 0 and seen.stop_m - seen.state.s_m < STOPS_BY_EYE_M + self._off_m:
+            return
         train, share = self.line.train, now.effort_ratio
         most = 1.0 + train.service_friction_n / train.electric_n(seen.advice.speed_mps)
         wrong = (now.mode in TRACTION and not 0 < share <= 1.001) or (
@@ -271,3 +275,8 @@ class DayJudge:
 def _wanted(now: Instruction) -> float:
     """The speed that an instruction tells the driver to reach or to hold; 0 for a brake or coasting."""
     return now.speed_mps if now.mode in TRACTION or now.mode is Regime.CRUISE else 0.0
+
+
+def _by_eye(now: Instruction) -> bool:
+    """Whether an instruction tells the driver to brake, and not how hard."""
+    return now.mode in BRAKES and math.isnan(now.effort_ratio)
