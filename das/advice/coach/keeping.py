@@ -138,10 +138,11 @@ class Keeper:
         self.reference = None
         self._give_up()
 
-    def keep(self, state: TrainState, goal: Goal) -> Kept | None:
+    def keep(self, state: TrainState, goal: Goal, *, changed_ns: int = 0) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet).
 
-        While a new one is being made, the present one is kept if it can be. Raises DasError for a state outside the
+        The instruction shown has last changed at `changed_ns`: a driver is not given two changes at once, unless the
+        reference must be replaced. While a new one is being made, the present one is kept if it can be. Raises DasError for a state outside the
         section, or from which the train cannot reach the section's end.
         """
         must, forecast = self._why_at_once(state, goal)
@@ -154,7 +155,8 @@ class Keeper:
             self._give_up()
         if self._asked is None:
             doubted = must is ReplanCause.NONE
-            cause = self._doubt(kept, state, goal) if doubted and kept else must
+            quiet = (state.now_ns - changed_ns) * NS < self._settings.keeping.quiet_s
+            cause = self._doubt(kept, state, goal) if doubted and kept and not quiet else must
             if cause is ReplanCause.NONE:
                 return kept
             if doubted and cause is ReplanCause.LATE and kept and not self._can_be_earlier(kept, state):

@@ -79,6 +79,8 @@ class PhaseNow:
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
+            if self._coasts_in_vain(schedule, number, state, target):
+                return Instruction(mode=Regime.CRUISE, speed_mps=target)
             return coasting(self._coasts_to(schedule, number, state, place, target))
         if self._accelerates(one, v_mps, target):
             if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
@@ -89,6 +91,22 @@ class PhaseNow:
             return traction(one.share, target)
         return self._holding(schedule, number, state, target)
 
+    def _coasts_in_vain(self, schedule: Schedule, number: int, state: TrainState, target: float) -> bool:
+        """Whether coasting to the speed that is held next would only make the train slower, or ends in a moment.
+
+        The first holds for a train that is slower already, the second for one that will soon have rolled up to it.
+        """
+        holds_next = schedule.kind_after(number) is NotchRegime.HOLD
+        if self._scene.shown.mode is Regime.COAST:
+            same = holds_next and abs(schedule.phases[number + 1].target_mps - target) < SAME_MPS
+        else:
+            same = self._scene.shown.mode is Regime.CRUISE and abs(self._scene.shown.speed_mps - target) < SAME_MPS
+        rolls_mps2 = self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
+        below_mps = target - state.v_mps
+        if rolls_mps2 <= ROLLS_MPS2:
+            return same and holds_next and below_mps > self._settings.reached_mps
+        return same and self._scene.shown.mode is Regime.CRUISE and below_mps < rolls_mps2 * COASTS_ON_S
+
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
         last = number
@@ -96,7 +114,7 @@ class PhaseNow:
             last += 1
         if self._scene.shown.mode in TRACTION or schedule.kind_after(last) is not NotchRegime.BRAKE:
             return False
-        begin_m = schedule.begin_m(last + 1)
+        begin_m = schedule.begin_m(last + 1) - self._settings.lead.astray_s * state.v_mps  # There the brake is shown.
         left_s, way_m = self._scene.foreseen.time_s(begin_m), begin_m - state.s_m
         return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < GAINS_S
 
@@ -154,12 +172,14 @@ class PhaseNow:
         ends_mps = float(np.interp(end_m, nodes_m[-len(speeds_mps) :], speeds_mps))
         if abs(ends_mps - told) <= COAST_MISSES_MPS:
             return told
-        return told_mps(min(max(ends_mps, self._settings.brake.creep_mps), highest), schedule.section, highest)
+        leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
+        return told_mps(leads_mps, schedule.section, highest)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
         ahead, limit = self._scene.brakes.ahead, self._settings.limit
-        if -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
+        soon = ahead.is_due(state.braked_m, state.v_mps, limit.brakes_back_in_s)  # A limit leaves no time to roll.
+        if not soon and -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
             return ROLLS, 0.0
         return BRAKES_BACK, min(ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps), 1.0)
 

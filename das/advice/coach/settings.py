@@ -31,6 +31,8 @@ class KeepingSettings:
     """Whether a new reference would be better is tried at most once in this time."""
     least_age_s: float = 20.0
     """A reference younger than this is replaced only if the goal or the line has changed, or if it cannot be kept."""
+    quiet_s: float = 10.0
+    """For this long after the instruction has changed, the reference is replaced only for the same reasons."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +145,8 @@ class ShowingSettings:
     """A driver is not told to accelerate back to the speed to hold if the next instruction is due within this time."""
     above_mps: float = 5.0 * KMH
     """A driver faster than the speed to hold by more than this is told to coast back to it."""
+    forgotten_s: float = 5.0
+    """A driver to whom nothing was shown for this long is told anew, as if nothing had been shown before."""
     least_shown_s: float = 8.0
     """An instruction is shown for at least this long, unless a brake, its release or a lower limit replaces it."""
     announced_s: float = 8.0

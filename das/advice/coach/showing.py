@@ -69,7 +69,9 @@ class Showing:
         self._announcing, self._notices = Announcing(settings.ahead), Notices(settings.announced_s)
         self._unannounced: Instruction | None = None
         self._brake_begun, self._brakes_back_ns = False, 0
-        self._shown, self._since_ns = Instruction(), 0
+        self._shown, self._looked_ns = Instruction(), 0
+        self.since_ns = 0
+        """Since when the present instruction has been shown (ns since 1970)."""
 
     def forget(self) -> None:
         """Forget what was shown: from now on nothing is shown."""
@@ -92,10 +94,13 @@ class Showing:
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
         """What to show of the reference to a driver whose train is in this state."""
         schedule = kept.reference.schedule
+        if (state.now_ns - self._looked_ns) * NS > self._settings.forgotten_s:
+            self._shown = Instruction()
+        self._looked_ns = state.now_ns
         brakes, number = self._begin(schedule, state, place)
         foreseen = _foreseen(schedule, kept, state)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
-        shown_s = (state.now_ns - self._since_ns) * NS
+        shown_s = (state.now_ns - self.since_ns) * NS
         scene = PhaseScene(brakes, self._shown, shown_s, self._brake_begun, foreseen, self._notices)
         planned = self._phase.instruction(schedule, number, state, place, scene)
         begins_s = foreseen.time_s(begins_m) if begins_m > state.s_m else 0.0
@@ -155,7 +160,7 @@ class Showing:
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent, begins_s=begins_s)
         safe = now if now is wanted else brakes.safe(now, state, known_mps, begun=self._brake_begun)
         if safe is not now:  # An instruction that is still shown must be as safe as a new one.
-            self._shown, self._since_ns = safe, state.now_ns
+            self._shown, self.since_ns = safe, state.now_ns
             return _Chosen(safe, wanted, urgent=True, for_limits=True)
         return _Chosen(now, wanted, urgent=urgent, for_limits=wanted is not under and now is wanted)
 
@@ -260,7 +265,7 @@ class Showing:
         same = _alike(wanted, shown) and not too_high
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Regime.CRUISE):
             return shown
-        held_s = (state.now_ns - self._since_ns) * NS
+        held_s = (state.now_ns - self.since_ns) * NS
         settled = shown.mode in (Regime.NONE, Regime.STOP) or not 0 <= held_s < self._settings.least_shown_s
         too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
@@ -282,7 +287,7 @@ class Showing:
         eased = shown.mode in BRAKES and (self._phase.back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
         at_once = braked or released or above or urgent or eased or rolls_on
         if at_once or (settled and self._is_announced(wanted, state, begins_s)):
-            self._shown, self._since_ns = wanted, state.now_ns
+            self._shown, self.since_ns = wanted, state.now_ns
         return self._shown
 
     def _is_announced(self, wanted: Instruction, state: TrainState, begins_s: float) -> bool:
