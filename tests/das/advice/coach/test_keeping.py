@@ -169,6 +169,20 @@ def test_who_is_early_by_far_gets_a_slower_reference_that_saves_energy() -> None
     assert replan.gain_j > DEFAULT.keeping.least_gain_power_s * section_of(LINE).train.traction_power_w
 
 
+def test_a_reference_is_not_doubted_just_after_the_instruction_has_changed() -> None:
+    """The train is 25 s early, but a driver is not told two things at once."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    kept, train = started(keeper, LINE, goal)
+    assert not driven(keeper, train, goal, range(6, 100))
+    for second in range(100, 110):
+        here = keeper.keep(train.at(second, behind_s=-25.0), goal, changed_ns=ns(100))
+        assert here is not None
+        assert here.reference is kept.reference
+    later = keeper.keep(train.at(110, behind_s=-25.0), goal, changed_ns=ns(100))
+    assert later is not None
+    assert later.reference.replan.cause is ReplanCause.EARLY
+
+
 def test_a_young_reference_is_not_doubted() -> None:
     """The train is 30 s late, but the reference is younger than the least age."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)

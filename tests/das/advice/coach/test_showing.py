@@ -278,7 +278,7 @@ def test_a_speed_that_was_reached_is_held_while_the_schedule_still_accelerates(d
     speeds = [TOP_MPS + by * KMH for by in by_kmh]
     held = [Regime.CRUISE] * 5
     assert display.modes(speeds, 900.0) == [Regime.REDUCED_TRACTION, *held, Regime.CRUISE]
-    later = [display.at(second, HELD_M, TOP_MPS - 5.5 * KMH) for second in (100.0, 107.9, 108.0)]
+    later = [display.at(second, HELD_M, TOP_MPS - 5.5 * KMH) for second in (20.0, 27.9, 28.0)]
     assert later[0].following[0].mode is Regime.REDUCED_TRACTION
     assert [one.now.mode for one in later] == [Regime.CRUISE, Regime.CRUISE, Regime.REDUCED_TRACTION]
 
@@ -673,6 +673,24 @@ def test_coasting_that_leads_to_another_speed_says_that_speed() -> None:
     assert {one.mode for one in slow} == {Regime.COAST}
     assert {round(one.speed_mps / KMH) for one in slow} <= {55, 60}
     assert coasts.at(40.0, 4620.0, 15.0).now.speed_mps == slow[-1].speed_mps, "at its end the speed stays"
+
+
+def test_coasting_to_the_speed_held_next_is_not_shown_to_a_train_that_is_slower() -> None:
+    """It would only become slower still, and would have to accelerate again."""
+    for held_mps, mode in ((25.0, Regime.CRUISE), (20.0, Regime.COAST)):
+        coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.HOLD, 3000.0, held_mps))
+        assert coasts.at(0.0, 2000.0, 26.0).now.mode is Regime.COAST
+        assert coasts.at(10.0, 2200.0, 24.0).now.mode is mode
+
+
+def test_a_driver_to_whom_nothing_was_shown_for_long_is_told_anew() -> None:
+    """After an interruption the last instruction does not stand for a while longer; after a short gap it does."""
+    for gap_s, mode in ((5.0, Regime.CRUISE), (20.0, Regime.REDUCED_TRACTION)):
+        rises = shown_of(
+            (NotchRegime.HOLD, 0.0, 15.0), (NotchRegime.TRACTION, 2000.0, 25.0), (NotchRegime.HOLD, 4e3, 25.0)
+        )
+        assert rises.at(0.0, 1900.0, 15.0).now.mode is Regime.CRUISE
+        assert rises.at(gap_s, 2200.0, 15.0).now.mode is mode
 
 
 def test_a_driver_who_rolls_up_to_the_speed_to_hold_is_not_told_to_hold_it_yet() -> None:
