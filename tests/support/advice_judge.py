@@ -31,7 +31,7 @@ HELD_S = 3.0
 FORCE_RATIO, FORCE_N = 1.02, 3000.0
 """A force may exceed the train's largest one by this factor and this amount, because the speed is measured."""
 STOPS_BY_EYE_M = 300.0
-"""Only a brake for a stop that is nearer than this may show no effort: the driver sees the platform and stops by eye."""
+"""Only a brake for a stop nearer than this may show no effort: the driver sees the platform and stops by eye."""
 WAY_RATIO = 0.02
 """The place of an announced change may be off by this share of the distance to it."""
 MOVES_MPS = 0.5

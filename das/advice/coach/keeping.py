@@ -142,8 +142,8 @@ class Keeper:
         """The reference for a state, kept or new; None if none can be made (yet).
 
         The instruction shown has last changed at `changed_ns`: a driver is not given two changes at once, unless the
-        reference must be replaced. While a new one is being made, the present one is kept if it can be. Raises DasError for a state outside the
-        section, or from which the train cannot reach the section's end.
+        reference must be replaced. While a new one is being made, the present one is kept if it can be. Raises DasError
+        for a state outside the section, or from which the train cannot reach the section's end.
         """
         must, forecast = self._why_at_once(state, goal)
         kept = self._kept(state, goal, forecast)

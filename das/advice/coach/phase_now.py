@@ -14,7 +14,7 @@ from das.advice.goal import TrainState
 from das.advice.regimes import TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
 from das.domain.units import KMH
-from das.solver.few_switch.as_run import BRIEF_S, GAINS_S
+from das.solver.few_switch.as_run import BRIEF_S
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
@@ -24,6 +24,8 @@ CREEPS_FOR_S = 6.0
 COAST_MISSES_MPS, COASTS_ON_S = 5.0 * KMH, 10.0
 """Coasting that would end further than this from the speed shown leads to another speed, and says that one. In the last
 `COASTS_ON_S` of it, the speed shown stays."""
+LEAST_GAIN_S = 2.0
+"""An acceleration that a brake soon follows must gain this time: a driver gains less of it than the forecast."""
 ROLLS_MPS2 = 0.02
 """A coasting train speeds up by itself if it gains more than this."""
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
@@ -96,16 +98,13 @@ class PhaseNow:
 
         The first holds for a train that is slower already, the second for one that will soon have rolled up to it.
         """
-        holds_next = schedule.kind_after(number) is NotchRegime.HOLD
-        if self._scene.shown.mode is Regime.COAST:
-            same = holds_next and abs(schedule.phases[number + 1].target_mps - target) < SAME_MPS
-        else:
-            same = self._scene.shown.mode is Regime.CRUISE and abs(self._scene.shown.speed_mps - target) < SAME_MPS
+        shown, below_mps = self._scene.shown, target - state.v_mps
         rolls_mps2 = self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
-        below_mps = target - state.v_mps
-        if rolls_mps2 <= ROLLS_MPS2:
-            return same and holds_next and below_mps > self._settings.reached_mps
-        return same and self._scene.shown.mode is Regime.CRUISE and below_mps < rolls_mps2 * COASTS_ON_S
+        if rolls_mps2 > ROLLS_MPS2:
+            return shown.mode is Regime.CRUISE and below_mps < rolls_mps2 * COASTS_ON_S
+        held = schedule.kind_after(number) is NotchRegime.HOLD
+        same = held and abs(schedule.phases[number + 1].target_mps - target) < SAME_MPS
+        return same and below_mps > self._settings.reached_mps
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
@@ -116,7 +115,7 @@ class PhaseNow:
             return False
         begin_m = schedule.begin_m(last + 1) - self._settings.lead.astray_s * state.v_mps  # There the brake is shown.
         left_s, way_m = self._scene.foreseen.time_s(begin_m), begin_m - state.s_m
-        return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < GAINS_S
+        return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < LEAST_GAIN_S
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
         """Whether the train still has to accelerate to the speed of a phase; once reached, the speed is held."""
