@@ -94,17 +94,18 @@ class PhaseNow:
         return self._holding(schedule, number, state, target)
 
     def _coasts_in_vain(self, schedule: Schedule, number: int, state: TrainState, target: float) -> bool:
-        """Whether coasting to the speed that is held next would only make the train slower, or ends in a moment.
+        """Whether coasting would only make the train slower than its next speed, or ends in a moment.
 
-        The first holds for a train that is slower already, the second for one that will soon have rolled up to it.
+        The first holds for a train that has reached the speed of the coasting, and must be as fast or faster behind it;
+        the second for one that will soon have rolled up to that speed.
         """
         shown, below_mps = self._scene.shown, target - state.v_mps
         rolls_mps2 = self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
         if rolls_mps2 > ROLLS_MPS2:
             return shown.mode is Regime.CRUISE and below_mps < rolls_mps2 * COASTS_ON_S
-        held = schedule.kind_after(number) is NotchRegime.HOLD
-        same = held and abs(schedule.phases[number + 1].target_mps - target) < SAME_MPS
-        return same and below_mps > self._settings.reached_mps
+        goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
+        no_slower = goes_on and schedule.phases[number + 1].target_mps > target - SAME_MPS
+        return no_slower and below_mps > (self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS)
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""

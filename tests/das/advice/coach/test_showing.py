@@ -695,7 +695,7 @@ def test_a_driver_to_whom_nothing_was_shown_for_long_is_told_anew() -> None:
 
 def test_a_driver_who_rolls_up_to_the_speed_to_hold_is_not_told_to_hold_it_yet() -> None:
     coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.HOLD, 3000.0, 25.0))
-    assert coasts.at(0.0, 2900.0, 25.0).now.mode is Regime.COAST
+    assert coasts.at(0.0, 2900.0, 25.6).now.mode is Regime.COAST
     assert coasts.at(20.0, 3200.0, 24.0).now.mode is Regime.CRUISE, "on the level it would never get there"
 
 
