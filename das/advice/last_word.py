@@ -31,7 +31,7 @@ from das.advice.braking_model import (
 )
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
-from das.advice.shown import SAME_READING_MPS, step_below
+from das.advice.shown import SAME_READING_MPS, step_below, target_below
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 
@@ -342,7 +342,8 @@ class _Judgement:
         places_m = (self._told_from_m + coach.target_m,) if leads else ahead_m
         bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SAME_READING_MPS
         if not now.speed_mps <= bound_mps:
-            instead_mps = step_below(max(model.allowed_mps(place_m) for place_m in places_m))
+            rounded = target_below if now.mode is Regime.COAST else step_below
+            instead_mps = rounded(max(model.allowed_mps(place_m) for place_m in places_m))
             act = Act(Part.COACH_SPEED, now.speed_mps, bound_mps, instead_mps)
             self._replace(act, coach=replace(coach, now=replace(now, speed_mps=instead_mps)))
 

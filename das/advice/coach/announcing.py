@@ -88,7 +88,7 @@ class Announcing:
             same = abs(one.target_mps - before.target_mps) < SAME_MPS
             if one.kind is NotchRegime.HOLD and before.kind is NotchRegime.TRACTION and same:
                 continue
-            if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps - SAME_MPS:
+            if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
                 continue  # The train is slower than the schedule.
             shown = self.announced(schedule, k)
             found.append(replace(shown, way_m=begins_m - s_m, in_s=foreseen.time_s(begins_m)))
@@ -139,7 +139,9 @@ def in_time(
     speeds_mps = ahead.rolling_mps(from_m, v_mps)
     if now.mode in BRAKES:
         speeds_mps = brakes.slowing_mps(now, state, from_m)
-    elif now.mode is not Regime.COAST:
+    elif now.mode is Regime.COAST:  # A driver who rolls up to a limit is told to hold it.
+        speeds_mps = np.minimum(speeds_mps, ahead.section.limit_mps[-len(speeds_mps) :])
+    else:
         speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     before_m = state.s_m + following[0].way_m if following else math.inf

@@ -18,7 +18,7 @@ from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import OVERSPEED_MPS, Goal, TrainState
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
-from das.advice.shown import SPEED_STEP_MPS, as_read
+from das.advice.shown import SPEED_STEP_MPS, TARGET_STEP_MPS, as_read
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.route import Route
@@ -214,7 +214,8 @@ class Coach:
         for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
             leads_m = holds_m if shown.now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
             near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
-            if not near or limit_mps >= from_mps:
+            other = shown.now.mode in BRAKES and limit_mps > shown.now.speed_mps + TARGET_STEP_MPS
+            if not near or limit_mps >= from_mps or other:  # A brake to the stop is not for a board on the way.
                 continue
             passed_mps = float(np.interp(at_m, section.node_m, kept.forecast.speeds_mps))
             if passed_mps > limit_mps - BINDS_MPS:

@@ -216,6 +216,7 @@ class Keeper:
             raise
         gain = self._gain(kept, found, state, goal)
         if kept is not None and not found.says_its_brakes:
+            self._standing = False  # The reference of the standing train will do.
             return kept
         if asked.doubted and not self._is_better(asked.cause, gain):
             return kept

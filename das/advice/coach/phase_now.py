@@ -104,8 +104,10 @@ class PhaseNow:
         if rolls_mps2 > ROLLS_MPS2:
             return shown.mode is Regime.CRUISE and below_mps < rolls_mps2 * COASTS_ON_S
         goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
-        no_slower = goes_on and schedule.phases[number + 1].target_mps > target - SAME_MPS
-        return no_slower and below_mps > (self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS)
+        if not goes_on or schedule.phases[number + 1].target_mps < target - SAME_MPS:
+            return False
+        least_mps = self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS
+        return below_mps > least_mps and target - self._rolls_to_mps(schedule, number, state) > least_mps
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
@@ -158,7 +160,7 @@ class PhaseNow:
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, target: float
     ) -> float:
         """The speed to which coasting leads: that of the schedule, or another one if this train ends far from it."""
-        shown, end_m, ahead = self._scene.shown, schedule.begin_m(number + 1), self._scene.brakes.ahead
+        shown, end_m = self._scene.shown, schedule.begin_m(number + 1)
         here_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
         on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
         ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
@@ -168,12 +170,17 @@ class PhaseNow:
         young = goes_on and self._scene.shown_s < self._settings.least_shown_s
         if young or end_m - here_m < state.v_mps * COASTS_ON_S:
             return told
-        speeds_mps = ahead.rolling_mps(here_m, state.v_mps)
-        ends_mps = float(np.interp(end_m, nodes_m[-len(speeds_mps) :], speeds_mps))
+        ends_mps = self._rolls_to_mps(schedule, number, state)
         if abs(ends_mps - told) <= COAST_MISSES_MPS:
             return told
         leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
         return told_mps(leads_mps, schedule.section, highest)
+
+    def _rolls_to_mps(self, schedule: Schedule, number: int, state: TrainState) -> float:
+        """The speed (m/s) of a coasting train at the end of a phase that has begun, or will with its present speed."""
+        from_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
+        speeds_mps = self._scene.brakes.ahead.rolling_mps(from_m, state.v_mps)
+        return float(np.interp(schedule.begin_m(number + 1), nodes_m[-len(speeds_mps) :], speeds_mps))
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
