@@ -17,6 +17,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -38,10 +39,17 @@ from numba.misc.appdirs import AppDirs
 
 from das.domain.errors import DasError
 
+try:
+    import fcntl
+except ImportError:  # not on this system: two processes may then compile one kernel twice
+    fcntl = None  # type: ignore[assignment]
+
 FOLDER = "das-kernels"
 KEPT_VERSIONS = 4
 """Number of versions of a module's compiled code that are kept; older ones are removed when a new one is made."""
 HASH_DIGITS = 16
+LONGEST_WAIT_S, LOOK_AGAIN_S = 60.0, 0.02
+"""A process waits at most this long for another one that compiles the kernel it needs, and looks this often."""
 _numba_settings: Any = numba.config
 _NumbaCache: Any = FunctionCache
 _NumbaForm: Any = CompileResultCacheImpl
@@ -151,6 +159,14 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
         with suppress(RuntimeError):  # no folder can keep the code
             self._cache = _KeptKernels(self.py_func)
 
+    def compile(self, sig: Any) -> Any:
+        """The compiled function for the types `sig`, kept or new; processes that need it at a time make it once."""
+        try:
+            return super().compile(sig)
+        finally:
+            if isinstance(self._cache, _KeptKernels):
+                self._cache.release()
+
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """How a kernel calls this one with arguments of these types; numba asks while it compiles the caller."""
         pysig, args = self._part_compiler.fold_argument_types(args, kws)
@@ -190,12 +206,39 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
     """
 
     _impl_class = _KeptForm
+    _claimed: int
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled function for the types `sig`; None if it was never compiled."""
+        """The compiled function for the types `sig`; None if it was never compiled.
+
+        If another process is compiling the function, this waits for its code. If None, it is this process's to compile.
+        """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            found = self._load_overload(sig, target_context)
+            if found is None:
+                self._claim()
+                found = self._load_overload(sig, target_context)  # made by another process meanwhile
+            return found
+
+    def _claim(self) -> None:
+        """Claim the compilation of this function, after any other process that has claimed it."""
+        if fcntl is None:
+            return
+        with suppress(OSError):
+            self._claimed = os.open(f"{self._cache_file._index_path}.lock", os.O_CREAT | os.O_WRONLY)
+            until_s = time.monotonic() + LONGEST_WAIT_S
+            while time.monotonic() < until_s:
+                with suppress(BlockingIOError):
+                    fcntl.flock(self._claimed, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    return
+                time.sleep(LOOK_AGAIN_S)
+
+    def release(self) -> None:
+        """Let other processes compile this function, or load the code just made."""
+        claimed = vars(self).pop("_claimed", None)  # in one step: another thread may be doing this too
+        if claimed is not None:
+            os.close(claimed)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled function; if the disk is full or gone, the next start compiles it anew."""

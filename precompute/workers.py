@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import os
 import platform
 import re
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import das
+from das.command_line.process import available_cores
 from das.domain.errors import DasError
 from precompute.pool import JobLostError, Made, made_here
 
@@ -40,11 +40,6 @@ _ADDRESS: Final = re.compile(r"(tcp|tls|wss?)://[^/\s]+:\d{1,5}/?")
 
 class WorkerDiffersError(DasError):
     """A worker runs other versions than we do; its results could differ from this machine's."""
-
-
-def available_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, kw_only=True)

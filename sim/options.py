@@ -33,6 +33,8 @@ from das.command_line.options import (
 )
 from das.domain.errors import DasError
 
+LATE_KERNELS = "sim.world.late_kernels"
+"""The module that compiles what a simulated day needs last, beside a command that compiles."""
 LineOption = Annotated[
     Path | None,
     typer.Option(

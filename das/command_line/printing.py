@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from das.command_line.process import STDERR, ended_by_signals
+from das.command_line.process import STDERR, ended_by_signals, start_beside
 from das.domain.errors import seen
 
 if TYPE_CHECKING:
@@ -206,16 +206,18 @@ def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[
 
 
 @contextlib.contextmanager
-def loading_solver() -> Iterator[None]:
+def loading_solver(late: str = "") -> Iterator[None]:
     """Say that kernels are being loaded (on a terminal) or compiled; the first calls of kernels belong in this block.
 
-    From then on the process also says that it compiles if it does so outside the block, once in all.
+    From then on the process also says that it compiles if it does so outside the block, once in all. `late` names a
+    module that compiles what the command needs last; it runs in a process beside this one if anything is compiled.
 
     A signal to end the process ends it at once, with one line and exit code 130, because an exception in the midst of a
     compilation may turn into any other error. So nothing that must be cleaned up may be open in the block.
     """
     with ended_by_signals(), _without_scipy():
         listener = _compiling_listener()
+        listener.late = late
         if not sys.stderr.isatty():
             yield
             return
@@ -233,12 +235,19 @@ def _compiling_listener() -> Any:
     from numba.core import event
 
     class Listener(event.Listener):
-        """Says that the solver is being compiled: in the line of `status` if there is one, else in a line, once."""
+        """Says that the solver is being compiled: in the line of `status` if there is one, else in a line, once.
+
+        It also starts the process that compiles what is needed late.
+        """
 
         status: Any = None
         said = False
+        late = ""
 
         def on_start(self, event: Any) -> None:
+            if self.late:
+                late, self.late = self.late, ""
+                start_beside(late)
             if self.status is not None:
                 self.status.update(COMPILING)
             elif not self.said:

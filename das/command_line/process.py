@@ -5,11 +5,13 @@ Commands import this module first, so it imports nothing but small modules of Py
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import importlib.util
 import os
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Sequence
@@ -33,6 +35,29 @@ def start(module: str) -> None:
     with ended_by_signals():
         imported = importlib.import_module(module)
     imported.main()
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def start_beside(module: str) -> None:
+    """Run a module's `main()` in a process beside this one, if a processor is free for it; it ends with this one.
+
+    Nothing is said if the process fails: it only does in advance what this one would do later.
+    """
+    if available_cores() < 2:
+        return
+    program = f"from das.command_line.process import start; start({module!r})"
+    with contextlib.suppress(OSError):
+        child = subprocess.Popen(
+            [sys.executable, "-c", program],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        atexit.register(child.kill)
 
 
 def keep_bytecode(folder: Path = BYTECODE) -> None:

@@ -76,7 +76,7 @@ def bench(
 
 def default_threads() -> int:
     """The solver's default number of threads, or the number of cores if that is smaller."""
-    from precompute.workers import available_cores
+    from das.command_line.process import available_cores
 
     return min(available_cores(), 2)
 

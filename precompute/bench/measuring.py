@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from precompute.workers import available_cores
+from das.command_line.process import available_cores
 
 STATUS = Path("/proc/self/status")
 RESET_PEAK = Path("/proc/self/clear_refs")

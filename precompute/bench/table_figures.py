@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from das.cab.warm_up import warm_up_tables
+from das.command_line.process import available_cores
 from das.domain.files.load import load_vehicle
 from das.domain.route import Route, Stop
 from das.solver.front import Front
@@ -25,7 +26,7 @@ from precompute.tables.build import solve_jobs
 from precompute.tables.look_up import LookUp
 from precompute.tables.synthetic import synthetic_routes
 from precompute.tables.writing import Job, TableSettings, make_table, write_table
-from precompute.workers import Workers, available_cores
+from precompute.workers import Workers
 
 ROLLED_EVERY = 10
 """One look-up in this many is repeated as a roll-out, which is the baseline."""

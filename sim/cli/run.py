@@ -49,7 +49,14 @@ from sim.drivers.kinds import (
     Presentation,
     named_driver,
 )
-from sim.options import ParticipantOption, PopulationOption, SpeedOption, speed_factor, typed_command
+from sim.options import (
+    LATE_KERNELS,
+    ParticipantOption,
+    PopulationOption,
+    SpeedOption,
+    speed_factor,
+    typed_command,
+)
 
 if TYPE_CHECKING:
     from sim.world.external import ExternalDriver
@@ -118,7 +125,7 @@ def run(
     _check_outputs(in_process, out, bus, overwrite=overwrite)
     who, factor = named_driver("--driver", driver), speed_factor(speed)
     listens = _driver_at(who, in_process, bus, driver_at)
-    with loading_solver():
+    with loading_solver(LATE_KERNELS):
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
         from das.cab.warm_up import warm_up

@@ -34,7 +34,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_folder_whole, write_whole
 from das.domain.units import NS, kwh
 from sim.cli.options import TripArgument, naming_recorded, new_recording, removed_if_unused, tell_written
-from sim.options import ReplayOptions, TripOptions, VehiclesOption, typed_command
+from sim.options import LATE_KERNELS, ReplayOptions, TripOptions, VehiclesOption, typed_command
 
 if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
@@ -139,7 +139,7 @@ def replay(
 
 def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
     """Replay a trip into a recording; the figures of the replay."""
-    with loading_solver():
+    with loading_solver(LATE_KERNELS):
         from das.cab.warm_up import warm_up
         from sim.runs.replay.replay import prepare
         from sim.runs.replay.replay import replay as run_replay

@@ -16,6 +16,7 @@ from rich import box
 from rich.table import Table
 
 from das.command_line.printing import paragraph, print_table, progress_bar, tell, typed
+from das.command_line.process import available_cores
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
 from das.domain.files.writing import make_folder, write_whole
@@ -344,7 +345,7 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
         f"duration: {found.person_s / MINUTE_S:.0f} min for a participant with breaks, "
         f"{found.all_s / HOUR_S:.1f} h for all"
     )
-    cores = os.cpu_count() or 1
+    cores = available_cores()
     paragraph(
         f"driving them takes about {math.ceil(found.work_s / cores / MINUTE_S)} min on {cores} cores at this "
         "machine's present load"

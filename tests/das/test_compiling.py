@@ -10,7 +10,7 @@ import pytest
 from numba.core.caching import IndexDataCacheFile
 
 from das.compiling import FOLDER, KEPT_VERSIONS, SourcesMissingError, code_sha256, kernel, sources_of
-from tests.support.copies import copy_of, edit, run_copy
+from tests.support.copies import copy_of, edit, run_copy, started_copy
 from tests.support.making import REPOSITORY
 
 CALLER = """
@@ -66,6 +66,37 @@ def test_a_changed_callee_or_constant_is_seen_without_removing_anything(kernels:
     assert answered(kernels) == (35, 0, "")
     edit(kernels / "das/numbers.py", "OFFSET = 5", "OFFSET = 1")
     assert answered(kernels) == (31, 1, "")
+
+
+TOGETHER = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from {package}.caller import answer
+print("ready", flush=True)
+sys.stdin.readline()
+with ThreadPoolExecutor(4) as pool:
+    answers = set(pool.map(answer, range(10, 14)))
+print(sorted(answers), sum(answer.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.processes
+def test_processes_and_threads_that_need_a_kernel_at_a_time_compile_it_once(kernels: Path) -> None:
+    """One of the processes compiles it; the others wait for that code and load it."""
+    programs = [started_copy(kernels, "-c", TOGETHER.format(package="das")) for _ in range(3)]
+    for one in programs:
+        assert one.stdout is not None
+        assert one.stdout.readline() == "ready\n"
+    said = []
+    for one in programs:
+        assert one.stdin is not None
+        one.stdin.write("go\n")
+        one.stdin.flush()
+    for one in programs:
+        out, error = one.communicate()
+        assert (one.returncode, error) == (0, "")
+        said.append(out.strip())
+    assert sorted(said) == ["[21, 23, 25, 27] 0", "[21, 23, 25, 27] 1", "[21, 23, 25, 27] 1"]
 
 
 PARTS = """

@@ -26,15 +26,26 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
+def started_copy(folder: Path, *words: str) -> subprocess.Popen[str]:
+    """Start Python in a folder of copies, as `run_copy` does, with pipes to and from it."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([sys.executable, "-B", *words], cwd=folder, env=_environment(folder), text=True, **pipes)
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    """The environment of Python in a folder of copies."""
+    surroundings = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    return {**surroundings, "PYTHONPATH": str(folder)}
+
+
 def run_copy(
     folder: Path, *words: str, env: Mapping[str, str] | None = None, timeout_s: float = 300.0
 ) -> subprocess.CompletedProcess[str]:
     """Run Python in a folder of copies, which it imports before installed packages; it writes no `.pyc` files."""
-    surroundings = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
     return subprocess.run(
         [sys.executable, "-B", *words],
         cwd=folder,
-        env={**surroundings, "PYTHONPATH": str(folder), **(env or {})},
+        env={**_environment(folder), **(env or {})},
         check=False,
         capture_output=True,
         encoding="utf-8",

@@ -48,6 +48,33 @@ print(*(name for _, name, _ in sorted(compiled() - before)))
 """
 
 
+LATE = """
+import gc
+import das
+from das.cab.warm_up import warm_up
+from das.solver import late_kernels
+from numba.core.dispatcher import Dispatcher
+from sim.plant.plant import COAST, Plant
+from sim.world import late_kernels as late_kernels_of_a_day
+
+def compiled():
+    kernels = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    return {(one.py_func.__name__, str(kind)) for one in kernels for kind in one.overloads}
+
+late_kernels.main()
+late_kernels_of_a_day.main()
+late = compiled()
+route, train = das.load_route("flat-6km"), das.load_vehicle("re460-ic")
+run = das.solve(das.build_section(route, train)).trajectory(400.0)
+run.certificate
+das.refined(run)
+warm_up()
+Plant(route, train).advance(Plant(route, train).at(0.0), COAST)
+again = {name for name, _ in compiled() - late} & {name for name, _ in late}
+print(len(late) > 30, *sorted(again))
+"""
+
+
 def run(program: str) -> str:
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=Path(__file__).parents[3], capture_output=True, text=True, check=False
@@ -68,3 +95,9 @@ def test_kept_kernels_bring_neither_linear_algebra_nor_scipy_along() -> None:
     # The first start may have to compile the kernels, and the compiler needs it all.
     said = [run(WARMED) for _ in range(2)]
     assert said[1].split() == []
+
+
+@pytest.mark.processes
+def test_what_is_compiled_beside_a_command_is_what_the_command_needs() -> None:
+    """A kernel compiled for other types would be compiled in vain."""
+    assert run(LATE) == "True\n"

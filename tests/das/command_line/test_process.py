@@ -6,6 +6,7 @@ import py_compile
 import signal
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Iterator
@@ -138,3 +139,34 @@ def test_python_does_as_told_where_bytecode_was_installed_or_cannot_be_kept(tmp_
     kept = tmp_path / "__pycache__" / f"numba.{sys.implementation.cache_tag}.pyc"
     py_compile.compile(str(tmp_path / "numba.py"), cfile=str(kept))
     assert started(tmp_path) == ("True", [])
+
+
+BESIDE = "from pathlib import Path\nimport time\ndef main():\n    Path('begun').touch()\n    time.sleep(60)\n"
+
+
+@pytest.mark.processes
+def test_a_process_beside_runs_a_main_and_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
+    copy_of(tmp_path, "das")
+    (tmp_path / "late.py").write_text(BESIDE)
+    program = """
+        import time
+        from pathlib import Path
+        from das.command_line import process
+        process.available_cores = lambda: CORES
+        children = []
+        made = process.subprocess.Popen
+        process.subprocess.Popen = lambda *words, **how: children.append(made(*words, **how)) or children[0]
+        process.start_beside("late")
+        until_s = time.monotonic() + 30
+        while children and not Path("begun").exists() and time.monotonic() < until_s:
+            time.sleep(0.02)
+        print(len(children), *(one.pid for one in children))
+    """
+    for cores, count in ((1, 0), (2, 1)):
+        text = textwrap.dedent(program).replace("CORES", str(cores))
+        done = run_copy(tmp_path, "-c", text)
+        assert (done.returncode, done.stderr) == (0, "")
+        started, *pids = map(int, done.stdout.split())
+        assert started == count
+        assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    assert (tmp_path / "begun").exists()

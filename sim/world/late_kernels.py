@@ -1,0 +1,66 @@
+"""`python -m sim.world.late_kernels`: compile the kernels that a simulated day needs last, on a tiny line.
+
+A command that compiles the solver starts this beside itself: the plant, the coach's schedules and the last word come
+when sections have been solved.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from das.advice.advice import Timetable
+from das.advice.braking_model import BrakingBasis
+from das.advice.coach.settings import CoachSettings
+from das.advice.last_word import LastWord
+from das.advice.settings import AdviceSettings
+from das.cab.leg import Leg
+from das.domain.conditions import Conditions
+from das.domain.units import NS
+from das.estimate.fix import PositionFix
+from das.estimate.localisation import Localisation
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.phases import Phase
+from das.solver.few_switch.schedule import Schedule, Scheduled, known_run
+from das.solver.few_switch.scheduling import polished
+from das.solver.section import Section, build_section
+from das.solver.warm_up import tiny_route, tiny_vehicle
+from sim.plant.plant import COAST, Plant
+
+PRICE_W = 1e5
+
+
+def main() -> None:
+    """Drive, schedule and brake once on a tiny section."""
+    route, vehicle = tiny_route(), tiny_vehicle()
+    plant = Plant(route, vehicle)
+    plant.advance(plant.at(route.stops[0].position_m), COAST)
+    section = build_section(route, vehicle)
+    _polish(section)
+    _brake(section)
+
+
+def _polish(section: Section) -> None:
+    """Polish a schedule that accelerates and brakes."""
+    middle = len(section.step_m) // 2
+    phases = (Phase(NotchRegime.TRACTION, 1.0, 0, 10.0), Phase(NotchRegime.BRAKE, 0.5, middle, 0.0))
+    known = known_run(section, np.full(len(section.node_m), 5.0))
+    schedule, forecast = Schedule(section=section, phases=phases, known=known, back_share=1.0).settled(0.0, 0.0)
+    polished(Scheduled(schedule, forecast, PRICE_W), 1.1 * forecast.time_s, 0.0, 0.0)
+
+
+def _brake(section: Section) -> None:
+    """Advise a train that comes to its stop, and judge the advice."""
+    start, end = section.route.stops[0], section.route.stops[-1]
+    leg = Leg(start, end, section, AdviceSettings(coach=CoachSettings(enabled=True)))
+    leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
+    basis = BrakingBasis(
+        section.route, section.vehicle, section.brakes, (), Conditions(), section.start_m, section.end_m
+    )
+    localisation = Localisation(section.vehicle)
+    localisation.take(PositionFix(time_ns=0, s_m=section.end_m, speed_mps=2.0))
+    here = localisation.at(0)
+    LastWord().judge(leg.advise(here), here, basis)
+
+
+if __name__ == "__main__":
+    main()
