@@ -236,7 +236,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
 
     def release(self) -> None:
         """Let other processes compile this function, or load the code just made."""
-        claimed = vars(self).pop("_claimed", None)  # in one step: another thread may be doing this too
+        claimed = self.__dict__.pop("_claimed", None)  # in one step: another thread may be doing this too
         if claimed is not None:
             os.close(claimed)
 
