@@ -39,13 +39,18 @@ class Notices:
     def __init__(self, least_s: float) -> None:
         self._least_s = least_s
         self._said: dict[InstructionKind, tuple[int, float]] = {}
+        self._noted_ns = 0
+
+    def silent_s(self, now_ns: int) -> float:
+        """For how long (s) nothing has been shown."""
+        return (now_ns - self._noted_ns) * NS
 
     def note(self, following: tuple[Instruction, ...], now_ns: int) -> None:
         """Take in what is announced at a moment.
 
         An announcement that moves by much, or comes again after it was dropped, counts as a new one.
         """
-        now_s, before = now_ns * NS, self._said
+        now_s, before, self._noted_ns = now_ns * NS, self._said, now_ns
         self._said = {kind: said for kind, said in before.items() if -DUE_S < now_s - said[1] < SAME_CHANGE_S}
         for one in reversed(following):  # Of two of a kind, the first counts.
             kind, due_s = KIND_OF.get(one.mode), now_s + one.in_s

@@ -145,8 +145,6 @@ class ShowingSettings:
     """A driver is not told to accelerate back to the speed to hold if the next instruction is due within this time."""
     above_mps: float = 5.0 * KMH
     """A driver faster than the speed to hold by more than this is told to coast back to it."""
-    forgotten_s: float = 15.0
-    """A driver to whom nothing was shown for this long is told anew, as if nothing had been shown before."""
     least_shown_s: float = 8.0
     """An instruction is shown for at least this long, unless a brake, its release or a lower limit replaces it."""
     announced_s: float = 8.0

@@ -25,6 +25,8 @@ from das.solver.few_switch.schedule import Schedule
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
+FORGOTTEN_S = 15.0
+"""A driver to whom nothing was shown for this long is told anew, as if nothing had been shown before."""
 LONG_S = 3600.0
 """A creeping train has no forecast: this long time (s) is used instead."""
 
@@ -69,8 +71,7 @@ class Showing:
         self._announcing, self._notices = Announcing(settings.ahead), Notices(settings.announced_s)
         self._unannounced: Instruction | None = None
         self._brake_begun, self._brakes_back_ns = False, 0
-        self._shown, self._looked_ns = Instruction(), 0
-        self.since_ns = 0
+        self._shown, self.since_ns = Instruction(), 0
         """Since when the present instruction has been shown (ns since 1970)."""
 
     def forget(self) -> None:
@@ -94,9 +95,8 @@ class Showing:
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
         """What to show of the reference to a driver whose train is in this state."""
         schedule = kept.reference.schedule
-        if (state.now_ns - self._looked_ns) * NS > self._settings.forgotten_s:
+        if self._notices.silent_s(state.now_ns) > FORGOTTEN_S:
             self._shown = Instruction()
-        self._looked_ns = state.now_ns
         brakes, number = self._begin(schedule, state, place)
         foreseen = _foreseen(schedule, kept, state)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
