@@ -22,6 +22,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import KM, KWH, kmh, kwh
 from das.drawing.colors import LINES, SEVERAL
+from das.drawing.meanings import LIGHT, Meaning
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
@@ -32,7 +33,6 @@ from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.review.canvas import INK, light_figure, named, page_legend
-from sim.review.colors import LIGHT, Meaning
 from sim.runs.replay.replay import prepare, replay
 from tests.support.benchmark import SHARED
 

@@ -18,6 +18,7 @@ from das.command_line.files import offscreen_pyplot, save_figure
 from das.command_line.printing import busy, loading_solver, paragraph, print_table, shown, tell
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
+from das.drawing.colors import SEVERAL
 from precompute.cli.options import Pose, TableFiles, TripTime
 
 if TYPE_CHECKING:
@@ -191,8 +192,8 @@ def _figure(row: dict[str, Any], name: str, scale: float, form: str) -> str:
     return f"{scale * value:{form}}" if value is not None else "–"
 
 
-MORE, LESS = "#d55e00", "#0072b2"
-"""Colours of more and of less than planned (from Okabe and Ito, distinguishable for the colour-blind)."""
+LESS, MORE = SEVERAL[:2]
+"""Colours of less and of more than planned."""
 MARK = "0.1"
 """Colour of the mark of a new plan."""
 BAR_HEIGHT = 0.36

@@ -385,10 +385,10 @@ def view(
     """
     check_picture(plot)
     check_outputs(save, plot, inputs=(file, beside), overwrite=overwrite)
+    from das.drawing.meanings import THEMES
     from sim.drive.comparison import check_one_line
     from sim.recording.course import part_of
     from sim.recording.opening import open_recording
-    from sim.review.colors import THEMES
     from sim.review.view import open_view, save_picture, save_view
 
     if theme not in THEMES:

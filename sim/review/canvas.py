@@ -16,9 +16,9 @@ from matplotlib.patches import Patch
 
 from das.domain.units import KM, kmh, kwh
 from das.drawing.colors import look_of
+from das.drawing.meanings import COMPARED, LIGHT, Meaning, Theme
 from sim.drive.happenings import Span
 from sim.recording.course import Floats, Times
-from sim.review.colors import COMPARED, LIGHT, Meaning, Theme
 from sim.review.lanes import Lane, instructions
 from sim.review.scene import Mark
 from sim.review.series import QUANTITIES, STYLES

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from das.bus import das_pb2, topics
 from das.domain.units import KM, KMH
+from das.drawing.meanings import MODES, Meaning, Theme
 from sim.drive.calls import AtStop
 from sim.drive.drive import Drive
 from sim.drive.happenings import NOT_HEARD, Span
@@ -16,7 +17,6 @@ from sim.drivers.kinds import Presentation
 from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation, whole
 from sim.recording.course import DrivenCourse
-from sim.review.colors import MODES, Meaning, Theme
 
 STATES: Final = {
     "advising": Meaning.ADVISED,

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from das.bus.recording import Recording
 from das.domain.units import KM, KMH, NS, kwh
+from das.drawing.meanings import LIGHT, Meaning, Theme
 from sim.drive.drive import Drive
 from sim.recording.course import Floats, Times, minutes
 from sim.review.canvas import (
@@ -29,7 +30,6 @@ from sim.review.canvas import (
     rows,
     share_x,
 )
-from sim.review.colors import LIGHT, Meaning, Theme
 from sim.review.lanes import WAY, Lane
 from sim.review.scene import DRAWN_OVER_DISTANCE, OVER_DISTANCE, CostSpan, ReviewScene, speed_text
 from sim.review.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of

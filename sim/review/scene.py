@@ -15,6 +15,7 @@ import numpy as np
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.units import KM, KMH, NS, kwh
+from das.drawing.meanings import Meaning, Theme
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
@@ -23,7 +24,6 @@ from sim.drive.events.event import DriveEvent, EventKind
 from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
 from sim.review.beside import partings, series_beside
-from sim.review.colors import Meaning, Theme
 from sim.review.lanes import COST, Change, Lane, instructions, lanes
 from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
 from sim.review.words import attribution_text

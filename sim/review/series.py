@@ -17,9 +17,9 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
+from das.drawing.meanings import Meaning
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse, Floats, Times
-from sim.review.colors import Meaning
 
 EARTH_RADIUS_M: Final = 6_371_000.0
 UNKNOWN_S: Final = 10.0

@@ -24,7 +24,7 @@ from das.command_line.files import check_picture, save_figure
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
-from sim.review.colors import LIGHT, Theme
+from das.drawing.meanings import LIGHT, Theme
 
 if TYPE_CHECKING:
     import rerun as rr

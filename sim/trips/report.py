@@ -14,6 +14,8 @@ from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
+from das.drawing.colors import INK, LIMIT
+from das.drawing.meanings import LIGHT, MODES, Meaning
 from das.solver.section import Section
 from sim.trips.cleaning import CleaningReport, FindingKind
 from sim.trips.estimate import (
@@ -27,6 +29,8 @@ from sim.trips.estimate import (
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
+BEST: Final = {"color": LIGHT.of[Meaning.NO_ADVICE], "linewidth": 1, "linestyle": "--"}
+"""How the most that the vehicle can do is drawn."""
 LEGEND: Final = {"from, to": "what the energy may have been at least and at most, whatever the unknowns are"}
 """Explanations that are printed below the table of energies."""
 PANEL_HEIGHTS = (3, 1, 2)
@@ -312,14 +316,19 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None, section: Se
 
 def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
     matched, run = trip.matched, trip.run
-    axis.plot(run.s_m / KM, trip.route.limits_mps.at(run.s_m) / KMH, color="0.45", linewidth=1, label="limit")
+    axis.plot(run.s_m / KM, trip.route.limits_mps.at(run.s_m) / KMH, color=LIMIT, linewidth=1, label="limit")
     if section is not None:
         name, fastest_mps = f"fastest run of {section.vehicle.id}", section.fastest_run.speed_mps
-        axis.plot(section.node_m / KM, fastest_mps / KMH, color="tab:green", linewidth=1, linestyle="--", label=name)
-    axis.plot(run.s_m / KM, run.speed_mps / KMH, color="tab:blue", label="smooth run")
+        axis.plot(
+            section.node_m / KM,
+            fastest_mps / KMH,
+            **BEST,
+            label=name,
+        )
+    axis.plot(run.s_m / KM, run.speed_mps / KMH, color=LIGHT.of[Meaning.DRIVEN], label="smooth run")
     for which, colour, label in (
-        (~matched.dropout, "black", "measured"),
-        (matched.dropout, "tab:red", "from positions"),
+        (~matched.dropout, INK, "measured"),
+        (matched.dropout, LIGHT.of[Meaning.ERROR], "from positions"),
     ):
         shown = which & ~matched.invalid
         if shown.any():
@@ -335,7 +344,7 @@ def _distances(axis: Any, trip: Trip) -> None:
     matched, run = trip.matched, trip.run
     since_s = (matched.time_ns - run.start_time_ns) * NS
     apart_m = matched.s_m - np.interp(since_s, run.time_s, run.s_m)
-    axis.plot(matched.s_m[~matched.invalid] / KM, apart_m[~matched.invalid], ".", color="black", ms=3)
+    axis.plot(matched.s_m[~matched.invalid] / KM, apart_m[~matched.invalid], ".", color=INK, ms=3)
     axis.axhline(0, color="0.3", linewidth=0.5)
     axis.set_ylabel("record − run, m")
 
@@ -347,11 +356,13 @@ def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
     """
     at_km = driven.trajectory.s_m / KM
     together_n = driven.trajectory.force_el_n + driven.trajectory.force_friction_n
-    axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, fill=True, color="tab:orange", label="motors")
+    motors = {"fill": True, "color": LIGHT.of[Meaning.DRIVEN], "label": "motors"}
+    axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, **motors)
     if driven.trajectory.force_friction_n.any():
-        axis.stairs(driven.trajectory.force_friction_n / KN, at_km, baseline=0, color="tab:red", label="friction brake")
+        friction = {"color": MODES["friction brake"], "label": "friction brake"}
+        axis.stairs(driven.trajectory.force_friction_n / KN, at_km, baseline=0, **friction)
     for largest_n, label in ((driven.traction_n, "largest of this vehicle"), (-driven.brakes_n, None)):
-        axis.plot(at_km[:-1], largest_n / KN, color="tab:green", linewidth=1, linestyle="--", label=label)
+        axis.plot(at_km[:-1], largest_n / KN, **BEST, label=label)
     if driven.beyond.any():
         more_n = np.where(driven.beyond, together_n, 0.0)
         axis.stairs(
@@ -359,7 +370,7 @@ def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
             at_km,
             baseline=0,
             fill=True,
-            color="tab:purple",
+            color=LIGHT.of[Meaning.AGAINST],
             label=f"more than it has, for {ESTIMATE.held_s} s",
         )
     axis.axhline(0, color="0.3", linewidth=0.5)

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 import sim.review.report
 from das import __version__
 from das.drawing.colors import SEVERAL
+from das.drawing.meanings import LIGHT
 from sim.experiment.analysis import words
 from sim.experiment.analysis.checks import SURE
 from sim.experiment.analysis.comparing import (
@@ -31,7 +32,6 @@ from sim.experiment.analysis.differences import TwoGroups
 from sim.experiment.analysis.reading import Floats, ShownMeasure, probability
 from sim.experiment.plan import PlannedComparison
 from sim.review.canvas import INK, PAGE_WIDTH_IN, TEXT_POINTS, as_image, light_figure, named, plain
-from sim.review.colors import LIGHT
 
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5

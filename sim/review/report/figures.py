@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from das.domain.units import KM, KMH, KN, kmh, kwh
+from das.drawing.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.drive.attribution.causes import OVER_MPS
 from sim.drive.events.event import bookmarks
 from sim.review.canvas import INK, curve, lane_rows, light_figure, named, page_legend, stops
-from sim.review.colors import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.review.lanes import MODE_LANES
 from sim.review.report.first_page import DriveFinding
 from sim.review.report.sentences import told_causes

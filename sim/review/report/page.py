@@ -17,6 +17,7 @@ from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
+from das.drawing.meanings import LIGHT
 from sim.drive.attribution.attribution import as_dict as energy_dict
 from sim.drive.attribution.worst_places import worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
@@ -26,7 +27,6 @@ from sim.drive.events.chronicle import as_rows, place_text
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure
-from sim.review.colors import LIGHT
 from sim.review.report import figures, tables
 from sim.review.report.first_page import findings, first_page_dict, page_dict
 from sim.review.report.sentences import compliance, paragraph, title, where_time_went

@@ -60,8 +60,8 @@ def test_a_picture_names_the_stops_over_distance_and_over_time() -> None:
 
 def test_names_of_near_stops_are_in_two_rows_and_none_covers_another() -> None:
     pytest.importorskip("matplotlib")
+    from das.drawing.meanings import LIGHT
     from sim.review.canvas import LETTER_SHARE, NAMES_AT_POINTS, Panel, figure_of, name_stops
-    from sim.review.colors import LIGHT
 
     _, (axis,) = figure_of([Panel("", 1.0)], 0.5, LIGHT)
     name_stops(axis, [(f"Station {i}", 0.02 * i) for i in range(51)], LIGHT)

@@ -11,6 +11,7 @@ import pytest
 from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.domain.units import KMH
+from das.drawing.meanings import DARK
 from das.front_door import chosen
 from sim.drive.drive import Drive
 from sim.drivers import presentations
@@ -22,7 +23,6 @@ from sim.drivers.presentations.presenter import Shown, presenter_of, shown_prese
 from sim.experiment.factors import FactorLevel
 from sim.experiment.study_files import level_words
 from sim.recording.course import DrivenCourse
-from sim.review.colors import DARK
 from sim.review.lanes import lanes
 from sim.review.words import cards
 from sim.world.scenario import load_scenario

@@ -12,20 +12,20 @@ import pytest
 from das.bus import topics
 from das.domain.errors import DasError
 from das.domain.units import KM
+from das.drawing.meanings import DARK
 from sim.drive.drive import Drive
 from sim.recording.opening import open_recording
 from sim.review import view
-from sim.review.colors import DARK
 from sim.review.scene import ReviewScene
 from tests.support.hand_recorded import day, recorded
 from tests.support.making import das_sim
 from tests.support.recordings import write_recording
 
 pytest.importorskip("matplotlib")
+from das.drawing.meanings import COMPARED
 from sim.drive.comparison import AlignedDrives, on_track
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.review.canvas import comparison_figure, half_width_ratio, joined_labels
-from sim.review.colors import COMPARED
 from sim.review.lanes import instructions
 from sim.review.picture import panels, picture_of
 from tests.support.flat_days import flat_day

@@ -15,6 +15,7 @@ from das.advice.regimes import Regime
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KMH, kwh
+from das.drawing.meanings import MODES, Meaning
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.event import Note, add_note
@@ -22,7 +23,6 @@ from sim.drive.happenings import NOT_HEARD, happenings, points, signals
 from sim.drivers.kinds import DriverKind
 from sim.recording.course import DrivenCourse
 from sim.recording.opening import open_recording
-from sim.review.colors import MODES, Meaning
 from sim.review.lanes import instructions, lanes
 from sim.review.scene import OTHER_THAN_ADVISED, ROUTINE, ReviewScene
 from tests.support.flat_days import flat_day

@@ -1,8 +1,8 @@
 """The colours of all pictures, pages and views: one meaning each, for dark and white backgrounds, and for the viewer.
 
-No other module of the review, the report and the comparison has colours of its own. A display that shows no mode is an
-exception: its module in `sim/drivers/presentations` has its colour. tests/sim/review/test_colors.py checks that people
-can tell the colours apart; lines on one axis must also be told apart with the common kinds of colour blindness.
+No module that draws a drive has colours of its own. A display that shows no mode is an exception: its module in
+`sim/drivers/presentations` has its colour. tests/das/drawing/test_meanings.py checks that people can tell the colours
+apart; lines on one axis must also be told apart with the common kinds of colour blindness.
 """
 
 from __future__ import annotations

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from das.drawing.meanings import COMPARED, DARK, LIGHT, MODES, VIEWER, Meaning, Theme, rgba
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import presenter_of
-from sim.review.colors import COMPARED, DARK, LIGHT, MODES, VIEWER, Meaning, Theme, rgba
 from sim.review.series import STYLES
 
 Floats = NDArray[np.float64]
@@ -90,11 +90,11 @@ def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(gro
     assert {color: ratio for color, ratio in faint.items() if ratio < 2.5} == {}
 
 
-@pytest.mark.parametrize("folder", ["review", "review/report"])
+@pytest.mark.parametrize("folder", ["sim/review", "sim/review/report", "sim/trips", "precompute/cli"])
 def test_no_picture_or_page_has_colours_of_its_own(folder: str) -> None:
-    """All colours are in sim/review/colors.py, each once."""
-    for path in (Path("sim") / folder).iterdir():
-        if path.suffix in (".py", ".css", ".j2") and path.name != "colors.py":
+    """All colours are in das/drawing, each once."""
+    for path in Path(folder).iterdir():
+        if path.suffix in (".py", ".css", ".j2"):
             assert not re.search(r"#[0-9a-fA-F]{3}(?:[0-9a-fA-F]{3})?\b|\btab:|\"C\d\"", path.read_text()), path
 
 
