@@ -16,6 +16,7 @@ import pytest
 
 from das.command_line.process import signals_held
 from tests.support.copies import copy_of, run_copy
+from tests.support.making import wait_until
 
 
 @pytest.fixture(autouse=True)
@@ -168,5 +169,5 @@ def test_a_process_beside_runs_a_main_and_ends_with_the_one_that_started_it(tmp_
         assert (done.returncode, done.stderr) == (0, "")
         started, *pids = map(int, done.stdout.split())
         assert started == count
-        assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+        assert wait_until(lambda ended=[Path(f"/proc/{pid}") for pid in pids]: not any(map(Path.exists, ended)), 20.0)
     assert (tmp_path / "begun").exists()
