@@ -634,7 +634,7 @@ class Coaching(_message.Message):
         speed_mps: _builtins.float
         """[m/s] to reach, or to hold"""
         effort_ratio: _builtins.float
-        """[ratio] of the largest traction at this speed, or of the electric brake at this speed (< 0; below -1 with friction); NaN: as the speed needs"""
+        """[ratio] of the largest traction at this speed, or of the electric brake at this speed (< 0; below -1 with friction); NaN: as the speed needs, or, braking near the stop, as the driver sees fit"""
         way_m: _builtins.float
         """[m] from the train to where it begins; 0: it is due"""
         in_s: _builtins.float
