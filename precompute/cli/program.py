@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from das.command_line.application import Entry, application, run_app
+from das.command_line.application import Entry, Group, application, run_app
 from das.command_line.process import interrupt_on_termination
 
 NAME = "das-precompute"
-COMMANDS = (
+COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="solve",
         where="precompute.cli.solve:solve",
@@ -72,6 +72,11 @@ COMMANDS = (
         summary="Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.",
         examples=("das-precompute show tables --json",),
     ),
+    Group(
+        name="route",
+        summary="Own lines: import them from maps and tables, show, check and merge them.",
+        where="precompute.cli.program:ROUTES",
+    ),
     Entry(
         name="catalogue",
         where="precompute.cli.catalogue:catalogue",
@@ -92,6 +97,42 @@ COMMANDS = (
     ),
 )
 """Every command; a test compares its summary with the first line of its docstring."""
+ROUTES = (
+    Entry(
+        name="import",
+        where="precompute.cli.route:import_route",
+        summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
+        examples=(
+            "das-precompute route import tracks.geojson --from Adorf --to Cedorf --flat -o my.toml",
+            "das-precompute route import limits.csv stops.csv --altitudes heights.csv -o my.toml",
+        ),
+    ),
+    Entry(
+        name="show",
+        where="precompute.cli.route:show",
+        summary="Show a route: stops, limits, gradients, curves, tunnels, origin of its data; as a picture with --plot.",
+        examples=("das-precompute route show zurich-luzern --plot line.png",),
+    ),
+    Entry(
+        name="check",
+        where="precompute.cli.route:check",
+        summary="Check a route: what is unusual in it is a warning, what it lacks a note.",
+        examples=("das-precompute route check my.toml",),
+    ),
+    Entry(
+        name="merge",
+        where="precompute.cli.route:merge",
+        summary="Put a route together for one line and direction: limits from one file, gradients from another.",
+        examples=("das-precompute route merge my.toml --gradients heights.toml -o whole.toml",),
+    ),
+    Entry(
+        name="new",
+        where="precompute.cli.route:new",
+        summary="Write the file of a flat line with one limit, to fill in by hand.",
+        examples=("das-precompute route new Adorf=0 Bestadt=12.5 --limit 120 -o my.toml",),
+    ),
+)
+"""The commands of `das-precompute route`."""
 GONE = {
     "calm": "das-precompute few-switch",
     "calibrate": "uv run python -m docs.studies.calibrate (in a clone of the project)",

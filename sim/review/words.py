@@ -13,6 +13,7 @@ from das.advice.regimes import Regime
 from das.advice.wording import Language
 from das.bus import topics
 from das.bus.recording import Recording
+from das.domain.errors import DasError
 from das.domain.units import KM, NS, PERCENT, kwh
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.drive import Drive
@@ -80,6 +81,14 @@ def headline(drive: Drive) -> str:
     return " · ".join(parts)
 
 
+def credit_of(drive: Drive) -> str:
+    """Source and licence of the line's data as its file states them; empty if it states none or is not known."""
+    try:
+        return drive.inputs.route.credit
+    except DasError:
+        return ""
+
+
 def on_this_day(recording: Recording) -> list[str]:
     """Lines for a picture: what is wrong with the recording, and what the scenario let happen; empty if nothing."""
     happens = recording.metadata.get("run", {}).get("happens", NOTHING)
@@ -107,6 +116,7 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
     if driven_j is not None:
         estimated = "" if drive.measured else " (estimated)"
         rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
+    rows += [("data of the line", credit)] if (credit := credit_of(drive)) else []
     rows += [] if drive.said is None else drive.said.rows()
     rows += [(name.strip(), value) for name, value in drive.stability.rows() + drive.instructions.rows()]
     rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []

@@ -337,7 +337,8 @@ def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
     axis.set_ylim(bottom=0)
     axis.legend(loc="lower center", ncols=5)
     kept = f"{matched.report.cleaning.kept} of {matched.report.cleaning.read} points"
-    axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}")
+    credit = f"\ndata of the line: {trip.route.credit}" if trip.route.credit else ""
+    axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}{credit}")
 
 
 def _distances(axis: Any, trip: Trip) -> None:
