@@ -203,29 +203,28 @@ def check_route(route: Route, accepted: Collection[str] = (), *, insist: str) ->
 def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
     """A line for each unusual value of a train or line: file, key, value and the usual range.
 
-    Of a line also how wrong energies may be because its altitudes are not well known.
+    Of a line also how wrong energies may be, unless its altitudes are as good as known.
     """
-    found = _of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing)
-    more = energy_range(thing) if isinstance(thing, Route) else ""
-    return tuple(f"{thing.source}: {text}" for text in (*(one.in_words() for one in found), *([more] if more else [])))
+    found = [one.in_words() for one in (_of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing))]
+    if isinstance(thing, Route) and thing.altitudes is not Altitudes.SMOOTHED:
+        found += filter(None, [energy_range(thing)])
+    return tuple(f"{thing.source}: {text}" for text in found)
 
 
 def energy_range(route: Route) -> str:
-    """How wrong an energy on this line may be because of its altitudes, in words; empty if they are as good as known.
+    """How wrong an energy on this line may be because of its altitudes, in words; empty if nothing is known of that.
 
-    A line is noisy if its file says that its altitudes are raw, or does not say how they were made and they climb more
-    than `NOISE_CLIMB_RATIO` metres per metre more than when smoothed over `NOISE_OVER_M`.
+    A line is flat if its file says so, or has no other gradient than 0 and does not say that it is level in truth. It is
+    noisy if its file says that its altitudes are raw, or does not say how they were made and they climb more than
+    `NOISE_CLIMB_RATIO` metres per metre more than when smoothed over `NOISE_OVER_M`.
     """
-    flat = not route.gradients_ratio.value.any()
-    if route.altitudes is Altitudes.NONE or (flat and route.altitudes is None and _states_its_altitudes(route)):
-        return FLAT
-    if route.altitudes is Altitudes.RAW or (
-        route.altitudes is None and vanishing_climb_ratio(route) > NOISE_CLIMB_RATIO
-    ):
-        return NOISY
-    return (
-        {Altitudes.POINTS: FEW_POINTS, Altitudes.SMOOTHED: SMOOTHED}.get(route.altitudes, "") if route.altitudes else ""
-    )
+    kind = route.altitudes
+    if kind is None and not route.gradients_ratio.value.any() and _states_its_altitudes(route):
+        kind = Altitudes.NONE
+    if kind is None and vanishing_climb_ratio(route) > NOISE_CLIMB_RATIO:
+        kind = Altitudes.RAW
+    words = {Altitudes.NONE: FLAT, Altitudes.RAW: NOISY, Altitudes.POINTS: FEW_POINTS, Altitudes.SMOOTHED: SMOOTHED}
+    return "" if kind is None else words.get(kind, "")
 
 
 def _states_its_altitudes(route: Route) -> bool:

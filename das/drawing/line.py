@@ -92,6 +92,7 @@ def _map(axis: Any, route: Route) -> None:
         axis.plot(longitude, latitude, "o", color=INK, markersize=4)
         if len(route.stops) <= MOST_STOPS_ON_MAP or i in (0, len(route.stops) - 1):
             axis.annotate(stop.name, (longitude, latitude), (4, 4), textcoords="offset points", color=INK, fontsize=8)
+    axis.margins(0.08)
     axis.set_aspect(1.0 / np.cos(np.radians(float(route.geometry_latitude_deg.mean()))), adjustable="datalim")
     axis.set_xlabel("longitude, ° east", color=INK)
     axis.set_ylabel("latitude, ° north", color=INK)

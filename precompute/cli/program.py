@@ -110,7 +110,7 @@ ROUTES = (
     Entry(
         name="show",
         where="precompute.cli.route:show",
-        summary="Show a route: stops, limits, gradients, curves, tunnels, origin of its data; as a picture with --plot.",
+        summary="Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.",
         examples=("das-precompute route show zurich-luzern --plot line.png",),
     ),
     Entry(

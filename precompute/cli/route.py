@@ -191,8 +191,8 @@ def import_route(
 ) -> None:
     """Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.
 
-    From a map comes the way of a train between two stations: it never reverses, never turns by more than 40°, and avoids
-    sidings and the track of the other direction. Names of stations are found without regard to case and accents.
+    From a map comes the way of a train between two stations: it never reverses, never turns by more than 40°, and
+    avoids sidings and the track of the other direction. Names of stations are found without regard to case and accents.
     Limits are those of the direction, so the route is one_way: import the other direction as well.
 
     Tables are CSV files whose columns have their units in their names (position_km, limit_kmh, gradient_permille,
@@ -232,7 +232,7 @@ def _order(files: tuple[Path, ...], where: FromWhere, heights: Heights, missing:
 def show(
     route: RouteArgument, plot: PlotOption = None, overwrite: OverwriteOption = False, as_json: JsonOption = False
 ) -> None:
-    """Show a route: stops, limits, gradients, curves, tunnels, origin of its data; as a picture with --plot.
+    """Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.
 
     The picture has limits, altitude, gradients, curves, tunnels and stops over the position, and the course of the line
     on a map without a background.

@@ -19,7 +19,7 @@ from das.domain.route import Altitudes, Route, Stretches, Zone
 from das.domain.units import PERMILLE
 from precompute.route_import.line import ImportedLine
 from precompute.route_import.station_names import same_station
-from precompute.route_import.tables import Table, altitude_rows, check_coordinates
+from precompute.route_import.tables import LineTable, altitude_rows, check_coordinates
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Smoothing:
     cap_ratio: float = CAP_RATIO
 
 
-def with_altitudes(line: ImportedLine, table: Table, smoothing: Smoothing) -> ImportedLine:
+def with_altitudes(line: ImportedLine, table: LineTable, smoothing: Smoothing) -> ImportedLine:
     """A line with gradients from the altitudes of a table, by positions, coordinates or names of stops.
 
     Raises DasError or InputError for altitudes that are not of this line, or fewer than two.
@@ -80,7 +80,7 @@ def with_altitudes(line: ImportedLine, table: Table, smoothing: Smoothing) -> Im
     return replace(line, route=route, has_gradients=True).with_remarks(remark, cap)
 
 
-def _points(route: Route, table: Table) -> tuple[Floats, Floats]:
+def _points(route: Route, table: LineTable) -> tuple[Floats, Floats]:
     """Positions (m, rising) and altitudes (m) of a table on a line."""
     check_coordinates(table)
     rows = altitude_rows(table)
@@ -104,7 +104,7 @@ def _points(route: Route, table: Table) -> tuple[Floats, Floats]:
     return np.bincount(group, at_m) / count, np.bincount(group, altitude_m) / count
 
 
-def _position_m(route: Route, table: Table, row: int) -> float | None:
+def _position_m(route: Route, table: LineTable, row: int) -> float | None:
     """Where an altitude is on the line (m); None if it is beside it."""
     at_m = table.numbers["position"][row] if table.has("position") else None
     if at_m is not None:
@@ -174,4 +174,4 @@ def climb_and_fall_m(route: Route) -> tuple[float, float]:
     """All metres that a line climbs and falls, by its gradients."""
     gradients = route.gradients_ratio
     rise_m = np.diff(np.append(gradients.start_m, route.length_m)) * gradients.value
-    return float(rise_m[rise_m > 0].sum()), float(-rise_m[rise_m < 0].sum())
+    return float(rise_m[rise_m > 0].sum()), abs(float(rise_m[rise_m < 0].sum()))

@@ -64,8 +64,9 @@ def _limits(route: Route) -> Iterator[str]:
     short = np.flatnonzero(lengths_m < SHORT_LIMIT_M)
     if len(short):
         i = int(short[0])
+        first_km = limits.start_m[i] / KM
         yield (
-            f"speed_limits: {len(short)} shorter than {SHORT_LIMIT_M:g} m, the first at km {limits.start_m[i] / KM:.3f}: "
+            f"speed_limits: {len(short)} shorter than {SHORT_LIMIT_M:g} m, the first at km {first_km:.3f}: "
             f"{kmh(float(limits.value[i])):.0f} km/h on {lengths_m[i]:.0f} m"
         )
     at_m = np.union1d(limits.start_m, curves.start_m)

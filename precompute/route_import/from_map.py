@@ -17,7 +17,7 @@ from das.domain.units import KM, KMH, PERCENT, kmh
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches, zones_where
 from precompute.route_import.station_names import same_station, stations_named
 from precompute.route_import.track_graph import FoundWay, TrackGraph
-from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, Place, TrackMap
+from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
 
 Floats = NDArray[np.float64]
 
@@ -105,8 +105,8 @@ def _limits(the_map: TrackMap, options: MapOptions, way: FoundWay, at_m: Floats)
         filled, by = np.where(unknown, np.minimum(before, after), told), "the lower limit of their neighbours"
     first_km = at_m[:-1][unknown][0] / KM
     return filled, (
-        f"Limits on {(1 - missing) / PERCENT:.1f} % of the length; the other {missing * at_m[-1]:.0f} m (the first at km "
-        f"{first_km:.3f}) got {by}: {', '.join(f'{kmh(x):.0f}' for x in sorted(set(filled[unknown])))} km/h."
+        f"Limits on {(1 - missing) / PERCENT:.1f} % of the length; the other {missing * at_m[-1]:.0f} m (the first at "
+        f"km {first_km:.3f}) got {by}: {', '.join(f'{kmh(x):.0f}' for x in sorted(set(filled[unknown])))} km/h."
     )
 
 
@@ -133,8 +133,8 @@ def _stops(the_map: TrackMap, options: MapOptions, way: FoundWay, at_m: Floats) 
     return sorted(asked, key=lambda stop: stop.position_m)
 
 
-def _stations_along(the_map: TrackMap, way: FoundWay) -> list[Place]:
-    """The stations in the rectangle around the way, the best first; sorted so that the order of the file is no matter."""
+def _stations_along(the_map: TrackMap, way: FoundWay) -> list[MapPlace]:
+    """The stations in the rectangle around the way, the best first; the order of the file does not matter."""
     margin = 0.01
     low, high = way.latitude_deg.min() - margin, way.latitude_deg.max() + margin
     west, east = way.longitude_deg.min() - margin, way.longitude_deg.max() + margin
@@ -148,7 +148,7 @@ def _stations_along(the_map: TrackMap, way: FoundWay) -> list[Place]:
     return sorted(inside, key=lambda place: (place.rank, place.names, place.latitude_deg, place.longitude_deg))
 
 
-def _stop(place: Place, position_m: float) -> Stop:
+def _stop(place: MapPlace, position_m: float) -> Stop:
     return Stop(
         name=place.name,
         position_m=round(position_m, 3),

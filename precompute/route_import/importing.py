@@ -14,8 +14,8 @@ from precompute.route_import.altitudes import Smoothing, with_altitudes
 from precompute.route_import.from_map import MapOptions, line_from_map
 from precompute.route_import.line import ImportedLine, Words, cut
 from precompute.route_import.station_names import same_station
-from precompute.route_import.tables import Table, altitude_rows, line_from_tables, points_of, read_table
-from precompute.route_import.track_map import Place, TrackMap, read_map
+from precompute.route_import.tables import LineTable, altitude_rows, line_from_tables, points_of, read_table
+from precompute.route_import.track_map import MapPlace, TrackMap, read_map
 
 MAPS: Final = (".json", ".geojson")
 TABLES: Final = (".csv", ".txt", ".tsv", ".yaml", ".yml")
@@ -66,7 +66,7 @@ def imported(order: ImportOrder, words: Words) -> ImportedLine:
     return line
 
 
-def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[Table]]:
+def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[LineTable]]:
     """The maps, and the tables as they are read; DasError for a file of another kind."""
     maps, tables = [], []
     for path in files:
@@ -81,11 +81,11 @@ def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[Table]]:
     return maps, tables
 
 
-def _tables_with_altitudes(tables: Sequence[Table]) -> list[Table]:
+def _tables_with_altitudes(tables: Sequence[LineTable]) -> list[LineTable]:
     return [table for table in tables if altitude_rows(table)]
 
 
-def _from_map(order: ImportOrder, words: Words, maps: Sequence[Path], tables: Sequence[Table]) -> ImportedLine:
+def _from_map(order: ImportOrder, words: Words, maps: Sequence[Path], tables: Sequence[LineTable]) -> ImportedLine:
     if order.start is None or order.end is None:
         raise DasError("a map needs --from and --to: the names of two stations")
     if order.length_m is not None:
@@ -102,7 +102,7 @@ def _from_map(order: ImportOrder, words: Words, maps: Sequence[Path], tables: Se
     return line_from_map(the_map, options, words)
 
 
-def _with_stations(the_map: TrackMap, tables: Sequence[Table]) -> TrackMap:
+def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
     """The map with the stations of tables that have names and coordinates."""
     found = []
     for table in tables:
@@ -113,11 +113,11 @@ def _with_stations(the_map: TrackMap, tables: Sequence[Table]) -> TrackMap:
             )
         for row, (latitude, longitude) in points_of(table):
             names = (table.names[row],)
-            found.append(Place(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=0))
+            found.append(MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=0))
     return replace(the_map, places=(*found, *the_map.places))
 
 
-def _from_tables(order: ImportOrder, words: Words, tables: Sequence[Table]) -> ImportedLine:
+def _from_tables(order: ImportOrder, words: Words, tables: Sequence[LineTable]) -> ImportedLine:
     if order.via or order.limit_kmh is not None:
         raise DasError("--via and --limit belong to maps: tables have their own limits")
     ends = order.start or "start", order.end or "end"

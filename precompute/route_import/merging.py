@@ -38,8 +38,8 @@ def merged(base: Route, others: Mapping[str, Route], words: Words) -> ImportedLi
         scale = base.length_m / other.length_m
         if abs(scale - 1.0) > MOST_SCALE_RATIO:
             raise DasError(
-                f"{other.source}: {other.length_m / KM:.3f} km long, {base.source} {base.length_m / KM:.3f} km: expected the "
-                f"same line, within {MOST_SCALE_RATIO / PERCENT:g} %"
+                f"{other.source}: {other.length_m / KM:.3f} km long, {base.source} {base.length_m / KM:.3f} km: "
+                f"expected the same line, within {MOST_SCALE_RATIO / PERCENT:g} %"
             )
         taken |= {name: _scaled(getattr(other, name), scale, base.length_m) for name in PARTS[what]}
         by = "" if other.length_m == base.length_m else f", positions times {scale:.6f}"
@@ -107,6 +107,7 @@ def new_line(stops: Sequence[str], limit_mps: float, words: Words) -> ImportedLi
     )
     check_route(route, insist=INSIST % "route")
     return ImportedLine(route=route).with_remarks(
-        "To fill in: a row for each change of limit and gradient; then leave out altitudes, or say what they are (level, "
-        "points, smoothed, raw). Optional lists: curves, tunnels, geometry, neutral_sections (docs/reference/file-formats.md)."
+        "To fill in: a row for each change of limit and gradient; then say what the altitudes are (level, points, "
+        "smoothed, raw), or leave that out. Further lists: curves, tunnels, geometry, neutral_sections and others "
+        "(docs/reference/file-formats.md)."
     )

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from das.domain.errors import DasError
-from precompute.route_import.track_map import Place, TrackMap
+from precompute.route_import.track_map import MapPlace, TrackMap
 
 MOST_SHOWN: Final = 25
 """At most this many names stand in a message."""
@@ -57,7 +57,7 @@ _ABBREVIATED: Final = {"st": "sankt", "saint": "sankt", "sant": "sankt", "hbf": 
 _AT = re.compile(r"(?:(?P<name>[^=]*)=)?\s*(?P<latitude>-?\d+(?:\.\d+)?)\s*[,;]\s*(?P<longitude>-?\d+(?:\.\d+)?)\s*")
 
 
-def stations_named(the_map: TrackMap, wanted: str) -> tuple[Place, ...]:
+def stations_named(the_map: TrackMap, wanted: str) -> tuple[MapPlace, ...]:
     """The places that a user's words mean: the best fit, several if the map has a station, its stops and its platforms.
 
     `wanted` may also be a place, "48.208,15.625", or a place with a name, "St. Pölten=48.208,15.625". Raises DasError,
@@ -70,7 +70,7 @@ def stations_named(the_map: TrackMap, wanted: str) -> tuple[Place, ...]:
             raise DasError(f"{wanted}: expected a latitude from -90 to 90 and a longitude from -180 to 180 degrees")
         name = (at["name"] or "").strip()
         names, rank = (name or f"{latitude:g},{longitude:g}",), 0 if name else RANK_WITHOUT_NAME
-        return (Place(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=rank),)
+        return (MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=rank),)
     fits: tuple[Callable[[str], bool], ...] = (
         lambda name: _words(name) == _words(wanted),
         lambda name: "".join(_words(name)) == "".join(_words(wanted)),
@@ -84,7 +84,7 @@ def stations_named(the_map: TrackMap, wanted: str) -> tuple[Place, ...]:
     raise DasError(_unknown(the_map, wanted))
 
 
-def _one_station(the_map: TrackMap, wanted: str, found: Sequence[Place]) -> tuple[Place, ...]:
+def _one_station(the_map: TrackMap, wanted: str, found: Sequence[MapPlace]) -> tuple[MapPlace, ...]:
     """The places of best rank among those that fit; DasError if they have several names, none of which is better."""
     best = min(place.rank for place in found)
     kept = tuple(place for place in found if place.rank == best)
@@ -102,8 +102,8 @@ def _unknown(the_map: TrackMap, wanted: str) -> str:
     if not names:
         return (
             f"{the_map.source}: no station {wanted!r}, for it names no stations at all: give "
-            f"{wanted}=LATITUDE,LONGITUDE, or add a file with stations (GeoJSON or Overpass JSON with node[railway=station], or CSV with name, "
-            "latitude_deg, longitude_deg)"
+            f"{wanted}=LATITUDE,LONGITUDE, or add a file with stations (GeoJSON or Overpass JSON with "
+            "node[railway=station], or CSV with name, latitude_deg, longitude_deg)"
         )
     near = difflib.get_close_matches(" ".join(_words(wanted)), [" ".join(_words(name)) for name in names], 3, 0.6)
     close = [name for name in names if " ".join(_words(name)) in near]

@@ -56,7 +56,7 @@ NO_YAML: Final = "YAML needs a reader: pip install pyyaml"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class LineTable:
     """A table of a line: numbers in SI by quantity, and names, one for each row (None: an empty cell); its lines."""
 
     path: Path
@@ -78,7 +78,7 @@ class Table:
         return InputError(self.path, f"line {self.lines[row]} {quantity}", value, expected)
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> LineTable:
     """Read a CSV table or a running path (YAML); DasError or InputError (file, line, column, value) if it is unusable.
 
     The first line of a CSV file has the names of the columns, each with its unit: `position_km`, `limit_kmh`. Commas,
@@ -87,7 +87,7 @@ def read_table(path: Path) -> Table:
     return _running_path(path) if path.suffix.lower() in (".yaml", ".yml") else _csv_table(path)
 
 
-def _csv_table(path: Path) -> Table:
+def _csv_table(path: Path) -> LineTable:
     lines = read_text(path, MOST_BYTES).split("\n")
     header = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), None)
     if header is None:
@@ -117,7 +117,7 @@ def _csv_table(path: Path) -> Table:
         if quantity in QUANTITIES
     }
     names = [i for i, (quantity, _) in enumerate(columns) if quantity == "name"]
-    return Table(
+    return LineTable(
         path=path,
         lines=tuple(line for line, _ in rows),
         numbers=numbers,
@@ -165,7 +165,7 @@ def _checked_name(path: Path, line: int, name: str) -> str:
     return name
 
 
-def _running_path(path: Path) -> Table:
+def _running_path(path: Path) -> LineTable:
     """The path of a file of railtoolkit: rows of position (m), limit (km/h) and path resistance (‰, its gradient)."""
     try:
         import yaml
@@ -192,16 +192,17 @@ def _running_path(path: Path) -> Table:
         for (name, unit), value in zip(columns.items(), row, strict=True):
             numbers[name].append(in_si(path, f"{key} {name}", number(path, key, value), unit))
     found = {name: tuple(values) for name, values in numbers.items()}
-    return Table(path=path, lines=tuple(range(len(rows))), numbers=found)
+    return LineTable(path=path, lines=tuple(range(len(rows))), numbers=found)
 
 
 def line_from_tables(
-    tables: Sequence[Table], words: Words, *, ends: tuple[str, str], length_m: float | None
+    tables: Sequence[LineTable], words: Words, *, ends: tuple[str, str], length_m: float | None
 ) -> ImportedLine:
     """A line from tables that together have limits and anything else; it is flat if none has gradients.
 
     `ends` name the first and last stop where the tables have no stops. `length_m` is the length of the line; None: it
-    ends at its last stop, or else with the last row of the tables. Raises DasError or InputError for tables that do not fit.
+    ends at its last stop, or else with the last row of the tables. Raises DasError or InputError for tables that do not
+    fit.
     """
     source = ", ".join(str(table.path) for table in tables)
     tables = [_with_positions(table, length_m) for table in tables]
@@ -230,13 +231,13 @@ def line_from_tables(
     return line.with_remarks(about, "The tables are those of one direction: the line is one_way.")
 
 
-def points_of(table: Table) -> list[tuple[int, tuple[float, ...]]]:
+def points_of(table: LineTable) -> list[tuple[int, tuple[float, ...]]]:
     """Row and values (latitude, longitude) of a table with coordinates."""
     pairs = zip(table.numbers["latitude"], table.numbers["longitude"], strict=True)
     return [(i, row) for i, row in enumerate(pairs) if None not in row]  # type: ignore[misc]
 
 
-def check_coordinates(table: Table) -> None:
+def check_coordinates(table: LineTable) -> None:
     """Raise InputError for the first latitude beyond ±90° or longitude beyond ±180°."""
     for name, most in (("latitude", 90.0), ("longitude", 180.0)):
         for i, value in enumerate(table.numbers.get(name, ())):
@@ -244,7 +245,7 @@ def check_coordinates(table: Table) -> None:
                 raise table.error(i, name, value, f"{-most:g} to {most:g} degrees")
 
 
-def _with_positions(table: Table, length_m: float | None) -> Table:
+def _with_positions(table: LineTable, length_m: float | None) -> LineTable:
     """The table with positions: those of a polyline alone are the lengths along it, up to the length of the line."""
     check_coordinates(table)
     if table.has("position"):
@@ -267,7 +268,7 @@ def _with_positions(table: Table, length_m: float | None) -> Table:
     return replace(table, numbers={**table.numbers, "position": tuple((scale * at_m).tolist())})
 
 
-def _stops(tables: Sequence[Table]) -> list[Stop]:
+def _stops(tables: Sequence[LineTable]) -> list[Stop]:
     """The stops: rows with a name and a position, in order."""
     stops: list[Stop] = []
     for table in tables:
@@ -280,13 +281,13 @@ def _stops(tables: Sequence[Table]) -> list[Stop]:
     return sorted(stops, key=lambda stop: stop.position_m)
 
 
-def _length_m(tables: Sequence[Table], stops: Sequence[Stop]) -> float:
+def _length_m(tables: Sequence[LineTable], stops: Sequence[Stop]) -> float:
     ends = [at_m for table in tables for at_m in table.numbers["position"] if at_m is not None]
     ends += [a + b for table in tables if table.has("length") for a, b in table.rows("position", "length")]
     return stops[-1].position_m if len(stops) > 1 else max(ends)
 
 
-def _steps(tables: Sequence[Table], quantity: str, length_m: float) -> Stretches | None:
+def _steps(tables: Sequence[LineTable], quantity: str, length_m: float) -> Stretches | None:
     """A quantity that holds from a row to the next, of the one table that has it; None if none has."""
     having = [table for table in tables if table.has(quantity)]
     if not having:
@@ -300,7 +301,7 @@ def _steps(tables: Sequence[Table], quantity: str, length_m: float) -> Stretches
     return stretches([row[0] for row in rows], [row[1] for row in rows], length_m)
 
 
-def _curves(tables: Sequence[Table], length_m: float) -> Stretches | None:
+def _curves(tables: Sequence[LineTable], length_m: float) -> Stretches | None:
     for table in tables:
         if table.has("radius_start", "radius_end"):
             rows = [list(row) for row in table.rows("position", "radius_start", "radius_end")]
@@ -314,7 +315,7 @@ def _curves(tables: Sequence[Table], length_m: float) -> Stretches | None:
     return None
 
 
-def _zones(tables: Sequence[Table]) -> dict[str, Any]:
+def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
     """Tunnels, neutral sections and zones without regeneration; the name of a file tells the latter two."""
     found: dict[str, tuple[Zone, ...]] = {}
     for table in (one for one in tables if one.has("length")):
@@ -331,7 +332,7 @@ def _zones(tables: Sequence[Table]) -> dict[str, Any]:
     return found
 
 
-def _geometry(tables: Sequence[Table], route: Route) -> dict[str, Any]:
+def _geometry(tables: Sequence[LineTable], route: Route) -> dict[str, Any]:
     """The geometry: the coordinates of a table without names."""
     for table in tables:
         if table.has("latitude", "longitude") and not table.names:
@@ -342,6 +343,6 @@ def _geometry(tables: Sequence[Table], route: Route) -> dict[str, Any]:
     return {}
 
 
-def altitude_rows(table: Table) -> list[tuple[int, float]]:
+def altitude_rows(table: LineTable) -> list[tuple[int, float]]:
     """Row and altitude (m) of each row of a table that has one."""
     return [(i, value) for i, value in enumerate(table.numbers.get("altitude", ())) if value is not None]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from das.domain.earth import distances_m
 from das.domain.errors import DasError
 from das.domain.units import KM
-from precompute.route_import.track_map import Key, Place, Track, TrackMap
+from precompute.route_import.track_map import Key, MapPlace, TrackLine, TrackMap
 
 Floats = NDArray[np.float64]
 
@@ -53,18 +53,18 @@ OTHER_RAIL: Final = 2.0
 class Step(NamedTuple):
     """A piece of track as driven: its track, and whether it is driven in the order of the track's vertices."""
 
-    track: Track
+    track: TrackLine
     forward: bool
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundWay:
-    """The way of a train: n vertices (degrees), the n − 1 steps between them, and at which vertices its stations lie."""
+    """The way of a train: n vertices (degrees), the n − 1 steps between them, and the vertices of its stations."""
 
     latitude_deg: Floats
     longitude_deg: Floats
     steps: tuple[Step, ...]
-    stations: tuple[tuple[Place, int], ...]
+    stations: tuple[tuple[MapPlace, int], ...]
 
 
 class _Piece(NamedTuple):
@@ -72,7 +72,7 @@ class _Piece(NamedTuple):
 
     u: int
     v: int
-    track: Track
+    track: TrackLine
     forward: bool
 
 
@@ -80,7 +80,7 @@ class _Piece(NamedTuple):
 class _Offer:
     """The vertices at which a station may be (number → its distance, m), and where that is on the map."""
 
-    places: dict[int, Place]
+    places: dict[int, MapPlace]
     distance_m: dict[int, float]
     latitude_deg: float
     longitude_deg: float
@@ -110,7 +110,7 @@ class TrackGraph:
                         best[piece.u, piece.v] = piece
         self.pieces = [best[ends] for ends in sorted(best)]
 
-    def way(self, stations: Sequence[Sequence[Place]]) -> FoundWay:
+    def way(self, stations: Sequence[Sequence[MapPlace]]) -> FoundWay:
         """The cheapest way over all stations in order, each given by the places that it may be.
 
         Raises DasError where no track is near a station, and where no way leads from one to the next.
@@ -122,9 +122,9 @@ class TrackGraph:
         latitude, longitude = (np.array(self.keys, dtype=float) / 1e7).T
         return latitude, longitude
 
-    def _offer(self, places: Sequence[Place]) -> _Offer:
+    def _offer(self, places: Sequence[MapPlace]) -> _Offer:
         """Where the tracks near any of the places are nearest to it; the pieces there get a new vertex."""
-        found: dict[int, Place] = {}
+        found: dict[int, MapPlace] = {}
         distance_m: dict[int, float] = {}
         nearest_m = math.inf
         for place in places:
@@ -145,7 +145,7 @@ class TrackGraph:
             places=found, distance_m=distance_m, latitude_deg=middle[0], longitude_deg=middle[1], reach_m=reach_m
         )
 
-    def _feet(self, place: Place) -> tuple[dict[int, float], float]:
+    def _feet(self, place: MapPlace) -> tuple[dict[int, float], float]:
         """The vertices where tracks are nearest to a place, each with its distance (m), and the least of all distances.
 
         A place beside a track has its foot on the track, where a new vertex is put. At a bend, or where a track ends,
@@ -190,13 +190,13 @@ class _Search:
     """
 
     def __init__(self, graph: TrackGraph, offers: Sequence[_Offer]) -> None:
-        self.graph, self.offers, self.pieces = graph, offers, graph.pieces
+        self.graph, self.offers = graph, offers
         self.latitude_deg, self.longitude_deg = graph.degrees()
-        u, v = (np.array([piece[i] for piece in self.pieces]) for i in (0, 1))
+        u, v = (np.array([piece[i] for piece in graph.pieces]) for i in (0, 1))
         north = self.latitude_deg[v] - self.latitude_deg[u]
         east = (self.longitude_deg[v] - self.longitude_deg[u]) * np.cos(np.radians(self.latitude_deg[u]))
-        size = np.maximum(np.hypot(north, east), 1e-15)
-        self.north, self.east = (north / size).tolist(), (east / size).tolist()
+        course = north + 1j * east
+        self.course: list[complex] = (course / np.maximum(np.abs(course), 1e-15)).tolist()
         ends = self.latitude_deg[u], self.longitude_deg[u], self.latitude_deg[v], self.longitude_deg[v]
         self.length_m: list[float] = distances_m(*ends).tolist()
         self.heads = np.stack((v, u), axis=1).ravel().tolist()
@@ -206,7 +206,7 @@ class _Search:
         prices = _Prices(graph.the_map)
         self.cost = [
             length_m * prices.of(piece.track, forward)
-            for length_m, piece in zip(self.length_m, self.pieces, strict=True)
+            for length_m, piece in zip(self.length_m, graph.pieces, strict=True)
             for forward in (piece.forward, not piece.forward)
         ]
         self.crossings = {i for i, key in enumerate(graph.keys) if key in graph.the_map.crossings}
@@ -270,8 +270,7 @@ class _Search:
 
     def _turn_cos(self, one: int, other: int) -> float:
         """Cosine of the angle between the directions of two directed pieces."""
-        i, j = one >> 1, other >> 1
-        cosine: float = self.north[i] * self.north[j] + self.east[i] * self.east[j]
+        cosine = (self.course[one >> 1] * self.course[other >> 1].conjugate()).real
         return -cosine if (one ^ other) & 1 else cosine
 
     def _way(self, state: int, before: dict[int, int]) -> FoundWay:
@@ -281,7 +280,7 @@ class _Search:
             states.append(before[states[-1]])
         vertices: list[int] = []
         steps: list[Step] = []
-        stations: list[tuple[Place, int]] = []
+        stations: list[tuple[MapPlace, int]] = []
         for one in reversed(states):
             layer, directed = divmod(one, count)
             if not vertices:
@@ -290,7 +289,7 @@ class _Search:
             if layer == len(stations):  # a station was reached, and the train stands where it stood
                 stations.append((self.offers[layer].places[vertices[-1]], len(vertices) - 1))
                 continue
-            piece = self.pieces[directed >> 1]
+            piece = self.graph.pieces[directed >> 1]
             steps.append(Step(piece.track, piece.forward == (directed % 2 == 0)))
             vertices.append(self.heads[directed])
         return FoundWay(
@@ -309,7 +308,7 @@ class _Search:
         return (
             f"{self.graph.the_map.source}: no way from {names[0]} to {names[1]} without reversing or turning by more "
             f"than 40°: the tracks end {away_m / KM:.2f} km from it, at {here[0] / 1e7:.5f},{here[1] / 1e7:.5f} "
-            f"({self.pieces[directed >> 1].track.name})"
+            f"({self.graph.pieces[directed >> 1].track.name})"
         )
 
 
@@ -320,7 +319,7 @@ class _Prices:
         self._has_rail = any(track.tags.get("railway") == "rail" for track in the_map.tracks)
         self._known: dict[tuple[int, bool], float] = {}
 
-    def of(self, track: Track, forward: bool) -> float:
+    def of(self, track: TrackLine, forward: bool) -> float:
         """The price of a metre of a track in a direction."""
         key = id(track), forward
         if key not in self._known:
@@ -328,7 +327,7 @@ class _Prices:
         return self._known[key]
 
 
-def _price(track: Track, forward: bool, has_rail: bool) -> float:
+def _price(track: TrackLine, forward: bool, has_rail: bool) -> float:
     tags = track.tags
     price = SERVICE_PRICES.get(tags.get("service", ""), 1.0) * USAGE_PRICES.get(tags.get("usage", ""), 1.0)
     if has_rail and tags.get("railway") != "rail":
@@ -348,7 +347,7 @@ def _rank(piece: _Piece) -> tuple[float, ...]:
     return (*(_price(piece.track, way, False) for way in ways), *limits, *inside)
 
 
-def _joined_ends(tracks: Sequence[Track]) -> dict[Key, Key]:
+def _joined_ends(tracks: Sequence[TrackLine]) -> dict[Key, Key]:
     """For each loose end within `JOINED_M` of another vertex, that vertex."""
     neighbours: dict[Key, set[Key]] = defaultdict(set)
     for track in tracks:

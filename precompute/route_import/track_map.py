@@ -50,7 +50,7 @@ Key = tuple[int, int]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Track:
+class TrackLine:
     """A piece of track: its vertices in the order of the map, and what the map says of it."""
 
     name: str
@@ -75,7 +75,7 @@ class Track:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class MapPlace:
     """A named place of the map; `rank` is that of `STATIONS`."""
 
     names: tuple[str, ...]
@@ -98,8 +98,8 @@ class TrackMap:
     """
 
     sources: tuple[Path, ...]
-    tracks: tuple[Track, ...]
-    places: tuple[Place, ...]
+    tracks: tuple[TrackLine, ...]
+    places: tuple[MapPlace, ...]
     crossings: frozenset[Key]
     is_osm: bool
 
@@ -159,7 +159,7 @@ def _says_openstreetmap(fields: Fields, things: Sequence[_Thing]) -> bool:
     return "openstreetmap" in text.casefold() or "overpass" in text or any(named.fullmatch(x.name) for x in things)
 
 
-def _tracks(things: Sequence[_Thing], told: bool) -> Iterator[Track]:
+def _tracks(things: Sequence[_Thing], told: bool) -> Iterator[TrackLine]:
     """The tracks; in files without the key `railway` (not `told`) every line that is not another thing."""
     for thing in things:
         railway = thing.tags.get("railway")
@@ -168,10 +168,10 @@ def _tracks(things: Sequence[_Thing], told: bool) -> Iterator[Track]:
                 # A point twice in a row would be a piece of track without a length.
                 vertices = tuple(key for i, key in enumerate(line) if not i or key != line[i - 1])
                 if len(vertices) > 1:
-                    yield Track(name=thing.name, vertices=vertices, tags=thing.tags)
+                    yield TrackLine(name=thing.name, vertices=vertices, tags=thing.tags)
 
 
-def _place(thing: _Thing) -> Place | None:
+def _place(thing: _Thing) -> MapPlace | None:
     """The place of a thing with a name; None for a track, and for a thing without a name or a place."""
     ranks = [rank for (key, value), rank in STATIONS.items() if thing.tags.get(key) == value]
     plain = thing.point is not None and not thing.lines and not OTHER_THING & set(thing.tags)
@@ -186,7 +186,7 @@ def _place(thing: _Thing) -> Place | None:
         return None
     latitude, longitude = (sum(key[i] for key in vertices) / len(vertices) / 1e7 for i in (0, 1))
     kept = tuple(seen(name.strip())[:MOST_OF_A_NAME] for name in names)
-    return Place(names=kept, latitude_deg=latitude, longitude_deg=longitude, rank=min(ranks, default=4))
+    return MapPlace(names=kept, latitude_deg=latitude, longitude_deg=longitude, rank=min(ranks, default=4))
 
 
 def _speeds_mps(text: str) -> list[float]:
@@ -283,7 +283,7 @@ def _shape(fields: Fields, key: str, geometry: Mapping[str, Any]) -> tuple[list[
     depth = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
     if kind not in depth:
         return [], None
-    lines = [coordinates]
+    lines: list[Any] = [coordinates]
     try:
         for _ in range(depth[kind] - 1):
             lines = [inner for line in lines for inner in line]
