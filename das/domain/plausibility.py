@@ -214,8 +214,8 @@ def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
 def energy_range(route: Route) -> str:
     """How wrong an energy on this line may be because of its altitudes, in words; empty if nothing is known of that.
 
-    A line is flat if its file says so, or has no other gradient than 0 and does not say that it is level in truth. It is
-    noisy if its file says that its altitudes are raw, or does not say how they were made and they climb more than
+    A line is flat if its file says so, or has no other gradient than 0 and does not say that it is level in truth. It
+    is noisy if its file says that its altitudes are raw, or does not say how they were made and they climb more than
     `NOISE_CLIMB_RATIO` metres per metre more than when smoothed over `NOISE_OVER_M`.
     """
     kind = route.altitudes

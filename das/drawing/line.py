@@ -13,6 +13,8 @@ from das.drawing.picture import ALTITUDE_MARGIN_M, LEAST_RISE_M, Picture, explai
 
 MAP_IN: Final = 3.6
 """Height (in) of the map."""
+LEAST_STRETCH: Final = 0.05
+"""Near a pole a degree of longitude is drawn as if it had at least this share of a degree of latitude."""
 MOST_STOPS_ON_MAP: Final = 25
 
 
@@ -93,6 +95,7 @@ def _map(axis: Any, route: Route) -> None:
         if len(route.stops) <= MOST_STOPS_ON_MAP or i in (0, len(route.stops) - 1):
             axis.annotate(stop.name, (longitude, latitude), (4, 4), textcoords="offset points", color=INK, fontsize=8)
     axis.margins(0.08)
-    axis.set_aspect(1.0 / np.cos(np.radians(float(route.geometry_latitude_deg.mean()))), adjustable="datalim")
+    stretch = np.cos(np.radians(float(route.geometry_latitude_deg.mean())))
+    axis.set_aspect(1.0 / max(stretch, LEAST_STRETCH), adjustable="datalim")
     axis.set_xlabel("longitude, ° east", color=INK)
     axis.set_ylabel("latitude, ° north", color=INK)

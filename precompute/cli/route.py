@@ -45,6 +45,10 @@ class FromWhere:
     only_named_stops: Annotated[
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
     ] = False
+    joined_m: Annotated[
+        float,
+        typer.Option("--join-m", min=0.0, max=100.0, help="Join a loose end of a track this near to another."),
+    ] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +184,7 @@ def import_route(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILE…", help="Map of tracks (Overpass JSON, GeoJSON) or tables (CSV, railtoolkit YAML)."
+            metavar="FILE", help="Map of tracks (Overpass JSON, GeoJSON) or tables (CSV, railtoolkit YAML)."
         ),
     ],
     where: FromWhere,
@@ -212,16 +216,20 @@ def import_route(
 
 def _order(files: tuple[Path, ...], where: FromWhere, heights: Heights, missing: Missing) -> ImportOrder:
     from precompute.route_import.altitudes import Smoothing
+    from precompute.route_import.from_map import MapOptions
     from precompute.route_import.importing import ImportOrder
 
     return ImportOrder(
         files=files,
         start=where.start,
         end=where.end,
-        via=tuple(where.via or ()),
-        limit_kmh=missing.limit_kmh,
-        tunnel_area_m2=missing.tunnel_area_m2,
-        only_named_stops=where.only_named_stops,
+        of_map=MapOptions(
+            via=tuple(where.via or ()),
+            limit_kmh=missing.limit_kmh,
+            tunnel_area_m2=missing.tunnel_area_m2,
+            only_named_stops=where.only_named_stops,
+            joined_m=where.joined_m,
+        ),
         length_m=None if missing.length_km is None else missing.length_km * KM,
         flat=heights.flat,
         altitudes=heights.altitudes,
@@ -320,7 +328,7 @@ def merge(route: RouteArgument, taken: TakenFrom, stated: Stated, written: Route
 
 def new(
     stops: Annotated[
-        list[str], typer.Argument(metavar="NAME=KM…", help="Stops with their positions: Adorf=0 Bestadt=12.5.")
+        list[str], typer.Argument(metavar="NAME=KM", help="Stops with their positions: Adorf=0 Bestadt=12.5.")
     ],
     written: RouteFiles,
     stated: Stated,

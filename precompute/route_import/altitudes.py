@@ -140,19 +140,23 @@ def _edges(length_m: float, smooth_m: float) -> Floats:
 
 
 def _averaged(at_m: Floats, altitude_m: Floats, edges_m: Floats, length_m: float, smooth_m: float) -> Floats:
-    """The altitude at each edge: interpolated, and averaged over a window that is narrower towards the ends."""
+    """The altitude at each edge: of a straight line fitted to the altitudes around it, within half of `smooth_m`.
+
+    Away from the ends of the line this is the mean. At the ends, where only one side is known, a mean would be wrong
+    by the gradient.
+    """
     if not smooth_m:
         return np.interp(edges_m, at_m, altitude_m)
     grid_m = np.linspace(0.0, length_m, max(2, round(length_m / GRID_M) + 1))
     on_grid_m = np.interp(grid_m, at_m, altitude_m)
-    step_m = grid_m[1]
-    below = np.concatenate(([0.0], np.cumsum(0.5 * (on_grid_m[1:] + on_grid_m[:-1]) * step_m)))
-    half_m = np.minimum(0.5 * smooth_m, np.minimum(edges_m, length_m - edges_m))
-    mean_m = np.interp(edges_m, grid_m, on_grid_m)
-    wide = half_m >= step_m
-    upper, lower = (np.interp(edges_m[wide] + sign * half_m[wide], grid_m, below) for sign in (1, -1))
-    mean_m[wide] = (upper - lower) / (2.0 * half_m[wide])
-    return mean_m
+    low = np.searchsorted(grid_m, edges_m - 0.5 * smooth_m - 1e-6)
+    high = np.searchsorted(grid_m, edges_m + 0.5 * smooth_m + 1e-6)
+    sums = [np.concatenate(([0.0], np.cumsum(x))) for x in (grid_m, on_grid_m, grid_m**2, grid_m * on_grid_m)]
+    count = high - low
+    mean_x, mean_z, mean_xx, mean_xz = ((total[high] - total[low]) / count for total in sums)
+    spread = mean_xx - mean_x**2
+    slope = np.where(spread > 1.0, (mean_xz - mean_x * mean_z) / np.maximum(spread, 1.0), 0.0)
+    return np.asarray(mean_z + slope * (edges_m - mean_x), dtype=float)
 
 
 def _gradients(edges_m: Floats, heights_m: Floats, length_m: float, cap_ratio: float) -> tuple[Stretches, float]:

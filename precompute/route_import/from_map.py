@@ -16,7 +16,7 @@ from das.domain.route import Altitudes, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches, zones_where
 from precompute.route_import.station_names import same_station, stations_named
-from precompute.route_import.track_graph import FoundWay, TrackGraph
+from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
 from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
 
 Floats = NDArray[np.float64]
@@ -33,27 +33,26 @@ OSM_LICENCE: Final = "ODbL 1.0"
 
 @dataclass(frozen=True, kw_only=True)
 class MapOptions:
-    """What is wanted of a map: names of the stations, and what stands for what the map does not tell.
+    """What is wanted of a map, beside the ends of the line, and what stands for what the map does not tell.
 
-    `limit_kmh` is the limit where the map has none (None: the lower one of the neighbours).
+    `via`: stations that the way leads over. `limit_kmh`: the limit where the map has none (None: the lower one of the
+    neighbours). `joined_m`: a loose end so near to another track is joined to it.
     """
 
-    start: str
-    end: str
     via: tuple[str, ...] = ()
     limit_kmh: float | None = None
     tunnel_area_m2: float = TUNNEL_AREA_M2
     only_named_stops: bool = False
+    joined_m: float = JOINED_M
 
 
-def line_from_map(the_map: TrackMap, options: MapOptions, words: Words) -> ImportedLine:
+def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions, words: Words) -> ImportedLine:
     """The line between two stations of a map; DasError where a station or a way is not found, or no limit is known."""
-    wanted = (options.start, *options.via, options.end)
-    stations = [stations_named(the_map, name) for name in wanted]
-    way = TrackGraph(the_map).way(stations)
+    stations = [stations_named(the_map, name) for name in (ends[0], *options.via, ends[1])]
+    way = TrackGraph(the_map, options.joined_m).way(stations)
     at_m = np.concatenate(([0.0], np.cumsum(steps_m(way.latitude_deg, way.longitude_deg))))
     if at_m[-1] < STOPS_APART_M:
-        raise DasError(f"{the_map.source}: {options.start} and {options.end} are one place of the tracks")
+        raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
     length_m = round(float(at_m[-1]), 3)
     at_m[-1] = length_m
     stops = _stops(the_map, options, way, at_m)

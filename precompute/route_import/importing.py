@@ -34,15 +34,15 @@ NEEDS_ALTITUDES: Final = (
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOrder:
-    """What to import: files, names of the ends, what stands for missing data, and where altitudes come from."""
+    """What to import: files, names of the ends, what else is wanted of a map, and where altitudes come from.
+
+    `length_m` is the length of a line from tables; None: that of its stops or rows.
+    """
 
     files: tuple[Path, ...]
     start: str | None = None
     end: str | None = None
-    via: tuple[str, ...] = ()
-    limit_kmh: float | None = None
-    tunnel_area_m2: float
-    only_named_stops: bool = False
+    of_map: MapOptions = field(default_factory=MapOptions)
     length_m: float | None = None
     flat: bool = False
     altitudes: Path | None = None
@@ -91,15 +91,7 @@ def _from_map(order: ImportOrder, words: Words, maps: Sequence[Path], tables: Se
     if order.length_m is not None:
         raise DasError("--length-km belongs to tables: the length of a line from a map is that of its tracks")
     the_map = _with_stations(read_map(maps), tables)
-    options = MapOptions(
-        start=order.start,
-        end=order.end,
-        via=order.via,
-        limit_kmh=order.limit_kmh,
-        tunnel_area_m2=order.tunnel_area_m2,
-        only_named_stops=order.only_named_stops,
-    )
-    return line_from_map(the_map, options, words)
+    return line_from_map(the_map, (order.start, order.end), order.of_map, words)
 
 
 def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
@@ -118,8 +110,8 @@ def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
 
 
 def _from_tables(order: ImportOrder, words: Words, tables: Sequence[LineTable]) -> ImportedLine:
-    if order.via or order.limit_kmh is not None:
-        raise DasError("--via and --limit belong to maps: tables have their own limits")
+    if order.of_map != MapOptions():
+        raise DasError("--via, --only-named-stops, --limit, --tunnel-area and --join-m belong to maps, not to tables")
     ends = order.start or "start", order.end or "end"
     named = any(table.names and table.has("position") for table in tables)
     line = line_from_tables(tables, words, ends=ends, length_m=order.length_m)

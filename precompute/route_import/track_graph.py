@@ -28,12 +28,12 @@ NEAR_M: Final = 400.0
 """All tracks within this distance (m) of a station are offered as its tracks."""
 SHARPEST_TURN_COS: Final = math.cos(math.radians(40.0))
 """A train does not turn by more than this angle (as its cosine) from one piece of track to the next."""
-SHORT_M: Final = 3.0
+SHORT_M: Final = 15.0
 """The direction of a piece shorter than this (m) is uncertain: where no track branches off, it may turn by 90°."""
-JOINED_M: Final = 1.0
+JOINED_M: Final = 3.0
 """The end of a track that ends this near (m) to another one is joined to it: some exports round coordinates."""
-CELL: Final = 400
-"""Side (10⁻⁷ degrees) of the squares in which ends are looked for: more than `JOINED_M` up to a latitude of 75°."""
+UNITS_PER_M: Final = 400
+"""10⁻⁷ degrees in a metre, at least, up to a latitude of 76°."""
 DEGREE_M: Final = 111_200.0
 """Length of a degree of latitude (m), to 0.6 %."""
 AT_VERTEX_M: Final = 0.5
@@ -92,11 +92,12 @@ class TrackGraph:
     """The pieces of track of a map between neighbouring vertices, joined at the vertices that they share."""
 
     the_map: TrackMap
+    joined_m: float = JOINED_M
     keys: list[Key] = field(init=False)
     pieces: list[_Piece] = field(init=False)
 
     def __post_init__(self) -> None:
-        joined = _joined_ends(self.the_map.tracks)
+        joined = _joined_ends(self.the_map.tracks, self.joined_m)
         self.keys = sorted({joined.get(key, key) for track in self.the_map.tracks for key in track.vertices})
         number = {key: i for i, key in enumerate(self.keys)}
         best: dict[tuple[int, int], _Piece] = {}
@@ -347,23 +348,24 @@ def _rank(piece: _Piece) -> tuple[float, ...]:
     return (*(_price(piece.track, way, False) for way in ways), *limits, *inside)
 
 
-def _joined_ends(tracks: Sequence[TrackLine]) -> dict[Key, Key]:
-    """For each loose end within `JOINED_M` of another vertex, that vertex."""
+def _joined_ends(tracks: Sequence[TrackLine], joined_m: float) -> dict[Key, Key]:
+    """For each loose end within so many metres of another vertex, that vertex."""
+    side = max(1, round(joined_m * UNITS_PER_M))
     neighbours: dict[Key, set[Key]] = defaultdict(set)
     for track in tracks:
         for a, b in pairwise(track.vertices):
             neighbours[a].add(b)
             neighbours[b].add(a)
     loose = sorted(key for key, others in neighbours.items() if len(others) == 1)
-    wanted = {cell for key in loose for cell in _cells_around(key)}
+    wanted = {cell for key in loose for cell in _cells_around(key, side)}
     cells: dict[tuple[int, int], list[Key]] = defaultdict(list)
     for key in sorted(neighbours):
-        if (cell := (key[0] // CELL, key[1] // CELL)) in wanted:
+        if (cell := (key[0] // side, key[1] // side)) in wanted:
             cells[cell].append(key)
     joined: dict[Key, Key] = {}
     for end in loose:
-        near = [other for cell in _cells_around(end) for other in cells.get(cell, ()) if other != end]
-        near = [other for other in near if other not in neighbours[end] and _apart_m(end, other) <= JOINED_M]
+        near = [other for cell in _cells_around(end, side) for other in cells.get(cell, ()) if other != end]
+        near = [other for other in near if other not in neighbours[end] and _apart_m(end, other) <= joined_m]
         if near:
             other = min(near, key=lambda one: (_apart_m(end, one), one))
             while other in joined and joined[other] != end:
@@ -379,8 +381,9 @@ def _last(joined: dict[Key, Key], end: Key) -> Key:
     return end
 
 
-def _cells_around(key: Key) -> list[tuple[int, int]]:
-    return [(key[0] // CELL + i, key[1] // CELL + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+def _cells_around(key: Key, side: int) -> list[tuple[int, int]]:
+    """The square of a place, and those around it."""
+    return [(key[0] // side + i, key[1] // side + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
 
 
 def _apart_m(one: Key, other: Key) -> float:

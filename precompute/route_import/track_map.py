@@ -318,7 +318,7 @@ def _tags(properties: Any) -> dict[str, str]:
         if key == "other_tags" and isinstance(value, str):
             found |= {name: text.replace('\\"', '"') for name, text in _HSTORE.findall(value)}
         elif key == "tags" and isinstance(value, dict):
-            found |= _tags(value)
+            found |= _tags({name: text for name, text in value.items() if name != "tags"})
         elif isinstance(value, str):
             found[key] = value[:1000]
         elif _is_number(value):

@@ -55,7 +55,8 @@ def _places_of(route: Route, at_m: Floats, aside_m: float | Floats) -> list[list
     ahead = ahead / np.hypot(*ahead)
     aside = np.asarray(aside_m, dtype=float) / DEGREE_M
     places = np.stack((longitude - ahead[1] * aside / stretch, latitude + ahead[0] * aside), axis=1)
-    return np.round(places, 7).tolist()
+    found_places: list[list[float]] = np.round(places, 7).tolist()
+    return found_places
 
 
 def _track(coordinates: list[list[float]], tags: Mapping[str, str]) -> dict[str, Any]:
