@@ -75,7 +75,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
     Group(
         name="route",
         summary="Own lines: import them from maps and tables, show, check and merge them.",
-        where="precompute.cli.program:ROUTES",
+        where="precompute.cli.route:COMMANDS",
     ),
     Entry(
         name="catalogue",
@@ -97,42 +97,6 @@ COMMANDS: tuple[Entry | Group, ...] = (
     ),
 )
 """Every command; a test compares its summary with the first line of its docstring."""
-ROUTES = (
-    Entry(
-        name="import",
-        where="precompute.cli.route:import_route",
-        summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
-        examples=(
-            "das-precompute route import tracks.geojson --from Adorf --to Cedorf --flat -o my.toml",
-            "das-precompute route import limits.csv stops.csv --altitudes heights.csv -o my.toml",
-        ),
-    ),
-    Entry(
-        name="show",
-        where="precompute.cli.route:show",
-        summary="Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.",
-        examples=("das-precompute route show zurich-luzern --plot line.png",),
-    ),
-    Entry(
-        name="check",
-        where="precompute.cli.route:check",
-        summary="Check a route: what is unusual in it is a warning, what it lacks a note.",
-        examples=("das-precompute route check my.toml",),
-    ),
-    Entry(
-        name="merge",
-        where="precompute.cli.route:merge",
-        summary="Put a route together for one line and direction: limits from one file, gradients from another.",
-        examples=("das-precompute route merge my.toml --gradients heights.toml -o whole.toml",),
-    ),
-    Entry(
-        name="new",
-        where="precompute.cli.route:new",
-        summary="Write the file of a flat line with one limit, to fill in by hand.",
-        examples=("das-precompute route new Adorf=0 Bestadt=12.5 --limit 120 -o my.toml",),
-    ),
-)
-"""The commands of `das-precompute route`."""
 GONE = {
     "calm": "das-precompute few-switch",
     "calibrate": "uv run python -m docs.studies.calibrate (in a clone of the project)",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from das.command_line.application import Entry
 from das.command_line.files import check_outputs, check_picture, load_route
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption, RouteArgument
 from das.command_line.printing import busy, paragraph, print_table, tell
@@ -20,6 +21,42 @@ if TYPE_CHECKING:
     from precompute.route_import.importing import ImportOrder
     from precompute.route_import.line import ImportedLine, Words
 
+COMMANDS = (
+    Entry(
+        name="import",
+        where="precompute.cli.route:import_route",
+        summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
+        examples=(
+            "das-precompute route import tracks.geojson --from Adorf --to Cedorf --flat -o my.toml",
+            "das-precompute route import limits.csv stops.csv --altitudes heights.csv -o my.toml",
+        ),
+    ),
+    Entry(
+        name="show",
+        where="precompute.cli.route:show",
+        summary="Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.",
+        examples=("das-precompute route show zurich-luzern --plot line.png",),
+    ),
+    Entry(
+        name="check",
+        where="precompute.cli.route:check",
+        summary="Check a route: what is unusual in it is a warning, what it lacks a note.",
+        examples=("das-precompute route check my.toml",),
+    ),
+    Entry(
+        name="merge",
+        where="precompute.cli.route:merge",
+        summary="Put a route together for one line and direction: limits from one file, gradients from another.",
+        examples=("das-precompute route merge my.toml --gradients heights.toml -o whole.toml",),
+    ),
+    Entry(
+        name="new",
+        where="precompute.cli.route:new",
+        summary="Write the file of a flat line with one limit, to fill in by hand.",
+        examples=("das-precompute route new Adorf=0 Bestadt=12.5 --limit 120 -o my.toml",),
+    ),
+)
+"""The commands of `das-precompute route`."""
 EXIT_WARNINGS = 1
 FASTEST_KMH = 600.0
 LONGEST_KM = 20_000.0

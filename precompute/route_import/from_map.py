@@ -49,6 +49,8 @@ class MapOptions:
 def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions, words: Words) -> ImportedLine:
     """The line between two stations of a map; DasError where a station or a way is not found, or no limit is known."""
     stations = [stations_named(the_map, name) for name in (ends[0], *options.via, ends[1])]
+    if stations[0] == stations[-1]:
+        raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
     way = TrackGraph(the_map, options.joined_m).way(stations)
     at_m = np.concatenate(([0.0], np.cumsum(steps_m(way.latitude_deg, way.longitude_deg))))
     if at_m[-1] < STOPS_APART_M:

@@ -58,7 +58,7 @@ _AT = re.compile(r"(?:(?P<name>[^=]*)=)?\s*(?P<latitude>-?\d+(?:\.\d+)?)\s*[,;]\
 
 
 def stations_named(the_map: TrackMap, wanted: str) -> tuple[MapPlace, ...]:
-    """The places that a user's words mean: the best fit, several if the map has a station, its stops and its platforms.
+    """The places that a user's words mean, best rank first: a station, its stops and its platforms.
 
     `wanted` may also be a place, "48.208,15.625", or a place with a name, "St. Pölten=48.208,15.625". Raises DasError,
     which lists the names of the map, if none or several different stations fit.
@@ -85,10 +85,9 @@ def stations_named(the_map: TrackMap, wanted: str) -> tuple[MapPlace, ...]:
 
 
 def _one_station(the_map: TrackMap, wanted: str, found: Sequence[MapPlace]) -> tuple[MapPlace, ...]:
-    """The places of best rank among those that fit; DasError if they have several names, none of which is better."""
-    best = min(place.rank for place in found)
-    kept = tuple(place for place in found if place.rank == best)
-    names = list(dict.fromkeys(place.name for place in kept))
+    """The places that fit, best rank first; DasError if those of the best rank have several names."""
+    kept = tuple(sorted(found, key=lambda place: place.rank))
+    names = list(dict.fromkeys(place.name for place in kept if place.rank == kept[0].rank))
     if len({" ".join(_core(name)) or name for name in names}) > 1:
         raise DasError(f"{the_map.source}: {wanted!r} may be {_listed(names)}: give one of these names")
     return kept

@@ -20,11 +20,10 @@ from das.domain.files.ttobench import curvature_stretches
 from das.domain.route import Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches
+from precompute.yaml_file import read_yaml
 
 Floats = NDArray[np.float64]
 
-MOST_BYTES_OF_YAML: Final = 1_000_000
-"""Largest YAML file (bytes) that is read: its reader takes 5 s for it. A path of 300 sections has 17 kB."""
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""
 QUANTITIES: Final = {
@@ -54,7 +53,6 @@ ENDLESS: Final = ("radius", "radius_start", "radius_end")
 """Quantities that may be infinite: the radius of a straight track."""
 STRAIGHT: Final = frozenset({"inf", "infinity", "straight", "∞"})
 RAILTOOLKIT: Final = "https://railtoolkit.org/schema/running-path"
-NO_YAML: Final = "YAML needs a reader: pip install pyyaml"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +102,8 @@ def _csv_table(path: Path) -> LineTable:
         raise DasError(f"{path}: not a usable CSV file ({error})") from error
     first, *rows = cells.items()
     columns = [_column(path, name) for name in first[1]]
-    if len(set(columns)) < len(columns):
+    read = [quantity for quantity, _ in columns if quantity not in REMARKS]
+    if len(set(read)) < len(read):
         raise InputError(path, f"line {first[0]}", mark.join(first[1]), "each quantity once")
     if not rows or len(rows) > MOST_ROWS:
         raise InputError(path, "number of rows", len(rows), f"1 to {MOST_ROWS}")
@@ -169,16 +168,9 @@ def _checked_name(path: Path, line: int, name: str) -> str:
 
 def _running_path(path: Path) -> LineTable:
     """The path of a file of railtoolkit: rows of position (m), limit (km/h) and path resistance (‰, its gradient)."""
-    try:
-        import yaml
-    except ImportError:
-        raise DasError(f"{path}: {NO_YAML}") from None
-    try:
-        data = yaml.safe_load(read_text(path, MOST_BYTES_OF_YAML))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise DasError(f"{path}: not valid YAML ({error})") from error
-    paths = data.get("paths") if isinstance(data, dict) else None
-    if not isinstance(paths, list) or not str(data.get("schema", RAILTOOLKIT)).startswith(RAILTOOLKIT):
+    fields = read_yaml(path)
+    paths = fields.data.get("paths")
+    if not isinstance(paths, list) or not str(fields.data.get("schema", RAILTOOLKIT)).startswith(RAILTOOLKIT):
         raise DasError(f"{path}: not a running path of railtoolkit, expected a list of paths")
     if len(paths) != 1 or not isinstance(paths[0], dict):
         raise InputError(path, "paths", len(paths), "one path in a file")

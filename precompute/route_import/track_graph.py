@@ -124,11 +124,16 @@ class TrackGraph:
         return latitude, longitude
 
     def _offer(self, places: Sequence[MapPlace]) -> _Offer:
-        """Where the tracks near any of the places are nearest to it; the pieces there get a new vertex."""
+        """Where the tracks near any of the places are nearest to it; the pieces there get a new vertex.
+
+        Places of a worse rank count only if no track is near those of a better one.
+        """
         found: dict[int, MapPlace] = {}
         distance_m: dict[int, float] = {}
         nearest_m = math.inf
         for place in places:
+            if found and place.rank > next(iter(found.values())).rank:
+                break
             near, least_m = self._feet(place)
             nearest_m = min(nearest_m, least_m)
             for vertex, away_m in near.items():
@@ -149,8 +154,8 @@ class TrackGraph:
     def _feet(self, place: MapPlace) -> tuple[dict[int, float], float]:
         """The vertices where tracks are nearest to a place, each with its distance (m), and the least of all distances.
 
-        A place beside a track has its foot on the track, where a new vertex is put. At a bend, or where a track ends,
-        the vertex itself is nearest.
+        A place beside a track has its foot on the track, where a new vertex is put. A vertex itself is nearest if no
+        train that passes it comes nearer to the place: at a bend, and where a track ends.
         """
         latitude, longitude = self.degrees()
         u, v = (np.array([piece[i] for piece in self.pieces]) for i in (0, 1))
@@ -163,14 +168,15 @@ class TrackGraph:
         away_m = np.hypot(x[u] + share * dx, y[u] + share * dy)
         edge = AT_VERTEX_M / np.sqrt(square)
         feet: dict[int, float] = {}
-        bends: dict[int, list[bool]] = defaultdict(list)
+        leaving: dict[int, list[tuple[complex, bool]]] = defaultdict(list)
         for i in np.flatnonzero(away_m <= NEAR_M).tolist():
-            at_u, at_v = share[i] <= edge[i], share[i] >= 1 - edge[i]
-            bends[int(u[i])].append(bool(at_u))
-            bends[int(v[i])].append(bool(at_v))
+            at_u, at_v = bool(share[i] <= edge[i]), bool(share[i] >= 1 - edge[i])
+            course = complex(dx[i], dy[i]) / math.sqrt(square[i])
+            leaving[int(u[i])].append((course, at_u))
+            leaving[int(v[i])].append((-course, at_v))
             if not at_u and not at_v:
                 feet[self._split(i, float(share[i]))] = float(away_m[i])
-        feet |= {vertex: math.hypot(x[vertex], y[vertex]) for vertex, nearest in bends.items() if all(nearest)}
+        feet |= {vertex: math.hypot(x[vertex], y[vertex]) for vertex, ways in leaving.items() if _is_nearest(ways)}
         return feet, float(away_m.min())
 
     def _split(self, index: int, share: float) -> int:
@@ -182,6 +188,18 @@ class TrackGraph:
         self.pieces[index] = piece._replace(v=new)
         self.pieces.append(piece._replace(u=new))
         return new
+
+
+def _is_nearest(ways: Sequence[tuple[complex, bool]]) -> bool:
+    """Whether some train passes a vertex without coming nearer to a place.
+
+    Each piece that leaves the vertex is given by its direction, and by whether it leads away from the place.
+    """
+    for came_by, away in ways:
+        onward = [other for course, other in ways if (-came_by * course.conjugate()).real >= SHARPEST_TURN_COS]
+        if away and all(onward):
+            return True
+    return False
 
 
 class _Search:

@@ -1,10 +1,11 @@
-"""The invented map of the example, as files of several formats, and drawn in other ways: the line is always the same."""
+"""The invented map of the example as files of several formats, and drawn in other ways: always the same line."""
 
 from __future__ import annotations
 
 import copy
 import json
 import random
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def written(path: Path, content: Any) -> Path:
 
 
 def as_overpass(of: dict[str, Any], *, geometry: bool = False) -> dict[str, Any]:
-    """The answer of Overpass with the same tracks and stations: with nodes (`out skel`), or with geometries (`out geom`)."""
+    """The answer of Overpass with the same things, with nodes (`out skel`) or with geometries (`out geom`)."""
     numbers: dict[tuple[float, float], int] = {}
     ways, nodes = [], []
     for i, one in enumerate(of["features"], 1):
@@ -71,7 +72,7 @@ def drawn_otherwise(of: dict[str, Any], seed: int) -> dict[str, Any]:
             continue
         line = one["geometry"]["coordinates"]
         cuts = sorted({0, len(line) - 1, *(chance.randrange(len(line)) for _ in range(chance.randrange(3)))})
-        for a, b in zip(cuts, cuts[1:], strict=False):
+        for a, b in pairwise(cuts):
             piece = copy.deepcopy(one)
             piece["geometry"]["coordinates"] = line[a : b + 1]
             found.append(_turned(piece) if chance.random() < 0.5 else piece)

@@ -50,7 +50,7 @@ def test_a_station_comes_before_its_platforms_and_all_of_one_rank_are_offered() 
     the_map = map_with("Melk", "Melk")
     platform = map_with("Melk", rank=2).places
     found = stations_named(TrackMap(**{**vars(the_map), "places": (*platform, *the_map.places)}), "Melk")
-    assert [place.rank for place in found] == [0, 0]
+    assert [place.rank for place in found] == [0, 0, 2]
 
 
 def test_places_are_taken_as_they_are() -> None:

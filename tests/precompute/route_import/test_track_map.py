@@ -97,7 +97,10 @@ def test_a_track_lies_in_a_tunnel_unless_it_says_no() -> None:
         ([1, 2], "expected"),
         (collection(), "no track in it"),
         (collection(feature([8.0, 48.0], "Point", railway="station", name="A")), "no track in it"),
-        (collection(feature([[8.0, 98.0], [8.1, 48.0]])), "latitude = 98.0: expected a number of degrees from -90 to 90"),
+        (
+            collection(feature([[8.0, 98.0], [8.1, 48.0]])),
+            "latitude = 98.0: expected a number of degrees from -90 to 90",
+        ),
         (collection(feature([[888.0, 48.0], [8.1, 48.0]])), "longitude = 888.0"),
         (collection(feature([["8", 48.0], [8.1, 48.0]])), "longitude = '8'"),
         (collection(feature([[8.0], [8.1, 48.0]])), "expected those of a LineString"),
