@@ -111,7 +111,7 @@ class RouteLimits:
 
     A chord is never longer than its track. Assumption: 100 m is a matter of rounded positions.
     """
-    geometry_missing: Range = Range(usual_most=0.02, most=1.0)
+    geometry_missing: Range = Range(usual_most=0.02, most=0.5)
     """Share of the line before the first and after the last point of its geometry."""
 
 

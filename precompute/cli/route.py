@@ -27,8 +27,8 @@ COMMANDS = (
         where="precompute.cli.route:import_route",
         summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
         examples=(
-            "das-precompute route import tracks.geojson --from Adorf --to Cedorf --flat -o my.toml",
-            "das-precompute route import limits.csv stops.csv --altitudes heights.csv -o my.toml",
+            "das-precompute route import tracks.geojson --from A --to B --flat -o my.toml",
+            "das-precompute route import limits.csv --altitudes heights.csv -o my.toml",
         ),
     ),
     Entry(

@@ -104,8 +104,9 @@ def _unknown(the_map: TrackMap, wanted: str) -> str:
             f"{wanted}=LATITUDE,LONGITUDE, or add a file with stations (GeoJSON or Overpass JSON with "
             "node[railway=station], or CSV with name, latitude_deg, longitude_deg)"
         )
-    near = difflib.get_close_matches(" ".join(_words(wanted)), [" ".join(_words(name)) for name in names], 3, 0.6)
-    close = [name for name in names if " ".join(_words(name)) in near]
+    spelled = {" ".join(_words(name)): name for name in names}
+    near = difflib.get_close_matches(" ".join(_words(wanted)), list(spelled), 3, 0.6)
+    close = [spelled[one] for one in near]
     hint = f"; near: {_listed(close)}" if close else ""
     return f"{the_map.source}: no station {wanted!r}{hint}; it has {_listed(names)}"
 

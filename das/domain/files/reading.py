@@ -56,17 +56,12 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
 
 
 def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Fields:
-    """Parse a JSON object; DasError if the file cannot be read, has NaN or a key twice, or holds something else."""
+    """Parse a JSON object; DasError if the file cannot be read, has a key twice, or holds something else."""
     try:
-        data = json.loads(read_text(path, most_bytes), parse_constant=_no_number, object_pairs_hook=_each_key_once)
+        data = json.loads(read_text(path, most_bytes), object_pairs_hook=_each_key_once)
     except (ValueError, RecursionError) as error:
         raise DasError(f"{path}: not valid JSON ({error})") from error
     return Fields.of(path, data)
-
-
-def _no_number(word: str) -> float:
-    """Refuse NaN and Infinity, which Python's reader would take although JSON has no such numbers."""
-    raise ValueError(f"{word} is no number of JSON")
 
 
 def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

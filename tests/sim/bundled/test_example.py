@@ -26,7 +26,7 @@ from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
 from tests.support.making import das_precompute, das_sim, refusal
 
-FILES = sorted([*KEPT, "posts.csv", "trip.csv"])
+FILES = sorted([*KEPT, "heights.csv", "posts.csv", "tracks.geojson", "trip.csv"])
 
 
 @pytest.fixture(scope="module")
