@@ -29,7 +29,7 @@ CAP_RATIO: Final = 0.04
 """Steeper gradients than this (m/m) are cut by default: an adhesion railway has them only by exception."""
 GRID_M: Final = 25.0
 """Distance (m) between the points at which altitudes are averaged."""
-STRETCHES_PER_LENGTH: Final = 8
+STRETCHES_PER_LENGTH: Final = 4
 """So many gradients for each length of smoothing: more would only make plans slower."""
 SHORTEST_STRETCH_M: Final = 100.0
 FAR_M: Final = 500.0

@@ -281,7 +281,7 @@ def _shape(fields: Fields, key: str, geometry: Mapping[str, Any]) -> tuple[list[
     """Lines and point of a geometry; the rings of an area count as lines."""
     kind, coordinates = geometry.get("type"), geometry.get("coordinates")
     depth = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
-    if kind not in depth:
+    if not isinstance(kind, str) or kind not in depth:
         return [], None
     lines: list[Any] = [coordinates]
     try:
