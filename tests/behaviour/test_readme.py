@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.making import REPOSITORY, das_precompute, das_sim
 
-PAGES = ("README.md", "docs/tutorials/own-line.md", "docs/tutorials/first-replay.md")
+PAGES = ("README.md", "docs/tutorials/own-line.md", "docs/tutorials/my-line.md", "docs/tutorials/first-replay.md")
 ELSEWHERE = ("pytest", "das-node")
 """Programs of other tests: the tests themselves, and the node, which runs until it is stopped."""
 WRITTEN = (
