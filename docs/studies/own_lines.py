@@ -37,7 +37,7 @@ NOISE_M, NOISE_LENGTH_M, EVERY_M, SEEDS = 4.0, 250.0, 50.0, (1, 2, 3, 4)
 TRAIN: Final = "re460-ic"
 
 
-class Source(NamedTuple):
+class RealLine(NamedTuple):
     """A real line in the folder of data: its files, its ends, and what its licence asks for."""
 
     files: tuple[str, ...]
@@ -48,21 +48,21 @@ class Source(NamedTuple):
 
 
 SOURCES: Final = (
-    Source(
+    RealLine(
         ("osm/sankt_poelten_overpass.json",),
         "St. Pölten=48.2083,15.6237",
         "Melk=48.2242,15.3499",
         Words(),
         "own-line-osm.png",
     ),
-    Source(
+    RealLine(
         ("railtoolkit/realworld.yaml",),
         "Görlitz",
         "Dresden",
         Words(data_source="TrainRuns.jl, after FBS and railML.org", licence="ISC"),
         "own-line-tables.png",
     ),
-    Source(
+    RealLine(
         ("sncf/lignes-vitesses-830000-752000.geojson",),
         "Paris=48.84405,2.37615",
         "Lyon=45.7485,4.826",
@@ -71,7 +71,7 @@ SOURCES: Final = (
 )
 
 
-def line_of(data: Path, source: Source) -> Route:
+def line_of(data: Path, source: RealLine) -> Route:
     """A real line, imported as a user does it."""
     order = ImportOrder(
         files=tuple(data / "lines" / name for name in source.files),
@@ -100,7 +100,7 @@ def line_table(lines: list[Route]) -> Iterator[str]:
         )
 
 
-class Section(NamedTuple):
+class KnownSection(NamedTuple):
     """A section of a line whose altitudes are known, by the numbers of its stops."""
 
     route: Route
@@ -127,14 +127,14 @@ class Section(NamedTuple):
         return with_altitudes(ImportedLine(route=self.route, structures=structures), table, smoothing).route
 
 
-def altitude_table(sections: Sequence[Section]) -> Iterator[str]:
+def altitude_table(sections: Sequence[KnownSection]) -> Iterator[str]:
     """How wrong the energy of each section is with poorer altitudes, at the same trip time."""
     yield "| section | true altitudes | flat | altitudes of the stops | 4 m of noise, raw | smoothed over 2 km |"
     yield "|---|---:|---:|---:|---:|---:|"
     for section in sections:
         true_j, time_s = section.energy_j(section.route)
 
-        def wrong(line: Route, one: Section = section, right_j: float = true_j, in_s: float = time_s) -> float:
+        def wrong(line: Route, one: KnownSection = section, right_j: float = true_j, in_s: float = time_s) -> float:
             return (one.energy_j(line, in_s)[0] / right_j - 1.0) / PERCENT
 
         flat = replace(section.route, gradients_ratio=Stretches(start_m=np.zeros(1), value=np.zeros(1)))
@@ -147,7 +147,7 @@ def altitude_table(sections: Sequence[Section]) -> Iterator[str]:
         yield f"| {section.name} | {kwh(true_j):.1f} kWh | {' | '.join(off)} |"
 
 
-def noisy_lines(section: Section) -> Iterator[tuple[Route, Route]]:
+def noisy_lines(section: KnownSection) -> Iterator[tuple[Route, Route]]:
     """The line from noisy altitudes, as they are and smoothed, for each seed."""
     at_m = np.arange(0.0, section.route.length_m, EVERY_M)
     knots_m = np.arange(0.0, section.route.length_m + NOISE_LENGTH_M, NOISE_LENGTH_M)
@@ -171,8 +171,8 @@ def main() -> None:
         if source.picture:
             draw_line(line).save(PICTURES / source.picture, overwrite=True)
     bundled = load_route("zurich-luzern")
-    sections = [Section(bundled, i, i + 1) for i in range(3)]
-    write_table(PAGE, "altitudes", altitude_table([*sections, Section(lines[1], 0, 1)]))
+    sections = [KnownSection(bundled, i, i + 1) for i in range(3)]
+    write_table(PAGE, "altitudes", altitude_table([*sections, KnownSection(lines[1], 0, 1)]))
 
 
 if __name__ == "__main__":

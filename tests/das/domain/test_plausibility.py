@@ -289,7 +289,7 @@ def test_a_geometry_that_begins_late_is_a_warning(tmp_path: Path) -> None:
         ("", "no altitudes: energies are those of a flat line"),
         ("illustrative = true", ""),
         ('altitudes = "points"', "altitudes of a few points"),
-        ('altitudes = "raw"', "raw altitudes: noise adds climbs"),
+        ('altitudes = "raw"', "raw altitudes: noise of 4 m"),
         ('altitudes = "smoothed"', ""),
     ],
 )
