@@ -47,7 +47,7 @@ class RealLine(NamedTuple):
     picture: str = ""
 
 
-SOURCES: Final = (
+REAL_LINES: Final = (
     RealLine(
         ("osm/sankt_poelten_overpass.json",),
         "St. Pölten=48.2083,15.6237",
@@ -165,9 +165,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Real lines imported, and what altitudes mean for energies.")
     parser.add_argument("data", nargs="?", type=Path, default=SHARED)
     data = parser.parse_args().data
-    lines = [line_of(data, source) for source in SOURCES]
+    lines = [line_of(data, source) for source in REAL_LINES]
     write_table(PAGE, "lines", line_table(lines))
-    for line, source in zip(lines, SOURCES, strict=True):
+    for line, source in zip(lines, REAL_LINES, strict=True):
         if source.picture:
             draw_line(line).save(PICTURES / source.picture, overwrite=True)
     bundled = load_route("zurich-luzern")
