@@ -54,6 +54,7 @@ def describe(
         "file": str(trip.path),
         "format": trip.format,
         "route": trip.route.name,
+        "route_data": trip.route.credit,
         "reversed": trip.reversed,
         "direction_known": trip.direction_known,
         "line_not_used": line_not_used(trip),
@@ -253,6 +254,8 @@ def _matching_table(found: dict[str, Any]) -> Table:
         table.add_row("stands at the ends known to", f"{matching['stand_uncertainty_m']:.1f} m")
     table.add_row("record against its smooth run, RMS", f"{matching['along_rms_m']:.1f} m")
     table.add_row("reported speed comes late by", f"{matching['speed_lag_s']:.2f} s")
+    if found["route_data"]:
+        table.add_row("data of the line", found["route_data"])
     return table
 
 
