@@ -14,6 +14,7 @@ from das.advice.wording import Language
 from das.bus import topics
 from das.bus.recording import Recording
 from das.domain.errors import DasError
+from das.domain.plausibility import energy_range
 from das.domain.units import KM, NS, PERCENT, kwh
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.drive import Drive
@@ -81,12 +82,14 @@ def headline(drive: Drive) -> str:
     return " · ".join(parts)
 
 
-def credit_of(drive: Drive) -> str:
-    """Source and licence of the line's data as its file states them; empty if it states none or is not known."""
+def line_rows(drive: Drive) -> list[tuple[str, str]]:
+    """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
     try:
-        return drive.inputs.route.credit
+        route = drive.inputs.route
     except DasError:
-        return ""
+        return []
+    rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
+    return [(name, text) for name, text in rows if text]
 
 
 def on_this_day(recording: Recording) -> list[str]:
@@ -116,7 +119,7 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
     if driven_j is not None:
         estimated = "" if drive.measured else " (estimated)"
         rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
-    rows += [("data of the line", credit)] if (credit := credit_of(drive)) else []
+    rows += line_rows(drive)
     rows += [] if drive.said is None else drive.said.rows()
     rows += [(name.strip(), value) for name, value in drive.stability.rows() + drive.instructions.rows()]
     rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []
