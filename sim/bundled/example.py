@@ -16,7 +16,6 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Floats, Route
 from das.domain.units import KM, KMH
 from das.domain.vehicle import Vehicle
-from sim.bundled.made_map import map_files
 from sim.drivers.cab import AT_STOP_M, CabView, Driver
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
@@ -62,10 +61,12 @@ def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -
 
 KEPT: Final = (
     "README.txt",
+    "heights.csv",
     "journey.toml",
     "plan.toml",
     "route.toml",
     "scenario.toml",
+    "tracks.geojson",
     "vehicle.toml",
 )
 """Files of the example that are the same for every seed."""
@@ -95,11 +96,10 @@ def example_files(seed: int) -> dict[str, bytes]:
     """Every file of the example by its name; the recorded trip is drawn from the seed, the rest is always the same."""
     kept = {name: _kept(name) for name in KEPT}
     folder = Path(str(files("sim.bundled") / "example_files"))
-    line = load_route(str(folder / "route.toml"))
-    route = line.reversed()
+    route = load_route(str(folder / "route.toml")).reversed()
     vehicle = load_vehicle(str(folder / "vehicle.toml"))
     driven = _driven(route, vehicle, seed)
-    return {**kept, **map_files(line), "posts.csv": _posts(route), "trip.csv": _record(route, driven, seed)}
+    return {**kept, "posts.csv": _posts(route), "trip.csv": _record(route, driven, seed)}
 
 
 def _kept(name: str) -> bytes:

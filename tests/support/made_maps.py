@@ -11,11 +11,10 @@ from typing import Any
 
 from das.domain.files.load import load_route
 from das.domain.route import Route
-from sim.bundled.made_map import map_files
-from tests.support.making import REPOSITORY
+from tests.support.made_map import EXAMPLE
 
-ROUTE = load_route(str(REPOSITORY / "sim" / "bundled" / "example_files" / "route.toml"))
-FILES = map_files(ROUTE)
+ROUTE = load_route(str(EXAMPLE / "route.toml"))
+FILES = {name: (EXAMPLE / name).read_bytes() for name in ("tracks.geojson", "heights.csv")}
 OTHER = {"forward": "backward", "backward": "forward"}
 
 

@@ -24,9 +24,10 @@ from sim.trips.record import read_trip
 from sim.trips.trip import load_trip
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
+from tests.support.made_map import EXAMPLE, map_files
 from tests.support.making import das_precompute, das_sim, refusal
 
-FILES = sorted([*KEPT, "heights.csv", "posts.csv", "tracks.geojson", "trip.csv"])
+FILES = sorted([*KEPT, "posts.csv", "trip.csv"])
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +126,12 @@ def test_a_seed_gives_the_same_bytes_and_another_seed_another_trip() -> None:
     assert first == again
     assert sorted(first) == FILES
     assert {name for name in first if first[name] != other[name]} == {"trip.csv"}
+
+
+def test_the_map_and_the_altitudes_are_those_of_the_line() -> None:
+    """`python -m tests.support.made_map` writes them anew."""
+    made = map_files(load_route(str(EXAMPLE / "route.toml")))
+    assert made == {name: (EXAMPLE / name).read_bytes() for name in made}
 
 
 def test_posts_are_written_as_a_person_would(folder: Path) -> None:

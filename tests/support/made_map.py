@@ -1,6 +1,7 @@
-"""The map of the example: its line as GeoJSON with the tags of OpenStreetMap, and altitudes along it; all invented.
+"""`python -m tests.support.made_map`: write the map and the altitudes of the example's line, which are all invented.
 
-The line has two tracks, with crossovers, a siding, a yard, a branch, a tunnel, a bridge, stations and platforms.
+`tracks.geojson` has the tags of OpenStreetMap. The line has two tracks, with crossovers, a siding, a yard, a branch, a
+tunnel, a bridge, stations and platforms. `heights.csv` has the noise of a terrain model.
 """
 
 from __future__ import annotations
@@ -12,9 +13,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from das.domain.files.load import load_route
 from das.domain.route import Floats, Route
 from das.domain.units import KM, kmh
+from tests.support.making import REPOSITORY
 
+EXAMPLE: Final = REPOSITORY / "sim" / "bundled" / "example_files"
+"""The folder of the example."""
 TRACKS_APART_M: Final = 4.5
 """Distance (m) between the two tracks, the siding and the yard."""
 DEGREE_M: Final = 111_200.0
@@ -143,3 +148,8 @@ def _heights(route: Route) -> bytes:
     places = _places_of(route, at_m, 0.0)
     rows = [f"{lat:.6f},{lon:.6f},{height:.1f}" for (lon, lat), height in zip(places, altitude_m, strict=True)]
     return ("\n".join(["latitude_deg,longitude_deg,altitude_m", *rows]) + "\n").encode()
+
+
+if __name__ == "__main__":
+    for name, content in map_files(load_route(str(EXAMPLE / "route.toml"))).items():
+        (EXAMPLE / name).write_bytes(content)
