@@ -134,6 +134,12 @@ def test_the_map_and_the_altitudes_are_those_of_the_line() -> None:
     assert made == {name: (EXAMPLE / name).read_bytes() for name in made}
 
 
+def test_the_line_is_made_once_more_from_the_map(folder: Path) -> None:
+    said = [run(folder, line) for line in commands(folder, "das-precompute route")]
+    assert all("adorf-cedorf" in one for one in said)
+    assert [stop.name for stop in load_route(folder / "mapped.toml").stops] == ["Adorf", "Bedorf", "Cedorf"]
+
+
 def test_posts_are_written_as_a_person_would(folder: Path) -> None:
     rows = list(csv.reader((folder / "posts.csv").read_text(encoding="utf-8").splitlines()))
     assert rows[0] == ["latitude", "longitude", "kilometre"]
