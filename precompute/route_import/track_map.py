@@ -163,12 +163,17 @@ def _tracks(things: Sequence[_Thing], told: bool) -> Iterator[TrackLine]:
     """The tracks; in files without the key `railway` (not `told`) every line that is not another thing."""
     for thing in things:
         railway = thing.tags.get("railway")
-        if railway in TRACKS if told else not OTHER_THING & set(thing.tags):
+        if not _is_gone(thing) and (railway in TRACKS if told else not OTHER_THING & set(thing.tags)):
             for line in thing.lines:
                 # A point twice in a row would be a piece of track without a length.
                 vertices = tuple(key for i, key in enumerate(line) if not i or key != line[i - 1])
                 if len(vertices) > 1:
                     yield TrackLine(name=thing.name, vertices=vertices, tags=thing.tags)
+
+
+def _is_gone(thing: _Thing) -> bool:
+    """Whether a station or a track is no longer in use."""
+    return any(thing.tags.get(key, "no") not in ("no", "") for key in ("disused", "abandoned", "razed"))
 
 
 def _place(thing: _Thing) -> MapPlace | None:
@@ -179,7 +184,7 @@ def _place(thing: _Thing) -> MapPlace | None:
         plain = False
     keys = [*_NAME_KEYS, *sorted(key for key in thing.tags if key.startswith("name:"))]
     names = tuple(dict.fromkeys(name for key in keys for name in thing.tags.get(key, "").split(";") if name.strip()))
-    if not names or not (ranks or plain):
+    if not names or not (ranks or plain) or _is_gone(thing):
         return None
     vertices = [thing.point] if thing.point else [key for line in thing.lines for key in line]
     if not vertices:

@@ -69,6 +69,8 @@ def test_shapes_of_geojson(tmp_path: Path) -> None:
             feature([8.1, 48.0], "Point", railway="signal", name="A 12"),
             {"type": "Feature", "properties": None, "geometry": None},
             feature(LINE, railway="abandoned"),
+            feature(LINE, disused="yes"),
+            feature([8.1, 48.0], "Point", railway="station", disused="yes", name="Old station"),
         ),
     )
     assert [len(track.vertices) for track in found.tracks] == [2, 2, 2]
