@@ -83,9 +83,15 @@ class FromWhere:
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
     ] = False
     joined_m: Annotated[
-        float,
-        typer.Option("--join-m", min=0.0, max=100.0, help="Join a loose end of a track this near to another."),
-    ] = 3.0
+        float | None,
+        typer.Option(
+            "--join-m",
+            metavar="M",
+            min=0.0,
+            max=100.0,
+            help="Join a loose end of a track this near to another one [default: 3; of OpenStreetMap 0].",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,14 +36,15 @@ class MapOptions:
     """What is wanted of a map, beside the ends of the line, and what stands for what the map does not tell.
 
     `via`: stations that the way leads over. `limit_kmh`: the limit where the map has none (None: the lower one of the
-    neighbours). `joined_m`: a loose end so near to another track is joined to it.
+    neighbours). `joined_m`: a loose end so near to another track is joined to it (None: `JOINED_M`; in OpenStreetMap,
+    whose tracks share their vertices, none).
     """
 
     via: tuple[str, ...] = ()
     limit_kmh: float | None = None
     tunnel_area_m2: float = TUNNEL_AREA_M2
     only_named_stops: bool = False
-    joined_m: float = JOINED_M
+    joined_m: float | None = None
 
 
 def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions, words: Words) -> ImportedLine:
@@ -51,7 +52,8 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions,
     stations = [stations_named(the_map, name) for name in (ends[0], *options.via, ends[1])]
     if stations[0] == stations[-1]:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
-    way = TrackGraph(the_map, options.joined_m).way(stations)
+    usual_m = 0.0 if the_map.is_osm else JOINED_M
+    way = TrackGraph(the_map, usual_m if options.joined_m is None else options.joined_m).way(stations)
     at_m = np.concatenate(([0.0], np.cumsum(steps_m(way.latitude_deg, way.longitude_deg))))
     if at_m[-1] < STOPS_APART_M:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
