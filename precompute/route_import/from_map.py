@@ -15,7 +15,7 @@ from das.domain.errors import DasError
 from das.domain.route import Altitudes, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches, zones_where
-from precompute.route_import.station_names import same_station, stations_named
+from precompute.route_import.station_names import RANK_OF_A_TRACK, same_station, stations_named
 from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
 from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
 
@@ -84,6 +84,11 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions,
     structures = tuple(sorted((*tunnels, *bridges), key=lambda zone: zone.start_m))
     return ImportedLine(route=route, structures=structures).with_remarks(
         f"Tracks driven: {len({step.track.name for step in way.steps})} of {len(the_map.tracks)}.",
+        *(
+            f"{place.name} is no station of the map but the name of a track; its middle was taken."
+            for place, _ in way.stations
+            if place.rank == RANK_OF_A_TRACK
+        ),
         about_limits,
         _about_tunnels(tunnels, bridges, options),
         "Limits and tracks are those of this direction: the line is one_way.",

@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 import re
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from das.domain.errors import DasError
-from precompute.route_import.track_map import MapPlace, TrackMap
+from precompute.route_import.track_map import MapPlace, TrackMap, names_of
 
 MOST_SHOWN: Final = 25
 """At most this many names stand in a message."""
@@ -51,6 +51,8 @@ GENERIC: Final = frozenset(
     ]
 )
 """Words of a station's name that a user may leave out."""
+RANK_OF_A_TRACK: Final = 8
+"""Rank of a track whose name is that of a station: it stands for a station if the map has none of that name."""
 RANK_WITHOUT_NAME: Final = 9
 """Rank of a place that the user gives by its coordinates alone: the way leads over it, but no train stops there."""
 _ABBREVIATED: Final = {"st": "sankt", "saint": "sankt", "sant": "sankt", "hbf": "hauptbahnhof", "bf": "bahnhof"}
@@ -81,7 +83,18 @@ def stations_named(the_map: TrackMap, wanted: str) -> tuple[MapPlace, ...]:
         found = [place for place in the_map.places if any(fit(name) for name in place.names)]
         if found:
             return _one_station(the_map, wanted, found)
+    found = [place for place in _named_tracks(the_map) if any(fits[0](name) for name in place.names)]
+    if found:
+        return tuple(found)
     raise DasError(_unknown(the_map, wanted))
+
+
+def _named_tracks(the_map: TrackMap) -> Iterator[MapPlace]:
+    """The middle of each track with a name, as a place."""
+    for track in the_map.tracks:
+        if names := names_of(track.tags):
+            latitude, longitude = (degrees / 1e7 for degrees in track.vertices[len(track.vertices) // 2])
+            yield MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=RANK_OF_A_TRACK)
 
 
 def _one_station(the_map: TrackMap, wanted: str, found: Sequence[MapPlace]) -> tuple[MapPlace, ...]:

@@ -42,7 +42,11 @@ OTHER_THING: Final = frozenset(
 """Keys of things that are neither track nor station, in files that do not say what is a track."""
 LIMIT_KEYS: Final = ("maxspeed", "v_max", "vmax", "speed_limit", "maxspeed_kmh", "limit_kmh")
 """Keys of a speed limit: of OpenStreetMap, of SNCF, and of tables."""
-_NAME_KEYS: Final = ("name", "official_name", "alt_name", "short_name", "loc_name", "int_name", "uic_name", "old_name")
+_NAME_KEYS: Final = (
+    *("name", "official_name", "alt_name", "short_name", "loc_name", "int_name", "uic_name", "old_name"),
+    *("label", "title", "station", "station_name", "stop_name"),
+)
+"""Keys of names: of OpenStreetMap, and of other maps."""
 _SPEED = re.compile(r"(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph)?")
 _HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"\s*=>\s*"((?:[^"\\]|\\.)*)"')
 Key = tuple[int, int]
@@ -180,18 +184,22 @@ def _place(thing: _Thing) -> MapPlace | None:
     """The place of a thing with a name; None for a track, and for a thing without a name or a place."""
     ranks = [rank for (key, value), rank in STATIONS.items() if thing.tags.get(key) == value]
     plain = thing.point is not None and not thing.lines and not OTHER_THING & set(thing.tags)
-    if "railway" in thing.tags and not ranks:
-        plain = False
-    keys = [*_NAME_KEYS, *sorted(key for key in thing.tags if key.startswith("name:"))]
-    names = tuple(dict.fromkeys(name for key in keys for name in thing.tags.get(key, "").split(";") if name.strip()))
+    plain = plain and thing.tags.get("railway", "rail") in TRACKS
+    names = names_of(thing.tags)
     if not names or not (ranks or plain) or _is_gone(thing):
         return None
     vertices = [thing.point] if thing.point else [key for line in thing.lines for key in line]
     if not vertices:
         return None
     latitude, longitude = (sum(key[i] for key in vertices) / len(vertices) / 1e7 for i in (0, 1))
-    kept = tuple(seen(name.strip())[:MOST_OF_A_NAME] for name in names)
-    return MapPlace(names=kept, latitude_deg=latitude, longitude_deg=longitude, rank=min(ranks, default=4))
+    return MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=min(ranks, default=4))
+
+
+def names_of(tags: Mapping[str, str]) -> tuple[str, ...]:
+    """All names that tags give, the plain one first; control characters are escapes."""
+    keys = [*_NAME_KEYS, *sorted(key for key in tags if key.startswith("name:"))]
+    names = [name.strip() for key in keys for name in tags.get(key, "").split(";")]
+    return tuple(dict.fromkeys(seen(name)[:MOST_OF_A_NAME] for name in names if name))
 
 
 def _speeds_mps(text: str) -> list[float]:
@@ -267,8 +275,8 @@ def _features(fields: Fields) -> Iterator[_Thing]:
             raise fields.error(f"features[{i}]", feature, "a feature")
         properties = feature.get("properties") if isinstance(feature.get("properties"), dict) else {}
         assert isinstance(properties, dict)
-        named = next((properties[key] for key in ("@id", "osm_id", "id") if properties.get(key)), i)
-        name = str(feature.get("id") or named)[:100]
+        numbers = (properties.get("@id"), feature.get("id"), properties.get("osm_id"), properties.get("id"))
+        name = str(next(filter(None, numbers), i))[:100]
         tags = _tags(properties)
         for geometry in _geometries(feature.get("geometry")):
             lines, point = _shape(fields, f"features[{i}]", geometry)
@@ -319,7 +327,8 @@ def _tags(properties: Any) -> dict[str, str]:
     if not isinstance(properties, dict):
         return {}
     found: dict[str, str] = {}
-    for key, value in properties.items():
+    for spelled, value in properties.items():
+        key = spelled.casefold()  # shape files have them in capitals
         if key == "other_tags" and isinstance(value, str):
             found |= {name: text.replace('\\"', '"') for name, text in _HSTORE.findall(value)}
         elif key == "tags" and isinstance(value, dict):

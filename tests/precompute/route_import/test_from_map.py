@@ -220,6 +220,17 @@ def test_a_stop_on_the_track_stands_for_a_station_that_is_far_from_it(tmp_path: 
     assert imported(tmp_path, content, ("A", "far")).geometry_longitude_deg[-1] == pytest.approx(8.05)
 
 
+def test_a_track_with_the_name_of_a_station_stands_for_it_and_it_is_said(tmp_path: Path) -> None:
+    content = collection(feature(east(0, 1, 2), label="Uno"), feature(east(2, 6)), feature(east(6, 8), name="Due"))
+    the_map = read_map([written(tmp_path / "map.json", content)])
+    line = line_from_map(the_map, ("uno", "Due"), MapOptions(), Words())
+    assert line.route.geometry_longitude_deg[[0, -1]] == pytest.approx([8.01, 8.08])
+    assert "uno" not in line.remarks[1]
+    assert "Uno is no station of the map but the name of a track" in line.remarks[1]
+    with pytest.raises(DasError, match="no station 'Tre'"):
+        line_from_map(the_map, ("uno", "Tre"), MapOptions(), Words())
+
+
 def test_no_track_near_a_station_and_the_same_station_twice(tmp_path: Path) -> None:
     content = collection(feature(east(0, 6)), *STATIONS)
     with pytest.raises(DasError, match=r"no track within 400 m of Up: the nearest is 1\d\.\d km away"):

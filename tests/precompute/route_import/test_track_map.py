@@ -66,6 +66,7 @@ def test_shapes_of_geojson(tmp_path: Path) -> None:
             feature([[[8.0, 48.0], [8.2, 48.0], [8.2, 48.2]]], "Polygon", public_transport="station", name="Bedorf"),
             feature([8.1, 48.0], "Point", name="Plain"),
             feature([8.1, 48.0], "Point", building="yes", name="House"),
+            feature([8.1, 48.0], "Point", RAILWAY="rail", LABEL="Labelled"),
             feature([8.1, 48.0], "Point", railway="signal", name="A 12"),
             {"type": "Feature", "properties": None, "geometry": None},
             feature(LINE, railway="abandoned"),
@@ -75,7 +76,7 @@ def test_shapes_of_geojson(tmp_path: Path) -> None:
     )
     assert [len(track.vertices) for track in found.tracks] == [2, 2, 2]
     assert [(one.names, one.rank) for one in found.places] == [
-        (("Adorf", "Other"), 0), (("Bedorf",), 0), (("Plain",), 4)
+        (("Adorf", "Other"), 0), (("Bedorf",), 0), (("Plain",), 4), (("Labelled",), 4)
     ]  # fmt: skip
     assert found.places[1].longitude_deg == pytest.approx(8.1333333)
 
@@ -146,6 +147,15 @@ def test_a_file_above_100_mb_is_refused_before_it_is_parsed(tmp_path: Path) -> N
         file.truncate(100_000_001)
     with pytest.raises(DasError, match="more than 100 MB"):
         read_map([path])
+
+
+def test_a_table_of_features_with_empty_cells_is_known_as_openstreetmap(tmp_path: Path) -> None:
+    """As GeoPandas writes it: every feature has every key, most of them null, and a number of its own."""
+    properties = {"@id": "way/12718284", "bridge": None, "tunnel": None, "maxspeed": "160", "railway": "rail"}
+    one = {"id": "0", "type": "Feature", "properties": properties}
+    found = read(tmp_path, collection({**one, "geometry": {"type": "LineString", "coordinates": LINE}}))
+    assert (found.is_osm, found.tracks[0].name) == (True, "way/12718284")
+    assert not found.tracks[0].lies_in("bridge")
 
 
 def test_a_place_has_all_its_names_and_no_control_characters(tmp_path: Path) -> None:
