@@ -59,9 +59,6 @@ COMMANDS = (
 """The commands of `das-precompute route`."""
 EXIT_WARNINGS = 1
 FASTEST_KMH = 600.0
-LONGEST_KM = 20_000.0
-
-OutRoute = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +136,7 @@ class Missing:
     length_km: Annotated[
         float | None,
         typer.Option(
-            "--length-km", min=0.001, max=LONGEST_KM, help="Length of a line from tables [default: last stop or row]."
+            "--length-km", min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."
         ),
     ] = None
 
@@ -191,7 +188,7 @@ class Stated:
 class RouteFiles:
     """The file of a route that a command writes, and its picture."""
 
-    out: OutRoute
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")]
     plot: PlotOption = None
     overwrite: OverwriteOption = False
     as_json: JsonOption = False
