@@ -9,7 +9,7 @@ from typing import Final
 
 from das.domain.errors import DasError
 from das.domain.plausibility import INSIST, check_route
-from das.domain.route import Altitudes, Stop
+from das.domain.route import Stop
 from precompute.route_import.altitudes import Smoothing, with_altitudes
 from precompute.route_import.from_map import MapOptions, line_from_map
 from precompute.route_import.line import ImportedLine, Words, cut
@@ -55,13 +55,13 @@ def imported(order: ImportOrder, words: Words) -> ImportedLine:
         raise DasError("--flat and --altitudes: give one of them")
     maps, tables = _sorted_files(order.files)
     line = _from_map(order, words, maps, tables) if maps else _from_tables(order, words, tables)
-    heights = [read_table(order.altitudes)] if order.altitudes is not None else _tables_with_altitudes(tables)
-    if heights and not (line.has_gradients and order.altitudes is None):
-        line = with_altitudes(line, heights[0], order.smoothing)
+    if order.altitudes is not None:
+        line = with_altitudes(line, read_table(order.altitudes), order.smoothing)
     elif not line.has_gradients and not order.flat:
-        raise DasError(f"{line.route.source}: {NEEDS_ALTITUDES}")
-    elif not line.has_gradients:
-        line = replace(line, route=replace(line.route, altitudes=Altitudes.NONE))
+        heights = [table for table in tables if altitude_rows(table)]
+        if not heights:
+            raise DasError(f"{line.route.source}: {NEEDS_ALTITUDES}")
+        line = with_altitudes(line, heights[0], order.smoothing)
     check_route(line.route, insist=INSIST % "route")
     return line
 
@@ -79,10 +79,6 @@ def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[LineTable]]:
             known = f"expected a map ({', '.join(MAPS)}) or a table ({', '.join(TABLES)})"
             raise DasError(f"{path}: {OF_OTHER_SUFFIX.get(suffix, known)}")
     return maps, tables
-
-
-def _tables_with_altitudes(tables: Sequence[LineTable]) -> list[LineTable]:
-    return [table for table in tables if altitude_rows(table)]
 
 
 def _from_map(order: ImportOrder, words: Words, maps: Sequence[Path], tables: Sequence[LineTable]) -> ImportedLine:

@@ -60,6 +60,15 @@ def test_all_in_one_file_with_other_names_of_columns_and_empty_cells(tmp_path: P
     assert [x.name for x in route.stops] == ["A", "B"]
 
 
+def test_altitudes_beside_limits_become_gradients_unless_the_line_is_to_be_flat(tmp_path: Path) -> None:
+    text = "position_km,limit_kmh,altitude_m\n0,80,400\n3,120,430\n6,,415\n"
+    route = line(tmp_path, {"all.csv": text}, start="A", end="B")
+    assert route.gradients_ratio.value == pytest.approx([0.01, -0.005])
+    assert (route.altitudes, route.altitude_at_start_m) == ("points", pytest.approx(400))
+    flat = line(tmp_path, {"all.csv": text}, start="A", end="B", flat=True)
+    assert (flat.altitudes, flat.gradients_ratio.value.tolist()) == ("none", [0.0])
+
+
 def test_curves_tunnels_and_neutral_sections(tmp_path: Path) -> None:
     files = {
         "limits.csv": LIMITS,
