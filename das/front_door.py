@@ -316,6 +316,7 @@ def _plotted_front(front: Front) -> PlottedFront:
         buffer_percent=points["buffer_percent"],
         time_s=points["time_s"],
         energy_j=points["energy_j"],
+        credit=front.section.route.credit,
     )
 
 

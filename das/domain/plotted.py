@@ -69,12 +69,16 @@ class PlottedRun(Summary):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlottedFront:
-    """Points of a front, fastest first, as arrays of shape (points,); `names` tells it from others."""
+    """Points of a front, fastest first, as arrays of shape (points,); `names` tells it from others.
+
+    `credit` is what the file of its line says of the origin of the data.
+    """
 
     names: tuple[str, ...]
     buffer_percent: Floats
     time_s: Floats
     energy_j: Floats
+    credit: str = ""
 
 
 class Plottable(Protocol):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from typing import TypeVar
 from zoneinfo import ZoneInfo
 
@@ -25,6 +26,21 @@ NO_REGENERATION = -1.0
 """Supply (see `Route.supply`) of a stretch on which the electric brake must not be used."""
 NEUTRAL = -2.0
 """Supply (see `Route.supply`) of a neutral section: neither traction nor electric brake."""
+
+
+class Altitudes(StrEnum):
+    """What the gradients of a line were made from, as far as it tells how wrong energies may be."""
+
+    LEVEL = "level"
+    """The line is level in truth."""
+    NONE = "none"
+    """No altitudes were known: the line is taken as flat."""
+    POINTS = "points"
+    """A few points (stations, summits), joined by straight lines."""
+    SMOOTHED = "smoothed"
+    """Altitudes close to each other, smoothed."""
+    RAW = "raw"
+    """Altitudes close to each other, as measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +129,8 @@ class Route(Summary):
     in one of the `neutral_sections` there is neither traction nor electric brake, and in one of the `no_regeneration`
     zones there is no electric brake. `geometry_*` is a polyline (position, WGS 84 latitude and longitude), empty where
     unknown. `restrictions` are the temporary ones that `limits_mps` holds. `time_zone` is the IANA name of the zone
-    whose clock the line has.
+    whose clock the line has. `source` is the file; `data_source` and `licence` are what the file says of the origin of
+    its data. A `one_way` line describes one direction alone and cannot be reversed.
     """
 
     id: str
@@ -132,6 +149,10 @@ class Route(Summary):
     altitude_at_start_m: float = 0.0
     restrictions: tuple[Restriction, ...] = ()
     time_zone: str = "UTC"
+    data_source: str = ""
+    licence: str = ""
+    one_way: bool = False
+    altitudes: Altitudes | None = None
     geometry_position_m: Floats
     geometry_latitude_deg: Floats
     geometry_longitude_deg: Floats
@@ -165,6 +186,8 @@ class Route(Summary):
         for array in (self.geometry_position_m, self.geometry_latitude_deg, self.geometry_longitude_deg):
             _check_finite(self.source, "geometry", array)
             array.setflags(write=False)
+        _check_within(self.source, "geometry latitude_deg", self.geometry_latitude_deg, 90.0)
+        _check_within(self.source, "geometry longitude_deg", self.geometry_longitude_deg, 180.0)
 
     def facts(self) -> dict[str, str]:
         """Name, length, stops and highest limit."""
@@ -173,7 +196,13 @@ class Route(Summary):
             "length": f"{self.length_m / KM:.3f} km",
             "stops": ", ".join(f"{stop.name} (km {stop.position_m / KM:.3f})" for stop in self.stops),
             "highest limit": f"{kmh(float(self.limits_mps.value.max())):.0f} km/h",
+            **({"data": self.credit} if self.credit else {}),
         }
+
+    @property
+    def credit(self) -> str:
+        """Source and licence of the line's data as its file states them, for pictures and reports; may be empty."""
+        return ", ".join(text for text in (self.data_source, self.licence) if text)
 
     @property
     def zone(self) -> ZoneInfo:
@@ -222,7 +251,12 @@ class Route(Summary):
         return next(near, "")
 
     def reversed(self) -> Route:
-        """The same line driven the other way; positions count from its other end."""
+        """The same line driven the other way; positions count from its other end. DasError for a `one_way` line."""
+        if self.one_way:
+            raise DasError(
+                f"{self.source}: one_way = true: its limits hold from {self.stops[0].name} to {self.stops[-1].name} "
+                "alone, so it cannot be reversed; import or write a file of the other direction"
+            )
         length = self.length_m
         return replace(
             self,
@@ -288,9 +322,8 @@ def section_stops(route: Route, from_stop: str | None, to_stop: str | None) -> t
     start = route.stop(from_stop) if from_stop is not None else route.stops[0]
     end = route.stop(to_stop) if to_stop is not None else route.stops[-1]
     if end.position_m <= start.position_m:
-        raise DasError(
-            f"{route.source}: {end.name!r} does not come after {start.name!r} in this direction; see --reverse"
-        )
+        way = "the line is one_way" if route.one_way else "see --reverse"
+        raise DasError(f"{route.source}: {end.name!r} does not come after {start.name!r} in this direction; {way}")
     return start, end
 
 
@@ -339,3 +372,9 @@ def _check_finite(source: str, key: str, values: Floats) -> None:
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise InputError(source, f"{key}[{bad[0]}]", float(values[bad[0]]), "a finite number")
+
+
+def _check_within(source: str, key: str, values_deg: Floats, most_deg: float) -> None:
+    bad = np.flatnonzero(np.abs(values_deg) > most_deg)
+    if len(bad):
+        raise InputError(source, f"{key}[{bad[0]}]", float(values_deg[bad[0]]), f"{-most_deg:g} to {most_deg:g}")

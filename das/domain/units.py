@@ -18,6 +18,8 @@ STANDARD_GRAVITY_MPS2: Final = 9.81
 
 KMH: Final = 1.0 / 3.6
 """1 km/h in m/s."""
+MPH: Final = 0.44704
+"""1 mile an hour in m/s."""
 KN: Final = 1e3
 """1 kN in N."""
 KW: Final = 1e3
@@ -40,7 +42,7 @@ MS: Final = 1e-3
 FACTORS: Final[dict[str, dict[str, float]]] = {
     "length": {"m": 1.0, "km": KM},
     "area": {"m^2": 1.0, "m2": 1.0},
-    "speed": {"m/s": 1.0, "mps": 1.0, "km/h": KMH, "kmh": KMH},
+    "speed": {"m/s": 1.0, "mps": 1.0, "km/h": KMH, "kmh": KMH, "mph": MPH},
     "acceleration": {"m/s^2": 1.0, "mps2": 1.0},
     "time": {"s": 1.0, "min": 60.0, "ms": MS},
     "mass": {"kg": 1.0, "t": TONNE},

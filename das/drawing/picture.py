@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -112,14 +112,14 @@ def draw_runs(runs: Sequence[PlottedRun], over: Over = Over.DISTANCE, labels: Se
     names = [", ".join((*own, run.figures)) for own, run in zip(words, runs, strict=True)]
     shown = _Runs(runs=runs, labels=names, over=over)
     panels = _panels(shown)
-    figure, axes = _figure([panel.height_in for panel in panels])
+    figure, axes = new_figure([panel.height_in for panel in panels])
     for axis, panel in zip(axes, panels, strict=True):
         panel.draw(axis, shown)
         for _, at in shown.stops():
             axis.axvline(at, color=INK, linewidth=0.6, alpha=0.35)
-    _name_stops(axes[0], shown.stops())
+    name_stops(axes[0], shown.stops())
     axes[-1].set_xlabel("position, km" if over is Over.DISTANCE else "time since the beginning, min", color=INK)
-    _explain(figure, axes[0], ", ".join(title))
+    explain(figure, axes[0], ", ".join(title), credits_of(run.route.credit for run in runs if run.route is not None))
     return figure
 
 
@@ -129,13 +129,13 @@ def draw_fronts(
     """Least energy over the buffer or the trip time; fronts are named as runs are in `draw_runs`."""
     told, title = _told_apart([front.names for front in fronts])
     names = [", ".join(words) for words in told] if labels is None else labels
-    figure, (axis,) = _figure((4.0,))
+    figure, (axis,) = new_figure((4.0,))
     for number, front in enumerate(fronts):
         x = front.buffer_percent if over is Over.BUFFER else front.time_s
         axis.plot(x, kwh(front.energy_j), marker=".", label=names[number], **look_of(number))
     axis.set_xlabel("buffer, % above the least time" if over is Over.BUFFER else "trip time, s", color=INK)
     axis.set_ylabel("energy, kWh", color=INK)
-    _explain(figure, axis, ", ".join(title))
+    explain(figure, axis, ", ".join(title), credits_of(front.credit for front in fronts))
     return figure
 
 
@@ -145,11 +145,18 @@ def _told_apart(names: Sequence[tuple[str, ...]]) -> tuple[list[list[str]], list
     return [[name for name in own if name not in shared] for own in names], shared
 
 
-def _figure(heights: Sequence[float]) -> tuple[Picture, list[Any]]:
-    """A picture with axes of these heights (in), one below the other, over one horizontal axis."""
-    figure = Picture(figsize=(WIDTH_IN, sum(heights) + 1.4), layout="constrained", facecolor=BACKGROUND)
+def new_figure(heights: Sequence[float], *, below_in: float = 0.0) -> tuple[Picture, list[Any]]:
+    """A picture with axes of these heights (in), one below the other, over one horizontal axis.
+
+    With `below_in` (in) there is one axis more, the last, with a horizontal axis of its own.
+    """
+    every = [*heights, *([below_in] if below_in else [])]
+    figure = Picture(figsize=(WIDTH_IN, sum(every) + 1.4), layout="constrained", facecolor=BACKGROUND)
     FigureCanvasAgg(figure)
-    axes = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=list(heights))[:, 0].tolist()
+    axes = figure.subplots(len(every), 1, squeeze=False, height_ratios=every)[:, 0].tolist()
+    for number, axis in enumerate(axes[: len(heights)]):
+        axis.sharex(axes[0]) if number else None
+        axis.tick_params(labelbottom=number == len(heights) - 1)
     for axis in axes:
         axis.grid(color=GRID, linewidth=0.6)
         axis.set_axisbelow(True)
@@ -158,15 +165,21 @@ def _figure(heights: Sequence[float]) -> tuple[Picture, list[Any]]:
     return figure, axes
 
 
-def _explain(figure: Picture, axis: Any, title: str) -> None:
-    """Write the title, and below the picture what the lines of an axis are."""
-    figure.suptitle(textwrap.fill(title, LETTERS), x=0.01, ha="left", color=INK, fontsize=11)
+def credits_of(credits: Iterable[str]) -> str:
+    """What a picture says of the origin of its lines' data; empty if no file states it."""
+    return "; ".join(dict.fromkeys(credit for credit in credits if credit))
+
+
+def explain(figure: Picture, axis: Any, title: str, credit: str = "") -> None:
+    """Write the title and the origin of the line's data, and below the picture what the lines of an axis are."""
+    lines = [textwrap.fill(title, LETTERS), *([textwrap.fill(f"data: {credit}", LETTERS)] if credit else [])]
+    figure.suptitle("\n".join(lines), x=0.01, ha="left", color=INK, fontsize=11)
     handles, labels = axis.get_legend_handles_labels()
     if any(labels):
         figure.legend(handles, labels, loc="outside lower left", ncols=1 + (len(labels) > 4), frameon=False)
 
 
-def _name_stops(axis: Any, stops: Sequence[tuple[str, float]]) -> None:
+def name_stops(axis: Any, stops: Sequence[tuple[str, float]]) -> None:
     """Write the names of stops above an axis, slanted, as far as they do not lie upon each other."""
     low, high = axis.get_xlim()
     last = -math.inf

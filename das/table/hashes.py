@@ -44,6 +44,7 @@ _KEPT_BITS = 30
 _LINE_IGNORES = frozenset({
     *("id", "name", "source", "illustrative", "length_m", "stops", "altitude_at_start_m"),
     *("restrictions", "time_zone"),  # `limits_mps` has the restrictions already
+    *("data_source", "licence", "one_way", "altitudes"),
     *("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg"),
 })  # fmt: skip
 _TRAIN_IGNORES = frozenset(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from das.command_line.application import Entry, application, run_app
+from das.command_line.application import Entry, Group, application, run_app
 from das.command_line.process import interrupt_on_termination
 
 NAME = "das-precompute"
-COMMANDS = (
+COMMANDS: tuple[Entry | Group, ...] = (
     Entry(
         name="solve",
         where="precompute.cli.solve:solve",
@@ -71,6 +71,11 @@ COMMANDS = (
         where="precompute.tables.command:show",
         summary="Show what is in a folder of tables: sections, trains, sizes, times, energies and certificates.",
         examples=("das-precompute show tables --json",),
+    ),
+    Group(
+        name="route",
+        summary="Own lines: import them from maps and tables, show, check and merge them.",
+        where="precompute.cli.route:COMMANDS",
     ),
     Entry(
         name="catalogue",

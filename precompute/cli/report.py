@@ -108,6 +108,7 @@ def draw_front(path: Path, section: Section, solutions: Sequence[Solution]) -> N
         buffer_percent=100.0 * (time_s / rising[0].least_time_s - 1.0),
         time_s=time_s,
         energy_j=np.array([solution.balance.input for solution in rising]),
+        credit=section.route.credit,
     )
     draw_fronts([front]).save(path, overwrite=True)
 

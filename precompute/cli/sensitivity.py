@@ -229,6 +229,7 @@ def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[
     figure.suptitle(
         f"{section.route.name}, {section.vehicle.name}, level {section.level}: driven by a plan of "
         f"{plan.time_s:.1f} s, {kwh(plan.balance.input):.2f} kWh"
+        + (f"\ndata: {section.route.credit}" if section.route.credit else "")
     )
     figure.legend(handles=_handles(), loc="outside lower center", ncols=3, frameon=False)
     save_figure(path, figure)

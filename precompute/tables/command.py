@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table as PrintedTable
 from rich.text import Text
 
+from das.command_line.files import warn_unusual
 from das.command_line.options import JsonOption
 from das.command_line.printing import busy, error_console, print_table
 from das.domain.errors import DasError
@@ -68,6 +69,7 @@ def build(
         from precompute.tables.plan import read_plan
 
         wanted = read_plan(plan, refine_s=refine_seconds(refine))
+    warn_unusual(*{job.route.source: job.route for job in wanted.jobs}.values())
     with _bar("sections", len(wanted.jobs)) as advance:
         report = build_plan(wanted, folder, hands, lambda _outcome: advance())
     if as_json:

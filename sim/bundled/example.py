@@ -61,10 +61,12 @@ def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -
 
 KEPT: Final = (
     "README.txt",
+    "heights.csv",
     "journey.toml",
     "plan.toml",
     "route.toml",
     "scenario.toml",
+    "tracks.geojson",
     "vehicle.toml",
 )
 """Files of the example that are the same for every seed."""

@@ -15,6 +15,7 @@ from typing import Any, Final
 from rich import box
 from rich.table import Table
 
+from das.command_line.files import warn_unusual
 from das.command_line.printing import paragraph, print_table, progress_bar, tell, typed
 from das.command_line.process import available_cores
 from das.domain.errors import DasError
@@ -222,10 +223,14 @@ def _least_drives(design: Design) -> int:
 
 
 def _lengths_s(design: Design) -> dict[Setting, float]:
-    """How long a trial of each setting takes by its timetable (s), as simulated time."""
+    """How long a trial of each setting takes by its timetable (s), as simulated time.
+
+    What is unusual about a line or train is a warning on standard error.
+    """
     found = {}
     for setting in sorted(set(design.settings()), key=str):
         service = service_of(setting)
+        warn_unusual(service.route, service.vehicle)
         found[setting] = BEFORE_S + service.clock_s(service.timetables[-1].arrival_ns) + AFTER_S
     return found
 

@@ -33,7 +33,7 @@ from sim.review.canvas import (
 from sim.review.lanes import WAY, Lane
 from sim.review.scene import DRAWN_OVER_DISTANCE, OVER_DISTANCE, CostSpan, ReviewScene, speed_text
 from sim.review.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
-from sim.review.words import headline, on_this_day
+from sim.review.words import headline, line_rows, on_this_day
 
 TITLE_IN, LINE_IN = 0.35, 0.19
 """Height (in) of the title, and of each line below it."""
@@ -93,7 +93,8 @@ def picture_of(recording: Recording, theme: Theme = LIGHT, *, beside: Recording 
     """
     other = None if beside is None else Drive(source=beside)
     scene = ReviewScene.of(Drive(source=recording), other).with_attribution()
-    day = [*on_this_day(recording), *filter(None, [scene.filled_from])]
+    about_line = [f"{name}: {text}" for name, text in line_rows(scene.drive)]
+    day = [*on_this_day(recording), *filter(None, [scene.filled_from]), *about_line]
     above = [Panel(QUANTITIES[name].title, height) for name, height in zip(OVER_DISTANCE, DISTANCE_IN, strict=True)]
     above[0] = above[0]._replace(above_in=NAMES_IN + TITLE_IN + LINE_IN * len(day))
     below = panels(scene)

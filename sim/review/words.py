@@ -13,6 +13,8 @@ from das.advice.regimes import Regime
 from das.advice.wording import Language
 from das.bus import topics
 from das.bus.recording import Recording
+from das.domain.errors import DasError
+from das.domain.plausibility import energy_range
 from das.domain.units import KM, NS, PERCENT, kwh
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.drive import Drive
@@ -80,6 +82,16 @@ def headline(drive: Drive) -> str:
     return " · ".join(parts)
 
 
+def line_rows(drive: Drive) -> list[tuple[str, str]]:
+    """Origin of the line's data as its file states it, and how wrong energies may be because of its altitudes."""
+    try:
+        route = drive.inputs.route
+    except DasError:
+        return []
+    rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
+    return [(name, text) for name, text in rows if text]
+
+
 def on_this_day(recording: Recording) -> list[str]:
     """Lines for a picture: what is wrong with the recording, and what the scenario let happen; empty if nothing."""
     happens = recording.metadata.get("run", {}).get("happens", NOTHING)
@@ -107,6 +119,7 @@ def _trip(drive: Drive) -> list[tuple[str, str]]:
     if driven_j is not None:
         estimated = "" if drive.measured else " (estimated)"
         rows.append(("energy at the collector", f"{kwh(driven_j):.1f} kWh{estimated}"))
+    rows += line_rows(drive)
     rows += [] if drive.said is None else drive.said.rows()
     rows += [(name.strip(), value) for name, value in drive.stability.rows() + drive.instructions.rows()]
     rows += [("warning", drive.stability.warning)] if drive.stability.warning is not None else []

@@ -54,6 +54,7 @@ def describe(
         "file": str(trip.path),
         "format": trip.format,
         "route": trip.route.name,
+        "route_data": trip.route.credit,
         "reversed": trip.reversed,
         "direction_known": trip.direction_known,
         "line_not_used": line_not_used(trip),
@@ -253,6 +254,8 @@ def _matching_table(found: dict[str, Any]) -> Table:
         table.add_row("stands at the ends known to", f"{matching['stand_uncertainty_m']:.1f} m")
     table.add_row("record against its smooth run, RMS", f"{matching['along_rms_m']:.1f} m")
     table.add_row("reported speed comes late by", f"{matching['speed_lag_s']:.2f} s")
+    if found["route_data"]:
+        table.add_row("data of the line", found["route_data"])
     return table
 
 
@@ -337,7 +340,8 @@ def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
     axis.set_ylim(bottom=0)
     axis.legend(loc="lower center", ncols=5)
     kept = f"{matched.report.cleaning.kept} of {matched.report.cleaning.read} points"
-    axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}")
+    credit = f"\ndata of the line: {trip.route.credit}" if trip.route.credit else ""
+    axis.set_title(f"{trip.path.name}: {trip.start.name} – {trip.end.name}, {kept}{credit}")
 
 
 def _distances(axis: Any, trip: Trip) -> None:

@@ -145,12 +145,13 @@ def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
 
 def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog) -> tuple[Route, bool, Line | None]:
     """The route as driven, whether that is against its file, and the line (None if the record has route positions)."""
-    ways, reverse = (route, route.reversed()), bool(said.reverse)
-    line = _line(record, ways[reverse], said.line)
+    reverse = bool(said.reverse)
+    driven = route.reversed() if reverse else route
+    line = _line(record, driven, said.line)
     if record.as_driven or not runs_back(record.driven(reverse, route.length_m), line):
-        return ways[reverse], reverse, line
+        return driven, reverse, line
     _check_turn(record, said, line)
-    other = ways[not reverse]
+    other = route if reverse else route.reversed()
     right = "leave out --reverse" if said.reverse else "give --reverse"
     posts = f", or turn the list {said.line} round" if line is not None and not line.on_route else ""
     log.add(FindingKind.OTHER_WAY, record, [0], f"{other.stops[0].name} to {other.stops[-1].name}: {right}{posts}")

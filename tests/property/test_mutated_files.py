@@ -7,6 +7,7 @@ than 2 GB of memory.
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import re
@@ -32,11 +33,16 @@ from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.solver.section import Section, build_section
 from das.table.format import MANIFEST
 from das.table.reading import Table, read_front
+from precompute.route_import.importing import ImportOrder, imported
+from precompute.route_import.line import Words
+from precompute.route_import.route_file import route_toml
 from precompute.tables.plan import read_plan
 from precompute.tables.writing import make_table, write_table
 from sim.recording.check import check_contents
 from sim.world.scenario import read_scenario
+from tests.precompute.route_import.test_tables import PATH
 from tests.support.crossing import numbered
+from tests.support.made_maps import FILES, as_overpass, made_map
 from tests.support.making import REPOSITORY
 from tests.support.recordings import write_recording
 from tests.support.small_tables import SETTINGS, line, seal_anew, train
@@ -85,6 +91,20 @@ def _route(path: Path) -> None:
         build_section(route, VEHICLE, start_m=stops[0].position_m, end_m=stops[1].position_m)
 
 
+def _imported(path: Path, folder: Path) -> None:
+    """Import a map, a table or altitudes; what was imported can be written and read back."""
+    maps = path.suffix in (".json", ".geojson")
+    heights = path.read_bytes()[:9].startswith(b"latitude")
+    files = (folder / "tracks.geojson",) if heights else (path,)
+    order = ImportOrder(
+        files=files, start="Adorf", end="Cedorf", flat=maps and not heights, altitudes=path if heights else None
+    )
+    written = folder / "imported.toml"
+    line = imported(order, Words())
+    written.write_text(route_toml(line.route, line.remarks), encoding="utf-8")
+    load_route(written)
+
+
 def _kinds(folder: Path, section: Section) -> list[Kind]:
     plan = folder / "plan.toml"
     plan.write_text(
@@ -98,6 +118,11 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
         Table.open(table)
         read_front(table, section)
 
+    maps = {"tracks.geojson": FILES["tracks.geojson"], "heights.csv": FILES["heights.csv"], "path.yaml": PATH.encode()}
+    maps["overpass.json"] = json.dumps(as_overpass(made_map()), indent=1).encode()
+    maps["limits.csv"] = b"position_km,limit_kmh,gradient_permille\n0,80,0\n2.5,120,4.5\n9,100,-3\n"
+    for name, content in maps.items():
+        (folder / name).write_bytes(content)
     sealed = folder / "manifest.json"
     sealed.write_bytes((table / MANIFEST).read_bytes())
     recording = folder / "recording.mcap"
@@ -109,6 +134,7 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
         ("journey", CATALOGUE / "journeys" / "zurich-luzern.toml", lambda path: load_journey(path, ROUTE)),
         ("plan", plan, read_plan),
         ("scenario", REPOSITORY / "sim" / "world" / "scenarios" / "train-ahead.toml", read_scenario),
+        *((f"import of {name}", folder / name, lambda path: _imported(path, folder)) for name in maps),
         ("manifest", sealed, manifest),
         ("resealed manifest", sealed, lambda path: _resealed(path, table, sealed, section)),
     ]

@@ -29,13 +29,13 @@ EVERYWHERE = {"--help", "-h", "--version", "--install-completion", "--show-compl
 def commands() -> dict[str, TyperCommand]:
     """Every command, keyed by the words that start it, e.g. `das-sim replay`."""
     found: dict[str, TyperCommand] = {}
-    for entry in precompute.cli.program.COMMANDS:
-        found[f"das-precompute {entry.name}"] = entry.load()
-    for entry in sim.cli.program.ENTRIES:
-        if isinstance(entry, Group):
-            found |= {f"das-sim {entry.name} {one.name}": one.load() for one in entry.entries()}
-        else:
-            found[f"das-sim {entry.name}"] = entry.load()
+    programs = (("das-precompute", precompute.cli.program.COMMANDS), ("das-sim", sim.cli.program.ENTRIES))
+    for program, entries in programs:
+        for entry in entries:
+            if isinstance(entry, Group):
+                found |= {f"{program} {entry.name} {one.name}": one.load() for one in entry.entries()}
+            else:
+                found[f"{program} {entry.name}"] = entry.load()
     found["das-node"] = single_command("das-node", das.node.command.advise, ())
     (tls_init,) = get_command(das.node.command.tls_app).commands.values()  # type: ignore[attr-defined]
     assert isinstance(tls_init, TyperCommand)

@@ -55,13 +55,22 @@ def read_text(path: Path, most_bytes: int = MOST_BYTES_OF_TEXT) -> str:
         raise DasError(f"{path}: not a UTF-8 text file ({error.reason} at byte {error.start})") from error
 
 
-def read_json(path: Path) -> Fields:
-    """Parse a JSON object; DasError if the file cannot be read or holds something else."""
+def read_json(path: Path, most_bytes: int = MOST_BYTES) -> Fields:
+    """Parse a JSON object; DasError if the file cannot be read, has a key twice, or holds something else."""
     try:
-        data = json.loads(read_text(path, MOST_BYTES))
+        data = json.loads(read_text(path, most_bytes), object_pairs_hook=_each_key_once)
     except (ValueError, RecursionError) as error:
         raise DasError(f"{path}: not valid JSON ({error})") from error
     return Fields.of(path, data)
+
+
+def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The object of these pairs; ValueError for a key that is there twice, of which one would silently be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"the key {next(name for name in names if names.count(name) > 1)!r} is there twice")
+    return found
 
 
 def read_toml(path: Path) -> Fields:

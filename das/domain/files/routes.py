@@ -11,12 +11,12 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.errors import MISSING, DasError, InputError
+from das.domain.errors import MISSING, DasError, InputError, is_seen
 from das.domain.files.reading import Fields, bound_of_window, read_toml
 from das.domain.files.ttobench import curvature_stretches
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.plausibility import ACCEPTED, INSIST, ROUTE_CHECKS, check_route
-from das.domain.route import Route, Stop, Stretches, Tunnel, Zone, full_receptivity
+from das.domain.route import Altitudes, Route, Stop, Stretches, Tunnel, Zone, full_receptivity
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +25,8 @@ MOST_STOPS = 1000
 """Largest number of stops of a route. Assumption: the longest lines have a few hundred."""
 MOST_POINTS = 200_000
 """Largest number of points of a route's geometry: 1000 km with a point every 5 m."""
+MOST_OF_A_SOURCE = 2000
+"""Longest source or licence (characters) of a route: they stand in its pictures and reports."""
 _CLOCK = re.compile(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
 _PLACE = {"position": "length"}
 _SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
@@ -43,7 +45,8 @@ def read_route(path: Path) -> Route:
     main = fields.table("route")
     main.check_keys(
         [
-            *("id", "name", "source", "description", "illustrative", "time_zone", ACCEPTED),
+            *("id", "name", "source", "licence", "description", "illustrative", "time_zone", "one_way", "altitudes"),
+            ACCEPTED,
             *main.quantity_keys({"length": "length", "altitude_at_start": "length"}),
         ]
     )
@@ -64,11 +67,23 @@ def read_route(path: Path) -> Route:
         no_regeneration=_zones(fields, "no_regeneration"),
         altitude_at_start_m=main.quantity("altitude_at_start", "length", 0.0),
         time_zone=_time_zone(main),
+        data_source=_stated(main, "source"),
+        licence=_stated(main, "licence"),
+        one_way=main.flag("one_way", False),
+        altitudes=main.choice("altitudes", Altitudes) if main.has("altitudes") else None,
         geometry_position_m=position_m,
         geometry_latitude_deg=latitude_deg,
         geometry_longitude_deg=longitude_deg,
     )
     return check_route(route, main.names(ACCEPTED, ROUTE_CHECKS), insist=INSIST % "route")
+
+
+def _stated(main: Fields, key: str) -> str:
+    """Source or licence as a file states it, in one line; InputError if it is longer than `MOST_OF_A_SOURCE`."""
+    text = " ".join(main.text(key, "").split())
+    if not is_seen(text) or len(text) > MOST_OF_A_SOURCE:
+        raise main.error(key, text, f"a text of at most {MOST_OF_A_SOURCE} characters without control characters")
+    return text
 
 
 def _time_zone(main: Fields) -> str:

@@ -21,7 +21,7 @@ from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.recording.course import minutes, spell
 from sim.review.report.sentences import compliance, shown_s, told_causes
-from sim.review.words import readable
+from sim.review.words import line_rows, readable
 
 BEFORE_S: Final = 10.0
 """The page lists changes of the advice that begin at most this long (s) before a bookmark."""
@@ -108,6 +108,7 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
     simulated = run.get("kind") == "run"
     rows = [("the day", "simulated: train, driver, sensors and what went wrong")] if simulated else []
     rows += [(name, run[key]) for name, key in (("line", "route"), ("train", "vehicle")) if key in run]
+    rows += line_rows(drive)
     if attribution is not None:
         vehicle = attribution.inputs.vehicle
         measured = (

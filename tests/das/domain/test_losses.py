@@ -142,7 +142,7 @@ MAP = map_of()
 BAD_MAPS = {
     "empty": ("", r"column 1 = '': expected speed_mps or speed_kmh"),
     "header only": (MAP_HEADER, r"empty loss map, expected rows of speed_kmh, force_n"),
-    "unknown unit": (MAP.replace("_kmh", "_mph"), r"column 1 = 'speed_mph': expected speed_mps or speed_kmh"),
+    "unknown unit": (MAP.replace("_kmh", "_knots"), r"column 1 = 'speed_knots': expected speed_mps or speed_kmh"),
     "wrong order": (MAP.replace("force_n,loss_w", "loss_w,force_n"), r"column 2 = 'loss_w': expected force_n or force"),
     "text": (MAP.replace("36,0,1036", "36,zero,1036"), r"line 6 = '36,zero,1036': expected 3 numbers"),
     "NaN": (MAP.replace("36,0,1036", "36,0,nan"), r"line 6 = '36,0,nan': expected finite numbers; leave out"),

@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from das.bus.session import endpoint, free_ports
@@ -23,6 +24,7 @@ from das.domain.plausibility import (
     RouteLimits,
     VehicleLimits,
     check_vehicle,
+    energy_range,
     warnings_of,
 )
 from das.domain.route import Route
@@ -71,10 +73,30 @@ WRONG_TRAINS = {
     "rotating_mass": (("_ratio = 0.0\n", "_ratio = 6.0\n"), "rotating_mass_ratio = 6.0: expected at most 0.5"),
     "length": (("length_m = 200.0", "length_m = 200e3"), "length (m) = 200000.0: expected at most 10000 m"),
 }
+
+
+def course(rows: str) -> tuple[str, str]:
+    """The change of a line's file that gives it a geometry: position (km), latitude and longitude (deg)."""
+    columns = '["position_km", "latitude_deg", "longitude_deg"]'
+    return "[gradients]", f"[geometry]\ncolumns = {columns}\nrows = [{rows}]\n\n[gradients]"
+
+
 WRONG_LINES = {
     "length": (("length_km = 6.0", "length_km = 6e4"), "length (km) = 60000.0: expected 0.001 to 20000 km"),
     "speed_limit": (("160.0]", "1600.0]"), "speed_limits[0] (km/h) = 1600.0: expected at most 600 km/h"),
     "gradient": (("[0.0, 0.0]", "[0.0, -500.0]"), "gradients[0] (‰) = 500.0: expected at most 200 ‰"),
+    "geometry_length": (
+        course("[0.0, 48.0, 8.0], [6.0, 48.027, 8.0]"),
+        "geometry: length on the map over that of the positions = 0.5004: expected 0.6 to 1.3",
+    ),
+    "geometry_jump": (
+        course("[0.0, 48.0, 8.0], [3.0, 48.0, 8.0], [6.0, 48.05396, 8.0]"),
+        "geometry: further to the next point than by the positions (m) = 3000.0: expected at most 2000 m",
+    ),
+    "geometry_missing": (
+        course("[4.0, 48.0, 8.0], [6.0, 48.01799, 8.0]"),
+        "geometry: share of the line without it = 0.6667: expected at most 0.5",
+    ),
 }
 
 
@@ -231,3 +253,59 @@ def test_the_public_benchmark_is_as_usual(shared: Path) -> None:
     assert len(tracks) > 10
     found = [*map(load_vehicle, map(str, trains)), *map(load_route, map(str, tracks))]
     assert [line for thing in found for line in warnings_of(thing)] == []
+
+
+def line_with(folder: Path, *changes: tuple[str, str]) -> Route:
+    return load_route(file_of(folder, LINE, *changes))
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("[0.0, 91.0, 8.0], [6.0, 91.054, 8.0]", "geometry latitude_deg[0] = 91.0: expected -90 to 90"),
+        ("[0.0, 48.0, 200.0], [6.0, 48.054, 200.0]", "geometry longitude_deg[0] = 200.0: expected -180 to 180"),
+        ("[0.0, 48.0, 8.0], [3.0, 48.027, 8.0], [6.0, 57.0, 8.0]", "further to the next point than by the positions"),
+        ("[0.0, 48.0, 8.0], [3.0, 0.0, 0.0], [6.0, 48.054, 8.0]", "further to the next point than by the positions"),
+        ("[0.0, 48.0, 8.0], [6.0, 48.027, 8.0]", "length on the map over that of the positions = 0.5"),
+    ],
+)
+def test_a_geometry_that_is_not_of_the_line_is_refused(rows: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        line_with(tmp_path, course(rows))
+    assert message in str(refused.value)
+
+
+def test_a_geometry_that_begins_late_is_a_warning(tmp_path: Path) -> None:
+    route = line_with(tmp_path, course("[0.6, 48.0, 8.0], [6.0, 48.04856, 8.0]"))
+    (warned,) = warnings_of(route)
+    assert warned.endswith("geometry: share of the line without it = 0.1: at most 0.02 is usual")
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ('altitudes = "level"', ""),
+        ('altitudes = "none"', "no altitudes: energies are those of a flat line"),
+        ("", "no altitudes: energies are those of a flat line"),
+        ("illustrative = true", ""),
+        ('altitudes = "points"', "altitudes of a few points"),
+        ('altitudes = "raw"', "raw altitudes: noise of 4 m"),
+        ('altitudes = "smoothed"', ""),
+    ],
+)
+def test_how_wrong_energies_may_be_is_a_warning(said: str, words: str, tmp_path: Path) -> None:
+    route = line_with(tmp_path, ('altitudes = "level"', said))
+    warned = warnings_of(route)
+    assert (len(warned) == 1 and words in warned[0]) if words else not warned
+    assert (said == 'altitudes = "smoothed"') == energy_range(route).startswith("smoothed")
+
+
+def test_noise_is_seen_in_a_file_that_does_not_speak_of_it(tmp_path: Path) -> None:
+    """Noise of 1 m every 100 m; the same line with gentle gradients says nothing."""
+    random = np.random.default_rng(5)
+    for noise_m, noisy in ((1.0, True), (0.0, False)):
+        at_m = np.arange(0.0, 6001.0, 100.0)
+        slope = np.diff(noise_m * random.standard_normal(len(at_m)) + 5.0 * np.sin(at_m / 900.0)) / 100.0
+        rows = ", ".join(f"[{x / 1000:.1f}, {1000 * y:.4f}]" for x, y in zip(at_m[:-1], slope, strict=True))
+        route = line_with(tmp_path, ('altitudes = "level"\n', ""), ("rows = [[0.0, 0.0]]", f"rows = [{rows}]"))
+        assert energy_range(route).startswith("raw") is noisy

@@ -183,3 +183,24 @@ def test_a_section_leads_forwards() -> None:
             section_stops(route, start, end)
     with pytest.raises(DasError, match="no stop 'Olten'"):
         section_stops(route, "Aarau", "Olten")
+
+
+def test_a_one_way_line_cannot_be_reversed_and_says_why() -> None:
+    line = replace(load_route("zurich-luzern"), one_way=True)
+    with pytest.raises(
+        DasError, match=r"one_way = true: its limits hold from .* to .* alone, so it cannot be reversed"
+    ):
+        line.reversed()
+    first, last = line.stops[0].name, line.stops[-1].name
+    with pytest.raises(DasError, match="the line is one_way"):
+        section_stops(line, last, first)
+
+
+def test_source_and_licence_are_the_credit_of_a_line() -> None:
+    plain = load_route("zurich-luzern")
+    assert plain.credit == ""
+    assert replace(plain, data_source="a survey").credit == "a survey"
+    line = replace(plain, data_source="a survey", licence="CC0")
+    assert line.credit == "a survey, CC0"
+    assert "data: a survey, CC0" in repr(line)
+    assert line.reversed().credit == line.credit

@@ -12,6 +12,7 @@ HAND_FIGURES = [
     ("area", 42.0, 42.0, "m^2 m2"),
     ("speed", 25.0, 25.0, "m/s mps"),
     ("speed", 90.0, 25.0, "km/h kmh"),
+    ("speed", 100.0, 44.704, "mph"),
     ("acceleration", 1.1, 1.1, "m/s^2 mps2"),
     ("time", 90.0, 90.0, "s"),
     ("time", 2.5, 150.0, "min"),

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.application import Entry, with_options
+from das.command_line.application import Entry, Group, with_options
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from precompute.cli.options import chosen
@@ -19,13 +19,25 @@ from precompute.cli.program import COMMANDS, GONE, NAME
 from tests.support.crossing import few
 from tests.support.making import REPOSITORY, das_precompute, in_a_process, printed
 
-EVERY = pytest.mark.parametrize("entry", COMMANDS, ids=[entry.name for entry in COMMANDS])
+WORDS: dict[str, Entry] = {
+    words: one
+    for entry in COMMANDS
+    for words, one in (
+        {f"{entry.name} {one.name}": one for one in entry.entries()}
+        if isinstance(entry, Group)
+        else {entry.name: entry}
+    ).items()
+}
+"""Every command by the words that start it."""
+EVERY = pytest.mark.parametrize(("words", "entry"), WORDS.items(), ids=WORDS)
 
 
 @EVERY
-def test_every_command_explains_itself_within_80_columns_and_shows_examples(entry: Entry, tmp_path: Path) -> None:
-    out = printed(tmp_path, entry.name, "-h")
-    assert out == das_precompute(tmp_path, entry.name, "--help").stdout
+def test_every_command_explains_itself_within_80_columns_and_shows_examples(
+    words: str, entry: Entry, tmp_path: Path
+) -> None:
+    out = printed(tmp_path, *words.split(), "-h")
+    assert out == das_precompute(tmp_path, *words.split(), "--help").stdout
     assert max(len(line) for line in out.splitlines()) <= 80
     assert (inspect.getdoc(entry.function()) or "").splitlines()[0] == entry.summary
     assert " ".join(entry.summary.split()) in " ".join(out.split())
@@ -33,13 +45,13 @@ def test_every_command_explains_itself_within_80_columns_and_shows_examples(entr
     assert entry.examples
     for example in entry.examples:
         assert f"\n  {example}\n" in f"{out}\n"
-        words = shlex.split(example)
-        assert words[:2] == [NAME, entry.name]
-        assert {word for word in words if word.startswith("-")} <= options
+        typed = shlex.split(example)
+        assert f"{' '.join(typed)} ".startswith(f"{NAME} {words} ")
+        assert {word for word in typed if word.startswith("-")} <= options
 
 
 @EVERY
-def test_options_have_a_help_of_a_sentence_and_the_usual_spellings(entry: Entry) -> None:
+def test_options_have_a_help_of_a_sentence_and_the_usual_spellings(words: str, entry: Entry) -> None:
     parameters = entry.load().params
     for parameter in parameters:
         assert re.match(r"[A-Z].*(\.|\])\s*$", parameter.help or "", re.DOTALL), parameter.name
@@ -49,8 +61,8 @@ def test_options_have_a_help_of_a_sentence_and_the_usual_spellings(entry: Entry)
 
 
 @EVERY
-def test_every_command_refuses_a_wrong_option_in_one_line(entry: Entry, tmp_path: Path) -> None:
-    done = das_precompute(tmp_path, entry.name, "--no-such-option")
+def test_every_command_refuses_a_wrong_option_in_one_line(words: str, entry: Entry, tmp_path: Path) -> None:
+    done = das_precompute(tmp_path, *words.split(), "--no-such-option")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: No such option: --no-such-option")
     assert done.stderr.count("\n") == 1
@@ -73,14 +85,14 @@ def test_a_command_that_is_gone_says_what_to_run_instead(name: str, tmp_path: Pa
         assert done.stderr == f"error: {name} is no longer a command of this program; run instead: {GONE[name]}\n"
         studies = re.findall(r"docs\.studies\.\w+", done.stderr)
         assert all((REPOSITORY / f"{one.replace('.', '/')}.py").is_file() for one in studies)
-        assert studies or GONE[name].removeprefix("das-precompute ") in {entry.name for entry in COMMANDS}
+        assert studies or GONE[name].removeprefix("das-precompute ") in WORDS
     assert f"  {name} " not in das_precompute(tmp_path, "-h").stdout
 
 
 def test_no_option_is_declared_by_two_spellings() -> None:
     """A Python name is one spelling in all commands, and a command's function takes its options in few groups."""
     by_name: dict[str, set[tuple[str, ...]]] = {}
-    for entry in COMMANDS:
+    for entry in WORDS.values():
         for parameter in entry.load().params:
             if parameter.param_type_name == "option":
                 by_name.setdefault(parameter.name or "", set()).add(tuple(sorted(parameter.opts)))

@@ -24,6 +24,7 @@ from sim.trips.record import read_trip
 from sim.trips.trip import load_trip
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
+from tests.support.made_map import EXAMPLE, map_files
 from tests.support.making import das_precompute, das_sim, refusal
 
 FILES = sorted([*KEPT, "posts.csv", "trip.csv"])
@@ -125,6 +126,18 @@ def test_a_seed_gives_the_same_bytes_and_another_seed_another_trip() -> None:
     assert first == again
     assert sorted(first) == FILES
     assert {name for name in first if first[name] != other[name]} == {"trip.csv"}
+
+
+def test_the_map_and_the_altitudes_are_those_of_the_line() -> None:
+    """`python -m tests.support.made_map` writes them anew."""
+    made = map_files(load_route(str(EXAMPLE / "route.toml")))
+    assert made == {name: (EXAMPLE / name).read_bytes() for name in made}
+
+
+def test_the_line_is_made_once_more_from_the_map(folder: Path) -> None:
+    said = [run(folder, line) for line in commands(folder, "das-precompute route")]
+    assert all("adorf-cedorf" in one for one in said)
+    assert [stop.name for stop in load_route(folder / "mapped.toml").stops] == ["Adorf", "Bedorf", "Cedorf"]
 
 
 def test_posts_are_written_as_a_person_would(folder: Path) -> None:

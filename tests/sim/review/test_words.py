@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,16 @@ import numpy as np
 from das.advice.wording import Language
 from das.bus import das_pb2, topics
 from das.bus.recording import read_recording
+from das.domain.files.load import load_route, load_vehicle
+from das.domain.levels import Level
+from das.domain.route import Altitudes
 from das.domain.units import KM, NS
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse
+from sim.recording.inputs import DriveInputs
+from sim.review.report.tables import rests_on
 from sim.review.scene import ReviewScene
-from sim.review.words import LETTERS, NODE_ALONE, DisplayWords, cards, headline, on_this_day, summary
+from sim.review.words import LETTERS, NODE_ALONE, DisplayWords, cards, headline, line_rows, on_this_day, summary
 from tests.support.hand_recorded import SECONDS, SPEED_MPS, cab, day, recorded
 from tests.support.recordings import at_ns, write_recording
 
@@ -29,6 +35,17 @@ def test_headline() -> None:
     line = headline(Drive(source=recording))
     assert line.startswith("t1 · signal-stop · driver human · advice vector · seed 3 · ")
     assert f"{SPEED_MPS * SECONDS / KM:.2f} km · 100 s" in line
+
+
+def test_a_summary_says_where_the_line_comes_from_and_what_its_altitudes_mean() -> None:
+    flat = {"data_source": "© somebody", "licence": "CC0", "altitudes": Altitudes.NONE}
+    line = replace(load_route("flat-6km"), **flat)
+    inputs = DriveInputs(route=line, vehicle=load_vehicle("re460-ic"), level=Level.L2, source="given")
+    drive = Drive(source=recorded(), given=inputs)
+    assert [name for name, _ in line_rows(drive)] == ["data of the line", "altitudes of the line"]
+    assert "| data of the line | © somebody, CC0 |" in summary(drive)
+    assert set(line_rows(drive)) < set(rests_on(drive))
+    assert line_rows(Drive(source=recorded())) == []
 
 
 def test_a_picture_says_what_the_scenario_let_happen() -> None:

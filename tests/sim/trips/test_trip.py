@@ -150,6 +150,15 @@ def test_a_trip_the_other_way_is_driven_the_other_way(tmp_path: Path, kind: str)
         driven(from_stop="A", to_stop="B")
 
 
+def test_a_trip_against_a_one_way_line_is_refused_with_the_reason(tmp_path: Path) -> None:
+    line = replace(route(geometry=True), one_way=True)
+    there = dirt.write(tmp_path, clean())
+    assert not load_trip(there, read_trip(there), line, TripOptions()).reversed
+    back = dirt.write(tmp_path, [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()])
+    with pytest.raises(DasError, match="one_way = true: its limits hold from A to B alone"):
+        load_trip(back, read_trip(back), line, TripOptions())
+
+
 def test_reverse_where_the_trip_is_not_is_left_out(tmp_path: Path) -> None:
     trip = on_route(tmp_path, clean(), reverse=True)
     assert not trip.reversed

@@ -92,7 +92,7 @@ BAD_ROUTES = [
     ("position_m = 3000.0", "", r"stops\[1\]\.position is missing: expected position_m or position_km"),
     ("altitude_m = 400.0", 'altitude_m = "high"', r"stops\[0\]\.altitude_m = 'high': expected a number"),
     ("[gradients]", "[gradient]", r"gradient = .*: expected one of the keys .*gradients"),
-    ('"limit_kmh"]', '"limit_mph"]', r"speed_limits\.columns = 'limit_mph': expected limit_mps or limit_kmh"),
+    ('"limit_kmh"]', '"limit_knots"]', r"speed_limits\.columns = 'limit_knots': expected limit_mps or limit_kmh"),
     ('["position_km", "limit_kmh"]', '["limit_kmh", "position_km"]', r"speed_limits\.columns = 'limit_kmh': expected "),
     ('["position_km", "limit_kmh"]', '["position_km"]', r"speed_limits\.columns = .*: expected 2 names: position, lim"),
     ("[[0.0, 72.0], [1.5, 90]]", "[]", r"speed_limits\.rows = \[\]: expected a list of rows"),

@@ -43,7 +43,7 @@ def same(one: Any, other: Any, where: str = "") -> None:
     """Two frozen data trees hold the same figures; where a file lies and what it calls things may differ."""
     if is_dataclass(one):
         for field in fields(one):
-            if field.name not in ("source", "name"):
+            if field.name not in ("source", "name", "data_source"):
                 same(getattr(one, field.name), getattr(other, field.name), f"{where}.{field.name}")
     elif isinstance(one, tuple):
         assert len(one) == len(other), where

@@ -1,0 +1,449 @@
+"""The commands `das-precompute route import`, `show`, `check`, `merge` and `new`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from das.command_line.application import Entry
+from das.command_line.files import check_outputs, check_picture, load_route
+from das.command_line.options import JsonOption, OverwriteOption, PlotOption, RouteArgument
+from das.command_line.printing import busy, paragraph, print_table, tell
+from das.domain.errors import DasError
+from das.domain.units import KM, KMH, PERMILLE, kmh
+
+if TYPE_CHECKING:
+    from das.domain.route import Route
+    from precompute.route_import.importing import ImportOrder
+    from precompute.route_import.line import ImportedLine, Words
+
+COMMANDS = (
+    Entry(
+        name="import",
+        where="precompute.cli.route:import_route",
+        summary="Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.",
+        examples=(
+            "das-precompute route import tracks.geojson --from A --to B --flat -o my.toml",
+            "das-precompute route import limits.csv --altitudes heights.csv -o my.toml",
+        ),
+    ),
+    Entry(
+        name="show",
+        where="precompute.cli.route:show",
+        summary="Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.",
+        examples=("das-precompute route show zurich-luzern --plot line.png",),
+    ),
+    Entry(
+        name="check",
+        where="precompute.cli.route:check",
+        summary="Check a route: what is unusual in it is a warning, what it lacks a note.",
+        examples=("das-precompute route check my.toml",),
+    ),
+    Entry(
+        name="merge",
+        where="precompute.cli.route:merge",
+        summary="Put a route together for one line and direction: limits from one file, gradients from another.",
+        examples=("das-precompute route merge my.toml --gradients heights.toml -o whole.toml",),
+    ),
+    Entry(
+        name="new",
+        where="precompute.cli.route:new",
+        summary="Write the file of a flat line with one limit, to fill in by hand.",
+        examples=("das-precompute route new Adorf=0 Bestadt=12.5 --limit 120 -o my.toml",),
+    ),
+)
+"""The commands of `das-precompute route`."""
+EXIT_WARNINGS = 1
+FASTEST_KMH = 600.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FromWhere:
+    """Which line of the files is wanted."""
+
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--from", metavar="STATION", help="First stop: name, LATITUDE,LONGITUDE or NAME=LATITUDE,LONGITUDE."
+        ),
+    ] = None
+    end: Annotated[str | None, typer.Option("--to", metavar="STATION", help="Last stop, as for --from.")] = None
+    via: Annotated[
+        list[str] | None,
+        typer.Option("--via", metavar="STATION", help="Station that the way leads over; may be given several times."),
+    ] = None
+    only_named_stops: Annotated[
+        bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
+    ] = False
+    joined_m: Annotated[
+        float | None,
+        typer.Option(
+            "--join-m",
+            metavar="M",
+            min=0.0,
+            max=100.0,
+            help="Join a loose end of a track this near to another one [default: 3; of OpenStreetMap 0].",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heights:
+    """Where the altitudes come from, and what is done with them."""
+
+    flat: Annotated[bool, typer.Option("--flat", help="Take the line as flat, for want of altitudes.")] = False
+    altitudes: Annotated[
+        Path | None,
+        typer.Option(
+            "--altitudes",
+            metavar="FILE",
+            help="Altitudes (CSV): altitude_m with position_km, with latitude_deg and longitude_deg, or with name.",
+        ),
+    ] = None
+    smooth_m: Annotated[
+        float,
+        typer.Option("--smooth-m", min=0.0, max=50_000.0, help="Length over which altitudes are averaged; 0: none."),
+    ] = 2000.0
+    cap_permille: Annotated[
+        float, typer.Option("--cap-permille", min=1.0, max=200.0, help="Steepest gradient that altitudes may give.")
+    ] = 40.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Missing:
+    """What stands for data that the files do not have."""
+
+    limit_kmh: Annotated[
+        float | None,
+        typer.Option(
+            "--limit",
+            metavar="KMH",
+            min=1.0,
+            max=FASTEST_KMH,
+            help="Limit where a map has none [default: the lower one of the neighbours].",
+        ),
+    ] = None
+    tunnel_area_m2: Annotated[
+        float,
+        typer.Option(
+            "--tunnel-area", metavar="M2", min=10.0, max=500.0, help="Free cross section of tunnels of a map."
+        ),
+    ] = 50.0
+    length_km: Annotated[
+        float | None,
+        typer.Option(
+            "--length-km", min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What the user states of a line; it goes into its file, its pictures and its reports."""
+
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--source", metavar="TEXT", help="Origin of the data [default of OpenStreetMap: its attribution]."
+        ),
+    ] = None
+    licence: Annotated[str | None, typer.Option("--licence", metavar="TEXT", help="Licence of the data.")] = None
+    id: Annotated[
+        str | None, typer.Option("--id", metavar="WORD", help="Id of the route [default: from its name].")
+    ] = None
+    name: Annotated[
+        str | None, typer.Option("--name", metavar="TEXT", help="Name of the route [default: its first and last stop].")
+    ] = None
+    time_zone: Annotated[
+        str, typer.Option("--time-zone", metavar="ZONE", help='Time zone of the line, like "Europe/Rome".')
+    ] = "UTC"
+
+    def words(self) -> Words:
+        """What is stated; DasError for a text that a file cannot hold, and for an unknown time zone."""
+        from zoneinfo import ZoneInfo
+
+        from das.domain.errors import is_seen
+        from das.domain.files.reading import MOST_OF_A_NAME
+        from das.domain.files.routes import MOST_OF_A_SOURCE
+        from precompute.route_import.line import Words
+
+        for option, text in (("--source", self.source), ("--licence", self.licence)):
+            if text is not None and not (is_seen(text) and len(text) <= MOST_OF_A_SOURCE):
+                raise DasError(f"{option}: expected at most {MOST_OF_A_SOURCE} characters, without control characters")
+        for option, text in (("--id", self.id), ("--name", self.name)):
+            if text is not None and not (text.strip() and is_seen(text) and len(text) <= MOST_OF_A_NAME):
+                raise DasError(f"{option}: expected 1 to {MOST_OF_A_NAME} characters, without control characters")
+        try:
+            zone = ZoneInfo(self.time_zone).key
+        except (KeyError, ValueError, OSError):
+            raise DasError(f'--time-zone {self.time_zone}: expected a zone like "Europe/Zurich" (IANA)') from None
+        return Words(id=self.id, name=self.name, data_source=self.source, licence=self.licence, time_zone=zone)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteFiles:
+    """The file of a route that a command writes, and its picture."""
+
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")]
+    plot: PlotOption = None
+    overwrite: OverwriteOption = False
+    as_json: JsonOption = False
+
+    def check(self, *inputs: str | Path | None) -> None:
+        """Refuse, before the work begins, files that cannot be written or would replace an input."""
+        if self.out.suffix.lower() != ".toml":
+            raise DasError(f"{self.out}: expected a file name that ends in .toml")
+        check_picture(self.plot)
+        check_outputs(self.out, self.plot, inputs=inputs, overwrite=self.overwrite)
+
+    def write(self, line: ImportedLine) -> None:
+        """Write the route and its picture, and print what it is and what was assumed."""
+        from das.domain.files.writing import write_whole
+        from precompute.route_import.route_file import route_toml
+
+        write_whole(self.out, route_toml(line.route, line.remarks).encode())
+        route = load_route(str(self.out))
+        if self.plot is not None:
+            _draw(self.plot, route)
+        if self.as_json:
+            print(json.dumps({**route_json(route), "remarks": list(line.remarks), "file": str(self.out)}))
+            return
+        _print_route(route)
+        for remark in line.remarks:
+            paragraph(remark)
+        for path in (self.out, self.plot):
+            if path is not None:
+                tell(f"written: {path}")
+
+
+def import_route(
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE", help="Map of tracks (Overpass JSON, GeoJSON) or tables (CSV, railtoolkit YAML)."
+        ),
+    ],
+    where: FromWhere,
+    heights: Heights,
+    missing: Missing,
+    stated: Stated,
+    written: RouteFiles,
+) -> None:
+    """Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.
+
+    From a map comes the way of a train between two stations: it never reverses, never turns by more than 40°, and
+    avoids sidings and the track of the other direction. Names of stations are found without regard to case and accents.
+    Limits are those of the direction, so the route is one_way: import the other direction as well.
+
+    Tables are CSV files whose columns have their units in their names (position_km, limit_kmh, gradient_permille,
+    altitude_m, radius_m, length_m with cross_section_m2, name, latitude_deg, longitude_deg); what a file has in its
+    columns is what it is. A row holds until the next one.
+
+    Without altitudes energies are wrong by up to a third, so a line without them needs --flat.
+    """
+    written.check(*files, heights.altitudes)
+    words, order = stated.words(), _order(tuple(files), where, heights, missing)
+    with busy("importing …"):
+        from precompute.route_import.importing import imported
+
+        line = imported(order, words)
+    written.write(line)
+
+
+def _order(files: tuple[Path, ...], where: FromWhere, heights: Heights, missing: Missing) -> ImportOrder:
+    from precompute.route_import.altitudes import Smoothing
+    from precompute.route_import.from_map import MapOptions
+    from precompute.route_import.importing import ImportOrder
+
+    return ImportOrder(
+        files=files,
+        start=where.start,
+        end=where.end,
+        of_map=MapOptions(
+            via=tuple(where.via or ()),
+            limit_kmh=missing.limit_kmh,
+            tunnel_area_m2=missing.tunnel_area_m2,
+            only_named_stops=where.only_named_stops,
+            joined_m=where.joined_m,
+        ),
+        length_m=None if missing.length_km is None else missing.length_km * KM,
+        flat=heights.flat,
+        altitudes=heights.altitudes,
+        smoothing=Smoothing(length_m=heights.smooth_m, cap_ratio=heights.cap_permille * PERMILLE),
+    )
+
+
+def show(
+    route: RouteArgument, plot: PlotOption = None, overwrite: OverwriteOption = False, as_json: JsonOption = False
+) -> None:
+    """Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.
+
+    The picture has limits, altitude, gradients, curves, tunnels and stops over the position, and the course of the line
+    on a map without a background.
+    """
+    check_picture(plot)
+    check_outputs(plot, inputs=(route,), overwrite=overwrite)
+    line = load_route(route)
+    if plot is not None:
+        _draw(plot, line)
+    if as_json:
+        print(json.dumps(route_json(line)))
+        return
+    _print_route(line)
+    if plot is not None:
+        tell(f"written: {plot}")
+
+
+def check(route: RouteArgument, as_json: JsonOption = False) -> None:
+    """Check a route: what is unusual in it is a warning, what it lacks a note.
+
+    The exit code is 0 without warnings, 1 with warnings, and 2 if the file cannot be used.
+    """
+    from das.domain.files.load import load_route as read
+    from precompute.route_import.checks import findings_of
+
+    found = findings_of(read(route))
+    if as_json:
+        print(json.dumps({"warnings": list(found.warnings), "notes": list(found.notes)}))
+    else:
+        for kind, texts in (("warning", found.warnings), ("note", found.notes)):
+            for text in texts:
+                paragraph(f"{kind}: {text}", hanging="  ")
+        tell(f"{len(found.warnings)} warnings, {len(found.notes)} notes")
+    if found.warnings:
+        raise typer.Exit(EXIT_WARNINGS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TakenFrom:
+    """From which other route each quantity is taken; None: from the first."""
+
+    limits: Annotated[str | None, typer.Option("--limits", metavar="ROUTE", help="Take the limits of this route.")] = (
+        None
+    )
+    gradients: Annotated[
+        str | None, typer.Option("--gradients", metavar="ROUTE", help="Take gradients and altitudes of this route.")
+    ] = None
+    curves: Annotated[str | None, typer.Option("--curves", metavar="ROUTE", help="Take the curves of this route.")] = (
+        None
+    )
+    tunnels: Annotated[
+        str | None, typer.Option("--tunnels", metavar="ROUTE", help="Take the tunnels of this route.")
+    ] = None
+    stops: Annotated[str | None, typer.Option("--stops", metavar="ROUTE", help="Take the stops of this route.")] = None
+    geometry: Annotated[
+        str | None, typer.Option("--geometry", metavar="ROUTE", help="Take the geometry of this route.")
+    ] = None
+    supply: Annotated[
+        str | None,
+        typer.Option(
+            "--supply", metavar="ROUTE", help="Take receptivity, neutral sections and zones without regeneration."
+        ),
+    ] = None
+
+    def given(self) -> dict[str, str]:
+        """The routes that are given, by what is taken of each."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+def merge(route: RouteArgument, taken: TakenFrom, stated: Stated, written: RouteFiles) -> None:
+    """Put a route together for one line and direction: limits from one file, gradients from another.
+
+    Lengths may differ by up to 2 %: positions of the other route are then scaled, and the file says so. Sources and
+    licences of all are kept. The result is one_way if a part that depends on the direction is.
+    """
+    from precompute.route_import.merging import merged
+
+    parts = taken.given()
+    if not parts:
+        raise DasError("route merge: nothing to take from another route; give --limits, --gradients, … ROUTE")
+    written.check(route, *parts.values())
+    base = load_route(route)
+    written.write(merged(base, {what: load_route(name) for what, name in parts.items()}, stated.words()))
+
+
+def new(
+    stops: Annotated[
+        list[str], typer.Argument(metavar="NAME=KM", help="Stops with their positions: Adorf=0 Bestadt=12.5.")
+    ],
+    written: RouteFiles,
+    stated: Stated,
+    limit_kmh: Annotated[
+        float, typer.Option("--limit", metavar="KMH", min=1.0, max=FASTEST_KMH, help="Limit of the whole line.")
+    ],
+) -> None:
+    """Write the file of a flat line with one limit, to fill in by hand."""
+    from precompute.route_import.merging import new_line
+
+    written.check()
+    written.write(new_line(stops, limit_kmh * KMH, stated.words()))
+
+
+def _draw(path: Path, route: Route) -> None:
+    with busy("drawing …"):
+        from das.drawing.line import draw_line
+
+        draw_line(route).save(path, overwrite=True)
+
+
+def route_json(route: Route) -> dict[str, Any]:
+    """A route in figures, as `--json` prints it."""
+    from precompute.route_import.altitudes import climb_and_fall_m
+
+    climb_m, fall_m = climb_and_fall_m(route)
+    gradients = route.gradients_ratio.value / PERMILLE
+    curves = route.curvature_per_m.value
+    return {
+        "id": route.id,
+        "name": route.name,
+        "length_m": route.length_m,
+        "stops": [{"name": stop.name, "position_m": stop.position_m} for stop in route.stops],
+        "limits": len(route.limits_mps.value),
+        "lowest_limit_kmh": float(kmh(route.limits_mps.value.min())),
+        "highest_limit_kmh": float(kmh(route.limits_mps.value.max())),
+        "gradients": len(gradients),
+        "steepest_up_permille": max(float(gradients.max()), 0.0),
+        "steepest_down_permille": min(float(gradients.min()), 0.0),
+        "climb_m": climb_m,
+        "fall_m": fall_m,
+        "altitudes": route.altitudes and str(route.altitudes),
+        "smallest_radius_m": 1.0 / float(curves.max()) if curves.max() > 0 else None,
+        "tunnels": len(route.tunnels),
+        "tunnels_m": sum(tunnel.length_m for tunnel in route.tunnels),
+        "geometry_points": len(route.geometry_position_m),
+        "one_way": route.one_way,
+        "time_zone": route.time_zone,
+        "source": route.data_source,
+        "licence": route.licence,
+    }
+
+
+def _print_route(route: Route) -> None:
+    from rich import box
+    from rich.table import Table
+
+    found = route_json(route)
+    table = Table(title=f"{route.id}: {route.name}", title_justify="left", box=box.SIMPLE_HEAD, show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    radius_m = found["smallest_radius_m"]
+    rows = {
+        "length": f"{route.length_m / KM:.3f} km, {'one way' if route.one_way else 'both ways'}",
+        "stops": ", ".join(f"{stop.name} ({stop.position_m / KM:.3f})" for stop in route.stops),
+        "limits": f"{found['limits']}: {found['lowest_limit_kmh']:.0f} to {found['highest_limit_kmh']:.0f} km/h",
+        "gradients": (
+            f"{found['gradients']}: {found['steepest_up_permille']:+.1f} to {found['steepest_down_permille']:+.1f} ‰, "
+            f"climb {found['climb_m']:.1f} m, fall {found['fall_m']:.1f} m"
+        ),
+        "curves": "none" if radius_m is None else f"{len(route.curvature_per_m.value)}: radius from {radius_m:.0f} m",
+        "tunnels": f"{found['tunnels']}, {found['tunnels_m'] / KM:.2f} km" if found["tunnels"] else "none",
+        "geometry": f"{found['geometry_points']} points" if found["geometry_points"] else "none",
+        "data": route.credit or "source and licence not stated",
+    }
+    for name, text in rows.items():
+        table.add_row(name, text)
+    print_table(table)

@@ -1,0 +1,1 @@
+"""Own lines: routes made from OpenStreetMap, from tables and from altitudes, their file, their picture and checks."""

@@ -1,0 +1,181 @@
+"""Gradients from altitudes: smoothed, straight through tunnels and over bridges, and capped; each is said.
+
+Noise of altitudes becomes gradients, and gradients become energy: 4 m of noise gave 20 % too much. Smoothing over 2 km
+takes that away. A few points far apart (stations, summits) are joined by straight lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.earth import nearest_on_line
+from das.domain.errors import DasError
+from das.domain.route import Altitudes, Route, Stretches, Zone
+from das.domain.units import PERMILLE
+from precompute.route_import.line import ImportedLine
+from precompute.route_import.station_names import same_station
+from precompute.route_import.tables import LineTable, altitude_rows, check_coordinates
+
+Floats = NDArray[np.float64]
+
+SMOOTH_M: Final = 2000.0
+"""Altitudes are averaged over this length (m) by default."""
+CAP_RATIO: Final = 0.04
+"""Steeper gradients than this (m/m) are cut by default: an adhesion railway has them only by exception."""
+GRID_M: Final = 25.0
+"""Distance (m) between the points at which altitudes are averaged."""
+STRETCHES_PER_LENGTH: Final = 4
+"""So many gradients for each length of smoothing: more would only make plans slower."""
+SHORTEST_STRETCH_M: Final = 100.0
+FAR_M: Final = 500.0
+"""An altitude further than this (m) from the line is not of the line."""
+LOWEST_M, HIGHEST_M = -500.0, 9000.0
+SAME_POINT_M: Final = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smoothing:
+    """Length (m) over which altitudes are averaged, 0 for none, and the steepest gradient (m/m) that remains."""
+
+    length_m: float = SMOOTH_M
+    cap_ratio: float = CAP_RATIO
+
+
+def with_altitudes(line: ImportedLine, table: LineTable, smoothing: Smoothing) -> ImportedLine:
+    """A line with gradients from the altitudes of a table, by positions, coordinates or names of stops.
+
+    Raises DasError or InputError for altitudes that are not of this line, or fewer than two.
+    """
+    at_m, altitude_m = _points(line.route, table)
+    inside = _bridged(at_m, line.structures)
+    kept_m, kept_altitude_m = at_m[~inside], altitude_m[~inside]
+    if len(kept_m) < 2:
+        kept_m, kept_altitude_m, inside = at_m, altitude_m, np.zeros(len(at_m), dtype=bool)
+    spacing_m = float(np.median(np.diff(kept_m)))
+    few = spacing_m > 0.5 * (smoothing.length_m or SMOOTH_M)
+    length_m = 0.0 if few else smoothing.length_m
+    edges_m = kept_m if not length_m else _edges(line.route.length_m, length_m)
+    heights_m = _averaged(kept_m, kept_altitude_m, edges_m, line.route.length_m, length_m)
+    gradients, capped_m = _gradients(edges_m, heights_m, line.route.length_m, smoothing.cap_ratio)
+    kind = Altitudes.POINTS if few else (Altitudes.SMOOTHED if length_m else Altitudes.RAW)
+    start_m = float(np.interp(0.0, edges_m, heights_m))
+    route = replace(line.route, gradients_ratio=gradients, altitude_at_start_m=start_m, altitudes=kind)
+    how = {
+        Altitudes.POINTS: "joined by straight lines, for they lie far apart (do not forget summits)",
+        Altitudes.SMOOTHED: f"averaged over {length_m:g} m",
+        Altitudes.RAW: "as they are (--smooth-m 0)",
+    }[kind]
+    remark = f"Altitudes: {len(at_m)} of {table.path.name}, one in {spacing_m:.0f} m, {how}"
+    remark += f"; {int(inside.sum())} in tunnels and on bridges left out." if inside.any() else "."
+    cap = (
+        f"Gradients above {smoothing.cap_ratio / PERMILLE:g} ‰ were cut to it on {capped_m:.0f} m (--cap-permille)."
+        if capped_m
+        else ""
+    )
+    return replace(line, route=route, has_gradients=True).with_remarks(remark, cap)
+
+
+def _points(route: Route, table: LineTable) -> tuple[Floats, Floats]:
+    """Positions (m, rising) and altitudes (m) of a table on a line."""
+    check_coordinates(table)
+    rows = altitude_rows(table)
+    if not rows:
+        raise DasError(f"{table.path}: no altitudes, expected a column altitude_m")
+    found: list[tuple[float, float]] = []
+    for i, altitude_m in rows:
+        if not LOWEST_M <= altitude_m <= HIGHEST_M:
+            raise table.error(i, "altitude", f"{altitude_m:g} m", f"{LOWEST_M:g} to {HIGHEST_M:g} m")
+        at_m = _position_m(route, table, i)
+        if at_m is not None and -SAME_POINT_M <= at_m <= route.length_m + SAME_POINT_M:
+            found.append((min(max(at_m, 0.0), route.length_m), altitude_m))
+    if len(found) < 2:
+        raise DasError(f"{table.path}: {len(found)} of {len(rows)} altitudes are on the line, expected two or more")
+    found.sort()
+    at_m, altitude_m = np.array(found).T
+    group = np.cumsum(np.concatenate(([0], np.diff(at_m) > SAME_POINT_M)))
+    count = np.bincount(group)
+    if len(count) < 2:
+        raise DasError(f"{table.path}: all altitudes are at one place of the line, expected two or more places")
+    return np.bincount(group, at_m) / count, np.bincount(group, altitude_m) / count
+
+
+def _position_m(route: Route, table: LineTable, row: int) -> float | None:
+    """Where an altitude is on the line (m); None if it is beside it."""
+    at_m = table.numbers["position"][row] if table.has("position") else None
+    if at_m is not None:
+        return at_m
+    if table.has("latitude", "longitude"):
+        latitude, longitude = table.numbers["latitude"][row], table.numbers["longitude"][row]
+        if latitude is not None and longitude is not None:
+            if len(route.geometry_position_m) < 2:
+                raise DasError(f"{table.path}: altitudes by coordinates, but the line has no geometry")
+            line = route.geometry_position_m, route.geometry_latitude_deg, route.geometry_longitude_deg
+            found_m, away_m = nearest_on_line(line, latitude, longitude)
+            return found_m if away_m <= FAR_M else None
+    name = table.names[row] if table.names else ""
+    stops = [stop for stop in route.stops if name and same_station(stop.name, name)]
+    if name and not stops:
+        known = ", ".join(stop.name for stop in route.stops)
+        raise table.error(row, "name", name, f"a stop of the line ({known}), or a position or coordinates beside it")
+    return stops[0].position_m if stops else None
+
+
+def _bridged(at_m: Floats, structures: Sequence[Zone]) -> NDArray[np.bool_]:
+    """Whether each position is in a tunnel or on a bridge."""
+    inside = np.zeros(len(at_m), dtype=bool)
+    for zone in structures:
+        inside |= (at_m > zone.start_m) & (at_m < zone.start_m + zone.length_m)
+    return inside
+
+
+def _edges(length_m: float, smooth_m: float) -> Floats:
+    """Ends of the stretches of one gradient."""
+    count = max(1, round(length_m / max(smooth_m / STRETCHES_PER_LENGTH, SHORTEST_STRETCH_M)))
+    return np.round(np.linspace(0.0, length_m, count + 1), 3)
+
+
+def _averaged(at_m: Floats, altitude_m: Floats, edges_m: Floats, length_m: float, smooth_m: float) -> Floats:
+    """The altitude at each edge: of a straight line fitted to the altitudes around it, within half of `smooth_m`.
+
+    Away from the ends of the line this is the mean. At the ends, where only one side is known, a mean would be wrong
+    by the gradient.
+    """
+    if not smooth_m:
+        return np.interp(edges_m, at_m, altitude_m)
+    grid_m = np.linspace(0.0, length_m, max(2, round(length_m / GRID_M) + 1))
+    on_grid_m = np.interp(grid_m, at_m, altitude_m)
+    low = np.searchsorted(grid_m, edges_m - 0.5 * smooth_m - 1e-6)
+    high = np.searchsorted(grid_m, edges_m + 0.5 * smooth_m + 1e-6)
+    sums = [np.concatenate(([0.0], np.cumsum(x))) for x in (grid_m, on_grid_m, grid_m**2, grid_m * on_grid_m)]
+    count = high - low
+    mean_x, mean_z, mean_xx, mean_xz = ((total[high] - total[low]) / count for total in sums)
+    spread = mean_xx - mean_x**2
+    slope = np.where(spread > 1.0, (mean_xz - mean_x * mean_z) / np.maximum(spread, 1.0), 0.0)
+    return np.asarray(mean_z + slope * (edges_m - mean_x), dtype=float)
+
+
+def _gradients(edges_m: Floats, heights_m: Floats, length_m: float, cap_ratio: float) -> tuple[Stretches, float]:
+    """Gradients between altitudes, cut to a cap, and the length on which they were cut (m); level beyond the ends."""
+    slope = np.diff(heights_m) / np.diff(edges_m)
+    cut = np.abs(slope) > cap_ratio
+    starts = edges_m[:-1]
+    values = np.round(np.clip(slope, -cap_ratio, cap_ratio), 7)
+    if edges_m[0] > 0:
+        starts, values = np.concatenate(([0.0], starts)), np.concatenate(([0.0], values))
+    if edges_m[-1] < length_m - SAME_POINT_M:
+        starts, values = np.concatenate((starts, edges_m[-1:])), np.concatenate((values, [0.0]))
+    new = np.concatenate(([True], values[1:] != values[:-1]))
+    capped_m = float(np.diff(edges_m)[cut].sum())
+    return Stretches(start_m=np.round(starts[new], 3), value=np.asarray(values[new], dtype=float)), capped_m
+
+
+def climb_and_fall_m(route: Route) -> tuple[float, float]:
+    """All metres that a line climbs and falls, by its gradients."""
+    gradients = route.gradients_ratio
+    rise_m = np.diff(np.append(gradients.start_m, route.length_m)) * gradients.value
+    return float(rise_m[rise_m > 0].sum()), abs(float(rise_m[rise_m < 0].sum()))

@@ -1,0 +1,101 @@
+"""What is unusual in a route, and what it lacks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from das.domain.earth import nearest_on_line
+from das.domain.plausibility import energy_range, warnings_of
+from das.domain.route import Route
+from das.domain.units import KM, KMH, PERMILLE, kmh
+
+OFF_LINE_M: Final = 500.0
+"""A stop whose coordinates are further than this (m) from the line at its position lies elsewhere."""
+SHORT_LIMIT_M: Final = 20.0
+"""A limit on less than this length (m) is mostly a slip."""
+KINK_RATIO: Final = 0.03
+"""A change of gradient by more than this (m/m) at one point is no track: real ones are rounded out."""
+MOST_SIDEWAYS_MPS2: Final = 2.3
+"""Sideways acceleration (m/s²) that a limit may give in a curve: 1.0 by cant (150 mm) and 1.3 uncompensated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RouteFindings:
+    """What is unusual in a route (`warnings`), and what it lacks (`notes`), a sentence each."""
+
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def findings_of(route: Route) -> RouteFindings:
+    """All findings of a route that could be read."""
+    energy = energy_range(route)
+    unusual = [text for text in warnings_of(route) if not energy or not text.endswith(energy)]
+    return RouteFindings(
+        warnings=(*unusual, *_stops(route), *_limits(route), *_gradients(route)),
+        notes=(*([energy] if energy else []), *_lacks(route)),
+    )
+
+
+def _stops(route: Route) -> Iterator[str]:
+    names = Counter(stop.name.casefold() for stop in route.stops)
+    for name in (name for name, count in names.items() if count > 1):
+        yield f"stops: {names[name]} are called {name!r}; --from and --to find only the first"
+    if len(route.geometry_position_m) < 2:
+        return
+    line = route.geometry_position_m, route.geometry_latitude_deg, route.geometry_longitude_deg
+    for stop in route.stops:
+        if stop.latitude_deg is not None and stop.longitude_deg is not None:
+            found_m, away_m = nearest_on_line(line, stop.latitude_deg, stop.longitude_deg)
+            off_m = max(away_m, abs(found_m - stop.position_m))
+            if off_m > OFF_LINE_M:
+                where = f"{away_m:.0f} m beside km {found_m / KM:.3f}"
+                yield f"stops: {stop.name} is at km {stop.position_m / KM:.3f}, its coordinates {where}"
+
+
+def _limits(route: Route) -> Iterator[str]:
+    limits, curves = route.limits_mps, route.curvature_per_m
+    lengths_m = np.diff(np.append(limits.start_m, route.length_m))
+    short = np.flatnonzero(lengths_m < SHORT_LIMIT_M)
+    if len(short):
+        i = int(short[0])
+        first_km = limits.start_m[i] / KM
+        yield (
+            f"speed_limits: {len(short)} shorter than {SHORT_LIMIT_M:g} m, the first at km {first_km:.3f}: "
+            f"{kmh(float(limits.value[i])):.0f} km/h on {lengths_m[i]:.0f} m"
+        )
+    at_m = np.union1d(limits.start_m, curves.start_m)
+    sideways_mps2 = limits.at(at_m) ** 2 * curves.at(at_m)
+    worst = int(sideways_mps2.argmax())
+    if sideways_mps2[worst] > MOST_SIDEWAYS_MPS2:
+        yield (
+            f"curves: {limits.at(at_m)[worst] / KMH:.0f} km/h at km {at_m[worst] / KM:.3f} in a radius of "
+            f"{1 / curves.at(at_m)[worst]:.0f} m gives {sideways_mps2[worst]:.1f} m/s² sideways"
+        )
+
+
+def _gradients(route: Route) -> Iterator[str]:
+    kinks = np.abs(np.diff(route.gradients_ratio.value))
+    large = np.flatnonzero(kinks > KINK_RATIO)
+    if len(large):
+        i = int(kinks.argmax())
+        yield (
+            f"gradients: {len(large)} kinks above {KINK_RATIO / PERMILLE:g} ‰, the largest at km "
+            f"{route.gradients_ratio.start_m[i + 1] / KM:.3f}: {kinks[i] / PERMILLE:.1f} ‰"
+        )
+
+
+def _lacks(route: Route) -> Iterator[str]:
+    if not len(route.geometry_position_m):
+        yield "no geometry: recorded trips with GPS need kilometre posts (--line)"
+    if not route.data_source:
+        yield "no source: say in [route] source where the data come from"
+    if not route.licence:
+        yield "no licence: say in [route] licence under which terms the data may be used"
+    if route.one_way:
+        yield "one_way: it cannot be driven with --reverse"

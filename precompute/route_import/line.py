@@ -1,0 +1,163 @@
+"""A line that is being imported: the route so far, its tunnels and bridges, and what the user must know about it."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from das.domain.errors import DasError
+from das.domain.files.reading import MOST_OF_A_NAME
+from das.domain.route import Altitudes, Route, Stop, Stretches, Zone
+from das.domain.units import KM
+
+Floats = NDArray[np.float64]
+
+RESOLUTION_M: Final = 1e-3
+"""Positions are written to this (m)."""
+_Zone = TypeVar("_Zone", bound=Zone)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """What the user states of a line; None where the user states nothing."""
+
+    id: str | None = None
+    name: str | None = None
+    data_source: str | None = None
+    licence: str | None = None
+    time_zone: str = "UTC"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportedLine:
+    """A route made from a map or from tables; flat until it has gradients.
+
+    `structures` are its tunnels and bridges, where altitudes of the ground are not those of the track. `remarks` say
+    what was assumed, each in a sentence; they stand in the file as well.
+    """
+
+    route: Route
+    structures: tuple[Zone, ...] = ()
+    remarks: tuple[str, ...] = ()
+    has_gradients: bool = False
+
+    def with_remarks(self, *remarks: str) -> ImportedLine:
+        """The same line with more remarks; an empty one is left out."""
+        return replace(self, remarks=(*self.remarks, *(remark for remark in remarks if remark)))
+
+
+def stretches(start_m: ArrayLike, value: ArrayLike, length_m: float) -> Stretches:
+    """A quantity from the beginnings of its stretches, neighbours of the same value joined.
+
+    A stretch that begins at the end of the line has no length and is left out.
+    """
+    start, values = (
+        np.round(np.asarray(start_m, dtype=float) / RESOLUTION_M) * RESOLUTION_M,
+        np.asarray(value, dtype=float),
+    )
+    inside = start < length_m - RESOLUTION_M / 2
+    start, values = start[inside], values[inside]
+    first = np.concatenate(([True], np.diff(start) > RESOLUTION_M / 2))
+    start, values = start[first], values[first]
+    new = np.concatenate(([True], values[1:] != values[:-1]))
+    return Stretches(start_m=start[new].copy(), value=values[new].copy())
+
+
+def zones_where(flags: Sequence[bool], edge_m: Floats) -> tuple[Zone, ...]:
+    """The stretches of a line on which a flag is set; `edge_m` has the ends of the n pieces, shape (n + 1,)."""
+    flagged = np.concatenate(([0], np.asarray(flags, dtype=int), [0]))
+    begins, ends = np.flatnonzero(np.diff(flagged) == 1), np.flatnonzero(np.diff(flagged) == -1)
+    found = zip(edge_m[begins].tolist(), edge_m[ends].tolist(), strict=True)
+    return tuple(Zone(start_m=round(a, 3), length_m=round(b - a, 3)) for a, b in found if b - a >= RESOLUTION_M)
+
+
+def identity(name: str) -> str:
+    """A short name of letters, digits and hyphens, made from a name: "St. Pölten – Melk" becomes "st-polten-melk"."""
+    plain = unicodedata.normalize("NFKD", name.casefold()).encode("ascii", "ignore").decode()
+    return re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:MOST_OF_A_NAME] or "line"
+
+
+def made_route(words: Words, stops: Sequence[Stop], length_m: float, source: str, *, one_way: bool) -> Route:
+    """A flat route without limits and geometry, for an import to fill in."""
+    name = words.name or f"{stops[0].name} – {stops[-1].name}"[:MOST_OF_A_NAME]
+    zero = Stretches(start_m=np.zeros(1), value=np.zeros(1))
+    return Route(
+        id=words.id or identity(name),
+        name=name,
+        source=source,
+        illustrative=False,
+        length_m=length_m,
+        stops=tuple(stops),
+        limits_mps=Stretches(start_m=np.zeros(1), value=np.ones(1)),
+        gradients_ratio=zero,
+        curvature_per_m=Stretches(start_m=np.zeros(1), value=np.zeros(1)),
+        time_zone=words.time_zone,
+        data_source=words.data_source or "",
+        licence=words.licence or "",
+        one_way=one_way,
+        altitudes=Altitudes.NONE,
+        geometry_position_m=np.empty(0),
+        geometry_latitude_deg=np.empty(0),
+        geometry_longitude_deg=np.empty(0),
+    )
+
+
+def cut(line: ImportedLine, start: Stop, end: Stop) -> ImportedLine:
+    """The part of a line between two of its stops; DasError if they are not in the order of the line."""
+    route, a, b = line.route, start.position_m, end.position_m
+    if b <= a:
+        raise DasError(f"{route.source}: {end.name} does not come after {start.name}: import the other direction")
+    if a <= 0 and b >= route.length_m:
+        return line
+    quantities: dict[str, Any] = {
+        name: _cut_stretches(getattr(route, name), a, b)
+        for name in ("limits_mps", "gradients_ratio", "curvature_per_m", "receptivity_ratio")
+    }
+    at_m = route.geometry_position_m
+    geometry: dict[str, Any] = {}
+    if len(at_m):
+        inside = at_m[(at_m > a) & (at_m < b)]
+        kept_m = np.concatenate(([max(a, at_m[0])], inside, [min(b, at_m[-1])])) if len(inside) else np.empty(0)
+        located = route.location_deg(kept_m) if len(kept_m) else (np.empty(0), np.empty(0))
+        assert located is not None
+        latitude, longitude = located
+        geometry = {
+            "geometry_position_m": kept_m - a, "geometry_latitude_deg": latitude, "geometry_longitude_deg": longitude
+        }  # fmt: skip
+    zones: dict[str, Any] = {
+        name: _cut_zones(getattr(route, name), a, b) for name in ("tunnels", "neutral_sections", "no_regeneration")
+    }
+    shorter = replace(
+        route,
+        length_m=round(b - a, 3),
+        stops=tuple(replace(stop, position_m=stop.position_m - a) for stop in route.stops if a <= stop.position_m <= b),
+        altitude_at_start_m=float(route.altitude_m(a)),
+        restrictions=(),
+        **quantities,
+        **zones,
+        **geometry,
+    )
+    return replace(line, route=shorter, structures=_cut_zones(line.structures, a, b)).with_remarks(
+        f"Cut from km {a / KM:.3f} to km {b / KM:.3f} of the tables."
+    )
+
+
+def _cut_stretches(given: Stretches, start_m: float, end_m: float) -> Stretches:
+    inside = given.start_m[(given.start_m > start_m) & (given.start_m < end_m)]
+    starts = np.concatenate(([start_m], inside))
+    return Stretches(start_m=starts - start_m, value=given.at(starts))
+
+
+def _cut_zones(zones: Sequence[_Zone], start_m: float, end_m: float) -> tuple[_Zone, ...]:
+    kept = []
+    for zone in zones:
+        a, b = max(zone.start_m, start_m), min(zone.start_m + zone.length_m, end_m)
+        if b - a >= RESOLUTION_M:
+            kept.append(replace(zone, start_m=a - start_m, length_m=b - a))
+    return tuple(kept)

@@ -1,0 +1,342 @@
+"""Railway tracks and stations of a map: OpenStreetMap as Overpass JSON or GeoJSON, GeoJSON of infrastructure managers.
+
+Coordinates join the tracks, not the numbers of nodes: GeoJSON has no such numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from das.domain.errors import DasError, InputError, seen
+from das.domain.files.reading import MOST_OF_A_NAME, Fields, read_json
+from das.domain.units import KMH, MPH
+
+MOST_BYTES_OF_MAP: Final = 100_000_000
+"""Largest file (bytes) of a map that is read."""
+MOST_VERTICES: Final = 2_000_000
+"""Largest number of vertices of all tracks of a map. Assumption: the tracks of a large country have fewer."""
+FASTEST_KMH: Final = 600.0
+"""A limit above this (km/h) is taken as not known: it is a slip of the mapper."""
+TRACKS: Final = frozenset({"rail", "narrow_gauge", "light_rail", "subway", "tram", "preserved", "monorail"})
+"""Values of `railway=*` that are tracks in use."""
+STATIONS: Final = {
+    **{("railway", value): 0 for value in ("station", "halt", "tram_stop")},
+    ("public_transport", "station"): 0,
+    **{("railway", value): 1 for value in ("stop", "stop_position", "service_station")},
+    **{("public_transport", value): 1 for value in ("stop_position", "stop_area")},
+    ("building", "train_station"): 1,
+    ("railway", "platform"): 2,
+    ("public_transport", "platform"): 2,
+    **{("railway", value): 3 for value in ("junction", "crossover", "yard", "site", "spur_junction")},
+}
+"""Tags that make a place a station, each with its rank: a lower one is preferred. From rank 2 on it names no stop."""
+FIRST_THAT_IS_NO_STOP: Final = 2
+OTHER_THING: Final = frozenset(
+    {"highway", "waterway", "building", "natural", "landuse", "boundary", "aeroway", "power"}
+)
+"""Keys of things that are neither track nor station, in files that do not say what is a track."""
+LIMIT_KEYS: Final = ("maxspeed", "v_max", "vmax", "speed_limit", "maxspeed_kmh", "limit_kmh")
+"""Keys of a speed limit: of OpenStreetMap, of SNCF, and of tables."""
+_NAME_KEYS: Final = (
+    *("name", "official_name", "alt_name", "short_name", "loc_name", "int_name", "uic_name", "old_name"),
+    *("label", "title", "station", "station_name", "stop_name"),
+)
+"""Keys of names: of OpenStreetMap, and of other maps."""
+_SPEED = re.compile(r"(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph)?")
+_HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"\s*=>\s*"((?:[^"\\]|\\.)*)"')
+Key = tuple[int, int]
+"""A place on the map: latitude and longitude in 10⁻⁷ degrees, the resolution of OpenStreetMap."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackLine:
+    """A piece of track: its vertices in the order of the map, and what the map says of it."""
+
+    name: str
+    vertices: tuple[Key, ...]
+    tags: Mapping[str, str]
+
+    def limit_mps(self, *, forward: bool) -> float | None:
+        """The limit (m/s) with or against the order of the vertices; None where the map does not tell.
+
+        Of several speeds ("80;100") the least counts.
+        """
+        direction = "forward" if forward else "backward"
+        for key in (f"maxspeed:{direction}", *LIMIT_KEYS):
+            found = _speeds_mps(self.tags.get(key, ""))
+            if found:
+                return min(found)
+        return None
+
+    def lies_in(self, what: str) -> bool:
+        """Whether the track is in a "tunnel", or on a "bridge"."""
+        return self.tags.get(what, "no").casefold() not in ("no", "f", "false", "0", "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapPlace:
+    """A named place of the map; `rank` is that of `STATIONS`."""
+
+    names: tuple[str, ...]
+    latitude_deg: float
+    longitude_deg: float
+    rank: int
+
+    @property
+    def name(self) -> str:
+        """The name that the map gives first."""
+        return self.names[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackMap:
+    """The tracks and named places of some files.
+
+    `crossings` are the vertices at which tracks cross on the level without a switch. `is_osm` says whether a file is
+    from OpenStreetMap.
+    """
+
+    sources: tuple[Path, ...]
+    tracks: tuple[TrackLine, ...]
+    places: tuple[MapPlace, ...]
+    crossings: frozenset[Key]
+    is_osm: bool
+
+    @property
+    def source(self) -> str:
+        """The files, for messages."""
+        return ", ".join(map(str, self.sources))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Thing:
+    """A feature of a map, whatever its format: lines and points in order, its tags and its name in the file."""
+
+    name: str
+    tags: Mapping[str, str]
+    lines: Sequence[Sequence[Key]] = ()
+    point: Key | None = None
+
+
+def is_map(fields: Fields) -> bool:
+    """Whether a JSON object is an answer of Overpass, or GeoJSON."""
+    return isinstance(fields.data.get("elements"), list) or fields.data.get("type") == "FeatureCollection"
+
+
+def read_map(paths: Sequence[Path]) -> TrackMap:
+    """Read tracks and stations from files; DasError for anything that is no map, or has no track."""
+    things: list[_Thing] = []
+    is_osm = False
+    for path in paths:
+        fields = read_json(path, MOST_BYTES_OF_MAP)
+        if not is_map(fields):
+            raise DasError(f"{path}: neither an answer of Overpass (elements) nor GeoJSON (a FeatureCollection)")
+        found = list(_elements(fields) if "elements" in fields.data else _features(fields))
+        things += found
+        is_osm |= "elements" in fields.data or _says_openstreetmap(fields, found)
+    told = any("railway" in thing.tags for thing in things)
+    tracks = tuple(_tracks(things, told))
+    if not tracks:
+        raise DasError(f"{', '.join(map(str, paths))}: no track in it: no line with railway = {' or '.join(TRACKS)}")
+    if sum(len(track.vertices) for track in tracks) > MOST_VERTICES:
+        raise DasError(f"{', '.join(map(str, paths))}: more than {MOST_VERTICES} vertices of tracks, expected fewer")
+    return TrackMap(
+        sources=tuple(paths),
+        tracks=tracks,
+        places=tuple(place for thing in things if (place := _place(thing)) is not None),
+        crossings=frozenset(
+            thing.point for thing in things if thing.point and thing.tags.get("railway") == "railway_crossing"
+        ),
+        is_osm=is_osm,
+    )
+
+
+def _says_openstreetmap(fields: Fields, things: Sequence[_Thing]) -> bool:
+    """Whether GeoJSON names OpenStreetMap, or its features have names like way/123."""
+    text = str(fields.data.get("copyright", "")) + str(fields.data.get("generator", ""))
+    named = re.compile(r"(node|way|relation)/\d+")
+    return "openstreetmap" in text.casefold() or "overpass" in text or any(named.fullmatch(x.name) for x in things)
+
+
+def _tracks(things: Sequence[_Thing], told: bool) -> Iterator[TrackLine]:
+    """The tracks; in files without the key `railway` (not `told`) every line that is not another thing."""
+    for thing in things:
+        railway = thing.tags.get("railway")
+        if not _is_gone(thing) and (railway in TRACKS if told else not OTHER_THING & set(thing.tags)):
+            for line in thing.lines:
+                # A point twice in a row would be a piece of track without a length.
+                vertices = tuple(key for i, key in enumerate(line) if not i or key != line[i - 1])
+                if len(vertices) > 1:
+                    yield TrackLine(name=thing.name, vertices=vertices, tags=thing.tags)
+
+
+def _is_gone(thing: _Thing) -> bool:
+    """Whether a station or a track is no longer in use."""
+    return any(thing.tags.get(key, "no") not in ("no", "") for key in ("disused", "abandoned", "razed"))
+
+
+def _place(thing: _Thing) -> MapPlace | None:
+    """The place of a thing with a name; None for a track, and for a thing without a name or a place."""
+    ranks = [rank for (key, value), rank in STATIONS.items() if thing.tags.get(key) == value]
+    plain = thing.point is not None and not thing.lines and not OTHER_THING & set(thing.tags)
+    plain = plain and thing.tags.get("railway", "rail") in TRACKS
+    names = names_of(thing.tags)
+    if not names or not (ranks or plain) or _is_gone(thing):
+        return None
+    vertices = [thing.point] if thing.point else [key for line in thing.lines for key in line]
+    if not vertices:
+        return None
+    latitude, longitude = (sum(key[i] for key in vertices) / len(vertices) / 1e7 for i in (0, 1))
+    return MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=min(ranks, default=4))
+
+
+def names_of(tags: Mapping[str, str]) -> tuple[str, ...]:
+    """All names that tags give, the plain one first; control characters are escapes."""
+    keys = [*_NAME_KEYS, *sorted(key for key in tags if key.startswith("name:"))]
+    names = [name.strip() for key in keys for name in tags.get(key, "").split(";")]
+    return tuple(dict.fromkeys(seen(name)[:MOST_OF_A_NAME] for name in names if name))
+
+
+def _speeds_mps(text: str) -> list[float]:
+    """The speeds (m/s) that a value of `maxspeed` names; "none", "signals" and zones name none."""
+    found = []
+    for part in text.replace(",", ";").split(";"):
+        match = _SPEED.fullmatch(part.strip().casefold())
+        if match is None:
+            continue
+        speed_mps = float(match[1]) * (MPH if match[2] == "mph" else KMH)
+        if 0 < speed_mps <= FASTEST_KMH * KMH:
+            found.append(speed_mps)
+    return found
+
+
+def _elements(fields: Fields) -> Iterator[_Thing]:
+    """The nodes, ways and relations of an answer of Overpass."""
+    elements = [one for one in fields.data["elements"] if isinstance(one, dict)]
+    points = {
+        one["id"]: _key(fields, f"elements: node {one['id']}", one.get("lon"), one.get("lat"))
+        for one in elements
+        if one.get("type") == "node" and isinstance(one.get("id"), int) and "lat" in one
+    }
+    for one in elements:
+        name, tags = f"{one.get('type')}/{one.get('id')}", _tags(one.get("tags"))
+        if one.get("type") == "node":
+            if tags and one.get("id") in points:
+                yield _Thing(name=name, tags=tags, point=points[one["id"]])
+            continue
+        lines = _way(fields, name, one, points) if one.get("type") == "way" else []
+        centre = one.get("center")
+        point = (
+            _key(fields, f"{name} center", centre.get("lon"), centre.get("lat")) if isinstance(centre, dict) else None
+        )
+        if tags:
+            yield _Thing(name=name, tags=tags, lines=lines, point=None if lines else point)
+        for member in one.get("members") or () if one.get("type") == "relation" else ():
+            if isinstance(member, dict) and isinstance(member.get("geometry"), list):
+                yield _Thing(name=name, tags=tags, lines=_way(fields, name, member, points))
+
+
+def _way(fields: Fields, name: str, way: Mapping[str, Any], points: Mapping[int, Key]) -> list[list[Key]]:
+    """The lines of a way: several where nodes between them are outside the extract."""
+    geometry, nodes = way.get("geometry"), way.get("nodes")
+    if isinstance(geometry, list):
+        keys = [
+            _key(fields, f"{name} geometry", one.get("lon"), one.get("lat")) if isinstance(one, dict) else None
+            for one in geometry
+        ]
+    elif isinstance(nodes, list):
+        keys = [points.get(one) if isinstance(one, int) else None for one in nodes]
+    else:
+        return []
+    lines: list[list[Key]] = [[]]
+    for key in keys:
+        if key is None:
+            lines.append([])
+        else:
+            lines[-1].append(key)
+    return [line for line in lines if line]
+
+
+def _features(fields: Fields) -> Iterator[_Thing]:
+    """The features of a GeoJSON collection."""
+    crs = fields.data.get("crs")
+    if crs is not None and not re.search(r"CRS84|4326|WGS ?84", json.dumps(crs)[:500]):
+        raise fields.error("crs", crs, "WGS 84 (EPSG:4326), the only one that GeoJSON has since RFC 7946")
+    features = fields.data.get("features")
+    if not isinstance(features, list):
+        raise fields.error("features", features, "a list of features")
+    for i, feature in enumerate(features):
+        if not isinstance(feature, dict):
+            raise fields.error(f"features[{i}]", feature, "a feature")
+        properties = feature.get("properties") if isinstance(feature.get("properties"), dict) else {}
+        assert isinstance(properties, dict)
+        numbers = (properties.get("@id"), feature.get("id"), properties.get("osm_id"), properties.get("id"))
+        name = str(next(filter(None, numbers), i))[:100]
+        tags = _tags(properties)
+        for geometry in _geometries(feature.get("geometry")):
+            lines, point = _shape(fields, f"features[{i}]", geometry)
+            yield _Thing(name=name, tags=tags, lines=lines, point=point)
+
+
+def _geometries(geometry: Any) -> Iterator[Mapping[str, Any]]:
+    """The geometry of a feature, or those of its collection (which may not hold collections)."""
+    if isinstance(geometry, dict):
+        many = geometry.get("geometries")
+        yield from (one for one in (many if isinstance(many, list) else [geometry]) if isinstance(one, dict))
+
+
+def _shape(fields: Fields, key: str, geometry: Mapping[str, Any]) -> tuple[list[list[Key]], Key | None]:
+    """Lines and point of a geometry; the rings of an area count as lines."""
+    kind, coordinates = geometry.get("type"), geometry.get("coordinates")
+    depth = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
+    if not isinstance(kind, str) or kind not in depth:
+        return [], None
+    lines: list[Any] = [coordinates]
+    try:
+        for _ in range(depth[kind] - 1):
+            lines = [inner for line in lines for inner in line]
+        lines = [lines] if depth[kind] == 0 else lines
+        keys = [[_key(fields, key, *point[:2]) for point in line] for line in lines]
+    except (TypeError, ValueError, IndexError, KeyError):
+        raise fields.error(f"{key} coordinates", coordinates, f"those of a {kind}: longitude, latitude") from None
+    if kind in ("Point", "MultiPoint"):
+        return [], keys[0][0] if keys and keys[0] else None
+    return keys, None
+
+
+def _key(fields: Fields, key: str, longitude: Any, latitude: Any) -> Key:
+    """A place on the map; InputError for anything but a longitude and a latitude (degrees)."""
+    for name, value, most in (("longitude", longitude, 180.0), ("latitude", latitude, 90.0)):
+        if not _is_number(value) or abs(value) > most:
+            raise InputError(fields.source, f"{key} {name}", value, f"a number of degrees from {-most:g} to {most:g}")
+    return round(latitude * 1e7), round(longitude * 1e7)
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that a double can hold."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _tags(properties: Any) -> dict[str, str]:
+    """Tags as texts: of OpenStreetMap, of a nested table `tags`, and of the column `other_tags` that GDAL writes."""
+    if not isinstance(properties, dict):
+        return {}
+    found: dict[str, str] = {}
+    for spelled, value in properties.items():
+        key = spelled.casefold()  # shape files have them in capitals
+        if key == "other_tags" and isinstance(value, str):
+            found |= {name: text.replace('\\"', '"') for name, text in _HSTORE.findall(value)}
+        elif key == "tags" and isinstance(value, dict):
+            found |= _tags({name: text for name, text in value.items() if name != "tags"})
+        elif isinstance(value, str):
+            found[key] = value[:1000]
+        elif _is_number(value):
+            found[key] = f"{value:g}"
+    if "railway" not in found and found.get("fclass") in TRACKS:  # Geofabrik's shape files
+        found["railway"] = found["fclass"]
+    return found

@@ -1,0 +1,184 @@
+"""Lines from tables: CSV files with units in their columns, and running paths of railtoolkit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from das.domain.errors import DasError
+from das.domain.route import Route
+from precompute.route_import.altitudes import climb_and_fall_m
+from precompute.route_import.importing import ImportOrder, imported
+from precompute.route_import.line import Words
+
+LIMITS = "position_km,limit_kmh\n0,80\n1.5,120\n4,100\n"
+GRADIENTS = "position_m;gradient_permille\n0;0\n1000;5,5\n3000;-2\n"
+STOPS = "name,position_km,latitude_deg,longitude_deg\nAdorf,0,48,8\nBestadt,2.5,48,8.0335\nCe,6,48,8.0804\n"
+PATH = """%YAML 1.2
+---
+schema: https://railtoolkit.org/schema/running-path.json
+schema_version: "2022.05"
+paths:
+  - name: made up
+    id: p
+    characteristic_sections:
+      - [   0.0,  40, 2.0 ]
+      - [ 500.0,  40, 5.0 ]
+      - [ 900.0, 110, 5.0 ]
+      - [2000.0, 110, 0.0 ]
+"""
+
+
+def line(folder: Path, files: Mapping[str, str], *, flat: bool = False, **order: object) -> Route:
+    paths = []
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+        paths.append(folder / name)
+    return imported(ImportOrder(files=tuple(paths), flat=flat, **order), Words()).route  # type: ignore[arg-type]
+
+
+def test_limits_gradients_and_stops_in_files_of_their_own(tmp_path: Path) -> None:
+    route = line(tmp_path, {"l.csv": LIMITS, "g.csv": GRADIENTS, "s.csv": STOPS})
+    assert (route.id, route.name, route.length_m) == ("adorf-ce", "Adorf – Ce", 6000)
+    assert route.limits_mps.start_m.tolist() == [0, 1500, 4000]
+    assert route.limits_mps.value * 3.6 == pytest.approx([80, 120, 100])
+    assert route.gradients_ratio.value == pytest.approx([0, 0.0055, -0.002])
+    assert climb_and_fall_m(route) == pytest.approx((11.0, 6.0))
+    assert [(x.name, x.position_m, x.longitude_deg) for x in route.stops][1] == ("Bestadt", 2500, 8.0335)
+    assert (route.one_way, route.altitudes) == (True, None)
+
+
+def test_all_in_one_file_with_other_names_of_columns_and_empty_cells(tmp_path: Path) -> None:
+    rows = "0\t80\t0\tbegin\tA\n\n# pause\n1\t\t4,5\t\t\n2\t60\t\t\t\n3\t\t\t\tB\n"
+    text = f"km\tv_kmh\tslope [permille]\tnote\tstation\n{rows}"
+    route = line(tmp_path, {"all.tsv": text})
+    assert route.limits_mps.start_m.tolist() == [0, 2000]
+    assert route.gradients_ratio.value == pytest.approx([0, 0.0045])
+    assert [x.name for x in route.stops] == ["A", "B"]
+
+
+def test_altitudes_beside_limits_become_gradients_unless_the_line_is_to_be_flat(tmp_path: Path) -> None:
+    text = "position_km,limit_kmh,altitude_m\n0,80,400\n3,120,430\n6,,415\n"
+    route = line(tmp_path, {"all.csv": text}, start="A", end="B")
+    assert route.gradients_ratio.value == pytest.approx([0.01, -0.005])
+    assert (route.altitudes, route.altitude_at_start_m) == ("points", pytest.approx(400))
+    flat = line(tmp_path, {"all.csv": text}, start="A", end="B", flat=True)
+    assert (flat.altitudes, flat.gradients_ratio.value.tolist()) == ("none", [0.0])
+
+
+def test_curves_tunnels_and_neutral_sections(tmp_path: Path) -> None:
+    files = {
+        "limits.csv": LIMITS,
+        "stops.csv": STOPS,
+        "curves.csv": "position_m,radius_m\n500,-800\n900,inf\n",
+        "tunnels.csv": "position_km,length_m,cross_section_m2\n2,300,45\n",
+        "neutral_sections.csv": "position_km,length_m\n3,80\n",
+        "no_regeneration.csv": "position_km,length_m\n5,500\n",
+    }
+    route = line(tmp_path, files, flat=True)
+    assert route.curvature_per_m.at([0, 600, 1000]) == pytest.approx([0, 1 / 800, 0])
+    assert [(x.start_m, x.length_m, x.area_m2) for x in route.tunnels] == [(2000, 300, 45)]
+    assert [(x.start_m, x.length_m) for x in (*route.neutral_sections, *route.no_regeneration)] == [
+        (3000, 80), (5000, 500)
+    ]  # fmt: skip
+    with pytest.raises(DasError, match="positions with lengths, expected cross_section_m2 as well"):
+        line(tmp_path, {"limits.csv": LIMITS, "zones.csv": "position_km,length_m\n3,80\n"}, flat=True)
+
+
+def test_a_polyline_alone_gives_the_length_and_places(tmp_path: Path) -> None:
+    """At 45° N a degree of latitude has 111 132 m (from 44.5° to 45.5°, published length of the meridian)."""
+    course = "lat,lon\n44.5,8\n45,8\n45.5,8\n"
+    route = line(tmp_path, {"l.csv": LIMITS, "course.csv": course}, flat=True, start="A", end="B")
+    assert route.length_m == pytest.approx(111_132, abs=2)
+    assert [x.name for x in route.stops] == ["A", "B"]
+    scaled = line(tmp_path, {"l.csv": LIMITS, "course.csv": course}, flat=True, length_m=110_000.0)
+    assert scaled.geometry_position_m == pytest.approx([0, 55_000, 110_000], abs=5)
+
+
+def test_a_running_path_of_railtoolkit(tmp_path: Path) -> None:
+    route = line(tmp_path, {"path.yaml": PATH}, start="Görlitz", end="Dresden")
+    assert (route.length_m, route.id) == (2000, "gorlitz-dresden")
+    assert route.limits_mps.start_m.tolist() == [0, 900]
+    assert route.gradients_ratio.value == pytest.approx([0.002, 0.005])
+
+
+def test_a_part_of_the_line_between_two_stops(tmp_path: Path) -> None:
+    files = {"l.csv": LIMITS, "g.csv": GRADIENTS, "s.csv": STOPS}
+    whole = line(tmp_path, files)
+    part = line(tmp_path, files, start="bestadt", end="CE")
+    assert (part.name, part.length_m) == ("Bestadt – Ce", 3500)
+    assert [(x.name, x.position_m) for x in part.stops] == [("Bestadt", 0), ("Ce", 3500)]
+    at_m = np.array([0.0, 400.0, 600.0, 1600.0, 3400.0])
+    for (_, one), (_, other) in zip(part.quantities(), whole.quantities(), strict=True):
+        assert one.at(at_m) == pytest.approx(other.at(at_m + 2500))
+    assert part.altitude_m(1000.0) == pytest.approx(whole.altitude_m(3500.0))
+    with pytest.raises(DasError, match="Adorf does not come after Ce"):
+        line(tmp_path, files, start="Ce", end="Adorf")
+    with pytest.raises(DasError, match="no stop 'Deburg'"):
+        line(tmp_path, files, start="Deburg")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty, expected a line of column names"),
+        ("position_km,limit_kmh\n", "number of rows = 0"),
+        ("position,limit_kmh\n0,80\n", "column = 'position': expected a quantity with its unit"),
+        ("position_km,limit_kn\n0,80\n", "column = 'limit_kn'"),
+        ("position_km,position_m,limit_kmh\n0,0,80\n1,1,80\n", "each quantity once"),
+        ("limit_kmh\n80\n", "no column of positions"),
+        ("position_km,limit_kmh\n0,80\n1\n", "line 3 = '1': expected 2 cells"),
+        ("position_km,limit_kmh\n0,fast\n", "line 2 limit = 'fast': expected a number"),
+        ("position_km,limit_kmh\n0,nan\n", "line 2 limit = 'nan': expected a number"),
+        ("position_km,limit_kmh\n0,1e999\n", "line 2 limit = inf: expected a finite number"),
+        ("position_km,limit_kmh\n0,80\n2,90\n1,80\n", "line 4 position = '1000 m': expected more than 2000 m"),
+        ("position_km,limit_kmh\n-1,80\n2,90\n", "line 2 position = '-1000 m': expected a position >= 0 m"),
+        ("position_km,limit_kmh\n1,80\n2,90\n", "first position of limit = '1 km': expected 0 km"),
+        ("position_km,limit_kmh\n0,0\n2,90\n", "expected a speed > 0"),
+        ("position_km,limit_kmh\n0,800\n2,90\n", "speed_limits[0] (km/h) = 800"),
+        ("position_km,gradient_permille\n0,3\n2,0\n", "no column of limits"),
+        ("position_km,limit_kmh,gradient_permille\n0,80,300\n2,80,0\n", "gradients[0] (‰) = 300"),
+        ('position_km,limit_kmh\n0,"80\n', "not a usable CSV file"),
+        ("position_km,limit_kmh,lat,lon\n0,80,98,8\n1,80,48,8\n", "line 2 latitude = 98.0: expected -90 to 90 degrees"),
+        ("position_km,limit_kmh,lat,lon\n0,80,0,0\n1,80,48,8\n", "geometry: further to the next point"),
+    ],
+)
+def test_a_table_that_cannot_be_meant_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(DasError) as caught:
+        line(tmp_path, {"t.csv": text}, flat=True)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [", "not valid YAML"),
+        ("[" * 1200 + "]" * 1200, "YAML"),
+        ("trains: []", "not a running path of railtoolkit"),
+        ("schema: https://railtoolkit.org/schema/rolling-stock.json\npaths: []", "not a running path"),
+        (PATH + "  - {id: q}\n", "paths = 2: expected one path"),
+        (PATH.replace("[ 500.0,  40, 5.0 ]", "[ 500.0, 40 ]"), "characteristic_sections[1] = [500.0, 40]"),
+        (PATH.replace("500.0,  40", "500.0, .nan"), "characteristic_sections[1] = nan: expected a number"),
+        (PATH.replace("500.0", "5000.0"), "line 2 position = '900 m': expected more than 5000 m"),
+    ],
+)
+def test_a_path_that_cannot_be_meant_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(DasError) as caught:
+        line(tmp_path, {"p.yaml": text}, flat=True)
+    assert message in str(caught.value)
+
+
+def test_two_tables_of_one_quantity_and_options_of_maps_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DasError, match="both have limits"):
+        line(tmp_path, {"a.csv": LIMITS, "b.csv": LIMITS}, flat=True)
+    with pytest.raises(DasError, match="no altitudes: give --altitudes FILE"):
+        line(tmp_path, {"a.csv": LIMITS})
+    with pytest.raises(DasError, match=r"a\.toml: is a route already"):
+        line(tmp_path, {"a.toml": ""}, flat=True)
+    with pytest.raises(DasError, match=r"a\.pbf: export it as Overpass JSON"):
+        line(tmp_path, {"a.pbf": ""}, flat=True)
+    with pytest.raises(DasError, match="expected a map"):
+        line(tmp_path, {"a.docx": ""}, flat=True)
