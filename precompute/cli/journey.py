@@ -111,6 +111,9 @@ def journey(
     from das.domain.files.writing import write_trajectory
     from precompute.cli import report
 
+    with busy("pricing the wishes that are missed …"):
+        missed = report.missed_wishes(planner, plan)
+
     title = f"{asked.name}: {train.id}, {planner.sections[0].whole.level}"
     if files.out is not None:
         write_trajectory(files.out, plan.trajectory())
@@ -119,9 +122,9 @@ def journey(
 
         draw_runs([plan.plotted()]).save(files.plot, overwrite=True)
     if files.as_json:
-        print(json.dumps(report.journey_json(plan, others_j, solve_s)))
+        print(json.dumps(report.journey_json(plan, others_j, missed, solve_s)))
         return
-    report.print_plan(plan, title, others_j)
+    report.print_plan(plan, title, others_j, missed)
     files.tell()
 
 

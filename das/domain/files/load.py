@@ -51,22 +51,28 @@ def load_route(name_or_path: str | Path) -> Route:
     return ttobench.read_track(path) if path.suffix.lower() == ".json" else routes.read_route(path)
 
 
-def load_journey(name_or_path: str | Path, route: Route) -> Journey:
+def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
     """The journey on a route, with a bundled name ("zurich-luzern") or from a file (our TOML, or JSON of TTOBench).
 
     Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it, and for a point of the journey that is not on the route.
+    in it, and for a point of the journey that is not on the route. Without a route, every point must have a position.
     """
-    path = _locate(name_or_path, "journeys")
+    path = locate_journey(name_or_path)
     json = path.suffix.lower() == ".json"
     journey = ttobench.read_journey(path) if json else routes.read_journey(path, route)
-    journey.check_on(route)
+    if route is not None:
+        journey.check_on(route)
     return journey
 
 
 def locate_vehicle(name_or_path: str | Path) -> Path:
     """The file of a vehicle; DasError if there is none."""
     return _locate(name_or_path, "vehicles")
+
+
+def locate_journey(name_or_path: str | Path) -> Path:
+    """The file of a journey; DasError if there is none."""
+    return _locate(name_or_path, "journeys")
 
 
 def locate_route(name_or_path: str | Path) -> Path:
