@@ -219,3 +219,9 @@ def clock(time_s: float) -> str:
     tenths = round(10 * abs(time_s))
     sign = "-" if time_s < 0 and tenths else ""
     return f"{sign}{tenths // 36000}:{tenths // 600 % 60:02}:{tenths // 10 % 60:02}.{tenths % 10}"
+
+
+def file_clock(time_s: float) -> str:
+    """A time >= 0 as journey files have it, "08:12:30"; after midnight it goes on beyond 24 hours."""
+    whole = round(time_s)
+    return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"

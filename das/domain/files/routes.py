@@ -170,7 +170,11 @@ def read_journey(path: Path, route: Route | None) -> Journey:
 
     Without a route, all points must state their positions.
     """
-    fields = read_toml(path)
+    return journey_of(read_toml(path), route)
+
+
+def journey_of(fields: Fields, route: Route | None) -> Journey:
+    """The journey that the fields of a file describe; raises as `read_journey`."""
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "journey", "stops", "passings"])
     main = fields.table("journey")
@@ -182,7 +186,7 @@ def read_journey(path: Path, route: Route | None) -> Journey:
     return Journey(
         id=main.name("id"),
         name=main.name("name"),
-        source=str(path),
+        source=str(fields.source),
         points=tuple(sorted(points, key=lambda point: point.position_m)),
     )
 
