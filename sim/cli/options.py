@@ -107,6 +107,15 @@ DriversOption = Annotated[
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim scenarios lists them) or TOML file.")
 ]
+JourneyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--journey",
+        metavar="FILE",
+        help="Stops, dwells, passings and times of a journey file, or of a bundled journey, instead of the scenario's; "
+        "they are times of the day on which the scenario departs.",
+    ),
+]
 InProcessOption = Annotated[
     bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
 ]

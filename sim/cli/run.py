@@ -34,6 +34,7 @@ from sim.cli.options import (
     DriverOption,
     FrictionOption,
     InProcessOption,
+    JourneyOption,
     RunAtOption,
     ScenarioArgument,
     naming_recorded,
@@ -104,6 +105,7 @@ def scenarios(as_json: JsonOption = False) -> None:
 
 def run(
     scenario: ScenarioArgument,
+    journey: JourneyOption = None,
     driver: DriverOption = DriverKind.HUMAN,
     advice: AdviceOption = Presentation.COACH,
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
@@ -140,6 +142,7 @@ def run(
         person = participant_of(who, participant, population)
         files = bus_folder(bus, insecure_bus, check_train_name(train))
         read = load_scenario(scenario)
+        read = read if journey is None else read.timed_by(journey)
         _check_not_an_input(out, read)
         warm_up()
     with busy("solving the sections …"):
