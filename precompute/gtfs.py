@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.foreign import refuse_foreign
 from das.domain.journey import file_clock
 from das.domain.units import MEGABYTE
 
@@ -93,6 +94,8 @@ def read_trip(path: Path, wanted: Wanted) -> FeedTrip:
         raise DasError(f"{path}: no such file")
     if not path.is_file():
         raise DasError(f"{path}: expected the feed as a zip file")
+    if not zipfile.is_zipfile(path):
+        refuse_foreign(path, "GTFS feed")
     with _refused(path):
         archive = zipfile.ZipFile(path)
     with archive:
@@ -105,7 +108,7 @@ def _refused(where: str | Path) -> Iterator[None]:
     try:
         yield
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, struct.error) as error:
-        raise DasError(f"{where}: not a zip file of a GTFS feed ({error})") from None
+        raise DasError(f"{where}: cannot be unpacked ({error}), expected the zip of a GTFS feed") from None
     except UnicodeDecodeError as error:
         raise DasError(f"{where}: not UTF-8 text ({error.reason})") from None
     except (csv.Error, ValueError, NotImplementedError, RuntimeError, OverflowError, IndexError) as error:
@@ -378,7 +381,7 @@ def _lines(file: IO[bytes], where: str, needles: Sequence[bytes], numbers: list[
             raise InputError(where, f"line {number}", f"more than {LONGEST_LINE} bytes", "a shorter line")
         if number == 1 or not needles or any(needle in line for needle in needles):
             numbers[:] = [number]
-            yield line.decode("utf-8-sig" if number == 1 else "utf-8")
+            yield line.decode("utf-8-sig" if number == 1 else "utf-8").replace("\r", "")
 
 
 class _Stops:

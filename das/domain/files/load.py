@@ -8,6 +8,7 @@ from pathlib import Path
 
 from das.domain.errors import DasError, InputError
 from das.domain.files import routes, ttobench, vehicles
+from das.domain.files.foreign import refuse_foreign
 from das.domain.journey import Journey
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
@@ -95,6 +96,8 @@ def locate(
     if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)
+    if path.is_file():
+        refuse_foreign(path, kind)
     if path.suffix.lower() not in suffixes:
         names, expected = ", ".join(bundled), " or ".join(suffixes)
         raise DasError(f"{name_or_path}: not a bundled {kind} ({names}) and not a {expected} file")
