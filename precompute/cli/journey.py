@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.printing import busy, loading_solver
+from das.command_line.files import check_outputs
+from das.command_line.printing import busy, loading_solver, tell
 from das.domain.errors import DasError
 from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from das.domain.journey import Journey
     from das.domain.route import Route
     from das.domain.vehicle import Vehicle
+    from das.solver.journey.plan import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
 """The word that is given instead of a journey: call at all stops of the route."""
@@ -64,6 +68,14 @@ class StopsOptions:
         return Journey.over_stops(route.stops, time_s=running_s + dwell_s * (len(route.stops) - 2), dwell_s=dwell_s)
 
 
+SheetOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--sheet",
+        metavar="FILE",
+        help="Driver's sheet to write (.html, or .pdf where Chromium is installed): what to do from which kilometre.",
+    ),
+]
 JourneyArgument = Annotated[
     str,
     typer.Argument(
@@ -80,6 +92,7 @@ def journey(
     world: WorldOptions,
     stops: StopsOptions,
     files: RunFiles,
+    sheet: SheetOption = None,
 ) -> None:
     """Plan a train's whole journey with the least energy: when to be where, and how to drive between.
 
@@ -93,6 +106,7 @@ def journey(
     """
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())
+    _check_sheet(sheet, files, [journey, *posed.inputs()])
     with loading_solver():
         from das.solver.journey.chains import Split
         from das.solver.journey.plan import JourneyPlanner
@@ -114,6 +128,8 @@ def journey(
     with busy("pricing the wishes that are missed …"):
         missed = report.missed_wishes(planner, plan)
 
+    if sheet is not None:
+        _write_sheet(sheet, planner, plan, train)
     title = f"{asked.name}: {train.id}, {planner.sections[0].whole.level}"
     if files.out is not None:
         write_trajectory(files.out, plan.trajectory())
@@ -126,6 +142,38 @@ def journey(
         return
     report.print_plan(plan, title, others_j, missed)
     files.tell()
+    if sheet is not None:
+        tell(f"written: {sheet}")
+
+
+def _check_sheet(sheet: Path | None, files: RunFiles, inputs: Iterable[str | Path | None]) -> None:
+    """Raise DasError if the sheet cannot be made; called before the work begins."""
+    if sheet is None:
+        return
+    if sheet.suffix.lower() not in (".html", ".htm", ".pdf"):
+        raise DasError(f"{sheet}: expected a file name that ends in .html or .pdf")
+    check_outputs(files.out, files.plot, sheet, inputs=inputs, overwrite=files.overwrite)
+    if sheet.suffix.lower() == ".pdf":
+        from das.command_line.pdf import browser
+
+        browser()
+
+
+def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan, train: Vehicle) -> None:
+    """Write the driver's sheet of a plan as HTML or PDF."""
+    from das.command_line.pdf import write_pdf
+    from das.domain.files.writing import write_whole
+    from precompute.sheet import sheet_page, sheets_of
+
+    route = planner.sections[0].whole.route
+    with busy("writing the sheet …"):
+        made = list(sheets_of(planner, plan))
+    page = sheet_page(plan, made, route, train, f"journey {Path(plan.journey.source).name}")
+    if path.suffix.lower() == ".pdf":
+        with busy(f"printing {path} …"):
+            write_pdf(page, path)
+    else:
+        write_whole(path, page.encode())
 
 
 def _asked(name: str, line: Route, train: Vehicle, driven: TrainOptions, stops: StopsOptions) -> Journey:
