@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import datetime
 import math
 import re
-import struct
-import unicodedata
 import zipfile
-import zlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import zip_longest
-from pathlib import Path, PurePosixPath
-from typing import IO, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,18 +17,8 @@ from numpy.typing import NDArray
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.foreign import refuse_foreign
 from das.domain.journey import file_clock
-from das.domain.units import MEGABYTE
+from precompute.gtfs_tables import FeedTables, Row, coordinates, key_of, refused, tidy, whole_number
 
-Row = dict[str, str]
-
-MOST_BYTES = {"stop_times.txt": 3_000_000_000, "shapes.txt": 1_000_000_000}
-"""Largest unpacked size (bytes) of the tables that are read row by row; a whole country has 1 GB of stop times."""
-MOST_BYTES_OF_TABLE = 100_000_000
-"""Largest unpacked size (bytes) of every other table."""
-SWELLING, SWELLS_FROM_BYTES = 100.0, 1_000_000
-"""A table of this size that unpacks to more than this many times its packed size is no timetable."""
-LONGEST_LINE = 100_000
-"""Longest row of a table (bytes)."""
 MOST_STOPS = 1000
 """Most stops of a trip: that many points a journey may have."""
 MOST_NAMED = 6
@@ -75,7 +59,7 @@ class FeedTrip:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class TripChoice:
     """Which trip: by its id, or by two stops and the earliest departure (s after midnight); `day` must be served.
 
     With an id, the two stops cut the trip.
@@ -88,7 +72,7 @@ class Wanted:
     day: datetime.date | None = None
 
 
-def read_trip(path: Path, wanted: Wanted) -> FeedTrip:
+def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
     """Read one trip; raises DasError or InputError (table, key, value, expectation) if the feed lacks or spoils it."""
     if not path.exists():
         raise DasError(f"{path}: no such file")
@@ -96,74 +80,16 @@ def read_trip(path: Path, wanted: Wanted) -> FeedTrip:
         raise DasError(f"{path}: expected the feed as a zip file")
     if not zipfile.is_zipfile(path):
         refuse_foreign(path, "GTFS feed")
-    with _refused(path):
+    with refused(path):
         archive = zipfile.ZipFile(path)
     with archive:
         return _Feed(path, archive).trip(wanted)
 
 
-@contextmanager
-def _refused(where: str | Path) -> Iterator[None]:
-    """Turn everything that reading a damaged zip or table raises into a DasError that names where."""
-    try:
-        yield
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, struct.error) as error:
-        raise DasError(f"{where}: cannot be unpacked ({error}), expected the zip of a GTFS feed") from None
-    except UnicodeDecodeError as error:
-        raise DasError(f"{where}: not UTF-8 text ({error.reason})") from None
-    except (csv.Error, ValueError, NotImplementedError, RuntimeError, OverflowError, IndexError) as error:
-        raise DasError(f"{where}: cannot be read ({error})") from None
+class _Feed(FeedTables):
+    """The trips of a feed."""
 
-
-class _Feed:
-    """A feed whose tables are read row by row."""
-
-    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
-        self.path, self.archive = path, archive
-        self.members: dict[str, zipfile.ZipInfo] = {}
-        for member in archive.infolist():
-            place = PurePosixPath(member.filename.replace("\\", "/"))
-            if place.suffix == ".txt" and "__MACOSX" not in place.parts:
-                kept = self.members.get(place.name)
-                # A feed may lie in a folder of its zip; of two tables, the one nearer to the root counts.
-                if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
-                    self.members[place.name] = member
-        if "stop_times.txt" not in self.members:
-            raise InputError(path, "stop_times.txt", MISSING, "the tables of a GTFS feed in the zip")
-        for name, member in self.members.items():
-            self._check_size(name, member)
-
-    def _check_size(self, name: str, member: zipfile.ZipInfo) -> None:
-        """Refuse a table by what the zip says about it, before anything is unpacked."""
-        most = MOST_BYTES.get(name, MOST_BYTES_OF_TABLE)
-        swells = member.file_size > max(SWELLS_FROM_BYTES, SWELLING * max(member.compress_size, 1))
-        if member.file_size > most or swells:
-            size = f"{member.file_size / MEGABYTE:.0f} MB from {member.compress_size / MEGABYTE:.2f} MB"
-            raise InputError(self.path, name, size, f"at most {most / MEGABYTE:g} MB, and {SWELLING:g} times the zip")
-        if member.flag_bits & 1 or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise InputError(self.path, name, "packed in another way", "a deflated table without a password")
-
-    def rows(self, name: str, needed: Sequence[str], containing: Sequence[str] = ()) -> Iterator[tuple[int, Row]]:
-        """The rows of a table with their line numbers; only rows that contain one of the texts, if any are given.
-
-        Yields nothing if the feed has no such table. Raises InputError for a missing column.
-        """
-        if name not in self.members:
-            return
-        where = f"{self.path}: {name}"
-        with _refused(where), self.archive.open(self.members[name]) as file:
-            numbers: list[int] = []
-            needles = tuple(one.replace('"', '""').encode() for one in containing)
-            reader = csv.reader(_lines(file, where, needles, numbers))
-            header = [one.strip() for one in next(reader, [])]
-            for column in needed:
-                if column not in header:
-                    raise InputError(where, f"column {column}", MISSING, f"the columns {', '.join(needed)}")
-            for cells in reader:
-                if any(cells):
-                    yield numbers[-1], {key: cell.strip() for key, cell in zip_longest(header, cells, fillvalue="")}
-
-    def trip(self, wanted: Wanted) -> FeedTrip:
+    def trip(self, wanted: TripChoice) -> FeedTrip:
         """The trip that is wanted; raises DasError if there is none or the choice is not clear."""
         stops = _Stops({row["stop_id"]: row for _, row in self.rows("stops.txt", ("stop_id",))})
         trip, notes = self._by_id(wanted) if wanted.trip is not None else self._by_stops(wanted, stops)
@@ -180,7 +106,7 @@ class _Feed:
                 raise InputError(where, f"time of trip {trip['trip_id']} at {stop.name}", MISSING, "one: an end")
         route, agency = self._line_of(trip)
         words = [route.get("route_short_name", ""), trip.get("trip_short_name", ""), trip.get("trip_headsign", "")]
-        if _whole(route.get("route_type", "")) in NO_RAIL:
+        if whole_number(route.get("route_type", "")) in NO_RAIL:
             notes = (*notes, f"route_type {route['route_type']} is no railway")
         return FeedTrip(
             feed=self.path,
@@ -193,7 +119,7 @@ class _Feed:
             notes=(*notes, *self._days(trip)),
         )
 
-    def _by_id(self, wanted: Wanted) -> tuple[Row, tuple[str, ...]]:
+    def _by_id(self, wanted: TripChoice) -> tuple[Row, tuple[str, ...]]:
         """The trip with an id; else the one with this number (trip_short_name) if that is clear."""
         assert wanted.trip is not None
         numbered = []
@@ -217,7 +143,7 @@ class _Feed:
     def _all_trips(self) -> Iterator[Row]:
         return (row for _, row in self.rows("trips.txt", ("trip_id",)))
 
-    def _by_stops(self, wanted: Wanted, stops: _Stops) -> tuple[Row, tuple[str, ...]]:
+    def _by_stops(self, wanted: TripChoice, stops: _Stops) -> tuple[Row, tuple[str, ...]]:
         """The first trip from one stop to another that departs at a time or later."""
         if wanted.from_stop is None or wanted.to_stop is None or wanted.at_s is None:
             raise DasError("give --trip ID, or --from STOP, --to STOP and --at HH:MM")
@@ -237,7 +163,7 @@ class _Feed:
         buses = {
             row["route_id"]
             for _, row in self.rows("routes.txt", ("route_id",))
-            if _whole(row.get("route_type", "")) in NO_RAIL
+            if whole_number(row.get("route_type", "")) in NO_RAIL
         }
         headway = {row["trip_id"] for _, row in self.rows("frequencies.txt", ("trip_id",))}
         services = self._services(wanted.day)
@@ -308,8 +234,8 @@ class _Feed:
     def _shift_s(self, trip_id: str, first_s: float, here_s: float, at_s: float | None) -> float | None:
         """By how much (s) later than in stop_times.txt a trip runs that runs at intervals; None for any other trip.
 
-        It leaves its first stop, where the table says `first_s`, at an interval's time. Wanted is the first one that
-        leaves the stop with the departure `here_s` at `at_s` or later.
+        It leaves its first stop, where the table says `first_s`, at the times of its interval. Taken is the first one
+        that leaves the stop with the departure `here_s` at `at_s` or later.
         """
         found = []
         at_s = None if at_s is None else at_s - (here_s - first_s)
@@ -319,7 +245,7 @@ class _Feed:
             if row["trip_id"] != trip_id:
                 continue
             begin_s, end_s = (self._time_s(number, row, f"{one}_time") for one in ("start", "end"))
-            step_s = _whole(row["headway_secs"])
+            step_s = whole_number(row["headway_secs"])
             if not step_s or step_s < 0 or math.isnan(begin_s + end_s):
                 key = f"line {number} headway_secs"
                 raise InputError(f"{self.path}: frequencies.txt", key, row["headway_secs"], "seconds, and both times")
@@ -342,7 +268,7 @@ class _Feed:
         points = []
         for _, row in self.rows("shapes.txt", columns, (shape_id,)) if shape_id else ():
             if row["shape_id"] == shape_id:
-                order = _whole(row["shape_pt_sequence"])
+                order = whole_number(row["shape_pt_sequence"])
                 latitude, longitude = coordinates(row["shape_pt_lat"], row["shape_pt_lon"])
                 points.append((order or 0, latitude, longitude))
         shape = np.array(sorted(points)).reshape(-1, 3)[:, 1:]
@@ -370,18 +296,6 @@ class _Feed:
                 days = [name[:2].title() for name in WEEKDAYS if row.get(name) == "1"]
                 between = f"{row.get('start_date', '')} to {row.get('end_date', '')}"
                 yield f"runs {' '.join(days) or 'on single days'}, {between} (calendar.txt)"
-
-
-def _lines(file: IO[bytes], where: str, needles: Sequence[bytes], numbers: list[int]) -> Iterator[str]:
-    """The lines of a table with one of the needles, and the first line; `numbers` gets the number of each."""
-    number = 0
-    while line := file.readline(LONGEST_LINE + 1):
-        number += 1
-        if len(line) > LONGEST_LINE:
-            raise InputError(where, f"line {number}", f"more than {LONGEST_LINE} bytes", "a shorter line")
-        if number == 1 or not needles or any(needle in line for needle in needles):
-            numbers[:] = [number]
-            yield line.decode("utf-8-sig" if number == 1 else "utf-8").replace("\r", "")
 
 
 class _Stops:
@@ -419,7 +333,7 @@ class _Stops:
         return ids
 
 
-def _cut(path: Path, stops: list[TripStop], wanted: Wanted) -> list[TripStop]:
+def _cut(path: Path, stops: list[TripStop], wanted: TripChoice) -> list[TripStop]:
     """The stops of a trip from one to another."""
     for option, name, first in (("--from", wanted.from_stop, True), ("--to", wanted.to_stop, False)):
         if name is None:
@@ -436,28 +350,6 @@ def _cut(path: Path, stops: list[TripStop], wanted: Wanted) -> list[TripStop]:
     return stops
 
 
-def coordinates(latitude: str, longitude: str) -> tuple[float, float]:
-    """Two coordinates (deg) of a table; NaN where one is missing or impossible, and for 0, 0 (a place unknown)."""
-    try:
-        found = float(latitude), float(longitude)
-    except ValueError:
-        return math.nan, math.nan
-    possible = abs(found[0]) <= 90.0 and abs(found[1]) <= 180.0 and found != (0.0, 0.0)
-    return found if possible else (math.nan, math.nan)
-
-
-def tidy(text: str) -> str:
-    """A text of the feed on one line, without control characters."""
-    kept = "".join(" " if unicodedata.category(one)[0] in "CZ" else one for one in text)
-    return " ".join(kept.split())[:150]
-
-
-def key_of(name: str) -> str:
-    """A name for comparison: lower case, without accents and punctuation."""
-    bare = "".join(x for x in unicodedata.normalize("NFKD", name.casefold()) if not unicodedata.combining(x))
-    return " ".join(re.findall(r"\w+", bare))
-
-
 def parsed_clock_s(option: str, text: str) -> float:
     """The time of the service day (s) of an option, like 07:30; DasError for anything else."""
     match = _TIME.fullmatch(text if text.count(":") > 1 else f"{text}:00")
@@ -467,12 +359,8 @@ def parsed_clock_s(option: str, text: str) -> float:
     return 3600.0 * hours + 60.0 * minutes + seconds
 
 
-def _whole(text: str) -> int | None:
-    return int(text) if text.isascii() and text.isdecimal() and len(text) < 10 else None
-
-
 def _sequence(path: Path, number: int, row: Row) -> int:
-    found = _whole(row["stop_sequence"])
+    found = whole_number(row["stop_sequence"])
     if found is None:
         key = f"line {number} stop_sequence"
         raise InputError(f"{path}: stop_times.txt", key, row["stop_sequence"], "a whole number >= 0")

@@ -16,7 +16,8 @@ from das.domain.errors import DasError
 from das.domain.journey import LEAST_SPACING_M, file_clock
 from das.domain.route import Route, Stop
 from das.domain.units import KM
-from precompute.gtfs import FeedTrip, TripStop, key_of, tidy
+from precompute.gtfs import FeedTrip, TripStop
+from precompute.gtfs_tables import key_of, tidy
 
 Floats = NDArray[np.float64]
 
@@ -192,7 +193,7 @@ def _away_m(stop: TripStop, other: Stop, route: Route) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Times:
+class TimesRead:
     """How a timetable's times become windows: the least dwell (s) where the feed gives none, and by how much (s) the
     train may be later than a departure (None: `ROUNDED_S` if all times are whole minutes, else 0)."""
 
@@ -200,12 +201,12 @@ class Times:
     rounded_s: float | None = None
 
 
-def journey_text(trip: FeedTrip, placement: Placement, times: Times, route: Route | None, command: str) -> str:
+def journey_text(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None, command: str) -> str:
     """The journey as a TOML file."""
     return "\n".join(_file(trip, placement, times, route, command)) + "\n"
 
 
-def notes(trip: FeedTrip, placement: Placement, times: Times) -> list[str]:
+def notes(trip: FeedTrip, placement: Placement, times: TimesRead) -> list[str]:
     """What was chosen and assumed, one sentence each: for the file and for the user."""
     inner = [one.stop for one in placement.stops[1:-1] if one.stop.serves]
     without = sum(stop.arrival_s == stop.departure_s for stop in inner)
@@ -223,7 +224,7 @@ def notes(trip: FeedTrip, placement: Placement, times: Times) -> list[str]:
     return found
 
 
-def _file(trip: FeedTrip, placement: Placement, times: Times, route: Route | None, command: str) -> Iterator[str]:
+def _file(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None, command: str) -> Iterator[str]:
     stops = placement.stops
     first, last = stops[0].stop, stops[-1].stop
     yield f"# Made by: {tidy(command)}"
@@ -247,7 +248,7 @@ def _file(trip: FeedTrip, placement: Placement, times: Times, route: Route | Non
         yield from _point(one, times, rounded_s, first=i == 0, last=i == len(stops) - 1)
 
 
-def _point(one: Placed, times: Times, rounded_s: float, *, first: bool, last: bool) -> Iterator[str]:
+def _point(one: Placed, times: TimesRead, rounded_s: float, *, first: bool, last: bool) -> Iterator[str]:
     """The lines of a stop, or of a passing where nobody gets on or off."""
     stop = one.stop
     passes = not (stop.serves or first or last)
@@ -274,7 +275,7 @@ def _point(one: Placed, times: Times, rounded_s: float, *, first: bool, last: bo
         yield f"dwell_s = {min(times.dwell_s, stands_s) if stands_s > 0 else times.dwell_s:g}"
 
 
-def _rounded_s(stops: Sequence[TripStop], times: Times) -> float:
+def _rounded_s(stops: Sequence[TripStop], times: TimesRead) -> float:
     if times.rounded_s is not None:
         return times.rounded_s
     said = [time_s for stop in stops for time_s in (stop.arrival_s, stop.departure_s) if not math.isnan(time_s)]

@@ -22,7 +22,6 @@ from das.domain.braking import USUAL, SiteBraking
 from das.domain.journey import Held, Passing, Window
 from das.domain.route import Route
 from das.domain.units import KM, KMH, kmh, kwh
-from das.domain.vehicle import Vehicle
 from das.solver.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.section import with_braking
 
@@ -147,15 +146,19 @@ def line_words(said: SaidLine, *, last: bool) -> str:
     return "<b>brake</b> for the stop" if last else f"<b>brake</b> to {speed}{then}"
 
 
-def sheet_page(plan: JourneyPlan, sheets: Sequence[PlannedSheet], route: Route, vehicle: Vehicle, title: str) -> str:
-    """The page as HTML, which needs no other file: A4 landscape in print, one or two columns on a screen."""
-    known = landmarks(route)
+def sheet_page(plan: JourneyPlan, sheets: Sequence[PlannedSheet], source: str) -> str:
+    """The page as HTML, which needs no other file: A4 landscape in print, one or two columns on a screen.
+
+    `source` names the journey's file at the foot of the page.
+    """
+    whole = sheets[0].sheet.section
+    known = landmarks(whole.route)
     top_mps = max(float(one.sheet.section.limit_mps.max()) for one in sheets)
     blocks = "".join(_block(one, known, top_mps) for one in sheets)
     first, last = sheets[0].plan, sheets[-1].plan
     more_j = sum(one.sheet.energy_j for one in sheets)
     facts = [
-        ("train", vehicle.name),
+        ("train", whole.vehicle.name),
         ("leaves", f"{first.start.name} {half_minutes(first.departure.time_s)}"),
         ("arrives", f"{last.end.name} {half_minutes(last.arrival.time_s)}"),
         ("stops", f"{len(sheets) + 1}"),
@@ -170,7 +173,7 @@ def sheet_page(plan: JourneyPlan, sheets: Sequence[PlannedSheet], route: Route, 
         head=head,
         blocks=blocks,
         key=key,
-        made=html.escape(f"{title}, das-precompute {__version__}"),
+        made=html.escape(f"journey {source}, das-precompute {__version__}"),
     )
 
 

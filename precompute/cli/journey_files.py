@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -15,9 +16,12 @@ from das.command_line.files import check_outputs, check_picture, load_route, loa
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed, warn
 from das.domain.errors import DasError
+from das.domain.units import KM
 
 if TYPE_CHECKING:
     from das.domain.route import Route
+    from precompute.gtfs import TripChoice
+    from precompute.journey_import import TimesRead
 
 COMMANDS: Final = (
     Entry(
@@ -49,6 +53,8 @@ COMMANDS: Final = (
     ),
 )
 
+LONGEST_S = 3600.0
+"""Longest dwell and tolerance (s) that are accepted."""
 JourneyFile = Annotated[
     str, typer.Argument(metavar="JOURNEY", help="Bundled journey, TOML file or TTOBench journey (JSON).")
 ]
@@ -61,33 +67,47 @@ OutJourneyOption = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", h
 FeedArgument = Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as it is published: a zip.")]
 
 
-def import_journey(
-    feed: FeedArgument,
-    out: OutJourneyOption,
+@dataclass(frozen=True, kw_only=True)
+class TripOfFeed:
+    """Which trip of a feed becomes a journey."""
+
     trip: Annotated[
         str | None, typer.Option("--trip", metavar="ID", help="The trip_id, or a number that only one trip has.")
-    ] = None,
+    ] = None
     from_stop: Annotated[
         str | None, typer.Option("--from", metavar="STOP", help="Where the journey begins: name or stop_id.")
-    ] = None,
+    ] = None
     to_stop: Annotated[
         str | None, typer.Option("--to", metavar="STOP", help="Where the journey ends: name or stop_id.")
-    ] = None,
+    ] = None
     at: Annotated[
         str | None, typer.Option("--at", metavar="HH:MM", help="Without --trip: the first train from then on.")
-    ] = None,
+    ] = None
     day: Annotated[
         str | None,
         typer.Option("--date", metavar="YYYY-MM-DD", help="Only trips that run on this day [default: on any day]."),
-    ] = None,
-    route: OnRouteOption = None,
-    reverse: BackwardsOption = False,
+    ] = None
+
+    def choice(self) -> TripChoice:
+        """The trip that is wanted; DasError for a time or day that is none."""
+        from precompute.gtfs import TripChoice, parsed_clock_s
+
+        try:
+            day = None if self.day is None else datetime.date.fromisoformat(self.day)
+        except ValueError:
+            raise DasError(f"--date {self.day}: expected a day like 2026-11-26") from None
+        at_s = None if self.at is None else parsed_clock_s("--at", self.at)
+        return TripChoice(trip=self.trip, from_stop=self.from_stop, to_stop=self.to_stop, at_s=at_s, day=day)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedTimes:
+    """How the times of a feed are read."""
+
     dwell_s: Annotated[
-        float | None,
-        typer.Option(
-            "--dwell", metavar="S", help="Least dwell (s) where the feed has arrival = departure [default: 30]."
-        ),
-    ] = None,
+        float,
+        typer.Option("--dwell", metavar="S", help="Least dwell (s) where the feed has arrival = departure."),
+    ] = 30.0
     rounded_s: Annotated[
         float | None,
         typer.Option(
@@ -97,7 +117,25 @@ def import_journey(
             "minutes, else 0].",
             show_default=False,
         ),
-    ] = None,
+    ] = None
+
+    def read(self) -> TimesRead:
+        """The same for `precompute.journey_import`; DasError for an impossible time."""
+        from precompute.journey_import import TimesRead
+
+        for option, value_s in (("--dwell", self.dwell_s), ("--tolerance", self.rounded_s)):
+            if value_s is not None and not 0 <= value_s <= LONGEST_S:
+                raise DasError(f"{option} {value_s:g}: expected seconds from 0 to {LONGEST_S:g}")
+        return TimesRead(dwell_s=self.dwell_s, rounded_s=self.rounded_s)
+
+
+def import_journey(
+    feed: FeedArgument,
+    out: OutJourneyOption,
+    asked: TripOfFeed,
+    times: FeedTimes,
+    route: OnRouteOption = None,
+    reverse: BackwardsOption = False,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a journey file from a trip of a GTFS feed.
@@ -114,48 +152,23 @@ def import_journey(
     from das.domain.files.reading import Fields
     from das.domain.files.routes import journey_of
     from das.domain.files.writing import write_whole
-    from precompute.gtfs import Wanted, parsed_clock_s, read_trip
-    from precompute.journey_import import DWELL_S, Times, journey_text, notes, placed
+    from precompute.gtfs import read_trip
+    from precompute.journey_import import journey_text, notes, placed
 
-    wanted = Wanted(
-        trip=trip,
-        from_stop=from_stop,
-        to_stop=to_stop,
-        at_s=None if at is None else parsed_clock_s("--at", at),
-        day=None if day is None else _day(day),
-    )
-    times = Times(
-        dwell_s=DWELL_S if dwell_s is None else _seconds("--dwell", dwell_s),
-        rounded_s=None if rounded_s is None else _seconds("--tolerance", rounded_s),
-    )
-    line = _line(route, reverse)
+    choice, read, line = asked.choice(), times.read(), _line(route, reverse)
     with busy("reading the feed …"):
-        found = read_trip(feed, wanted)
+        found = read_trip(feed, choice)
     placement = placed(found, line)
-    text = journey_text(found, placement, times, line, "das-precompute journey import")
+    text = journey_text(found, placement, read, line, "das-precompute journey import")
     made = journey_of(Fields.of(out, tomllib.loads(text)), line)
     write_whole(out, text.encode())
-    for note in notes(found, placement, times):
+    for note in notes(found, placement, read):
         tell(f"note: {note}")
-    first, last = made.points[0], made.points[-1]
-    way_km = (last.position_m - first.position_m) / 1000.0
+    way_km = (made.points[-1].position_m - made.points[0].position_m) / KM
     tell(f"written: {out}: {made.name}, {len(made.calls)} stops, {way_km:.1f} km")
     on = route or "ROUTE"
     tell(f"plan it: {typed('das-precompute')} journey {out} {on} VEHICLE{' --reverse' if reverse else ''}")
     tell(f"drive it: {typed('das-sim')} run SCENARIO --journey {out}")
-
-
-def _day(text: str) -> datetime.date:
-    try:
-        return datetime.date.fromisoformat(text)
-    except ValueError:
-        raise DasError(f"--date {text}: expected a day like 2026-11-26") from None
-
-
-def _seconds(option: str, value_s: float) -> float:
-    if not 0 <= value_s <= 3600:
-        raise DasError(f"{option} {value_s:g}: expected seconds from 0 to 3600")
-    return value_s
 
 
 def _line(route: str | None, reverse: bool) -> Route | None:

@@ -141,9 +141,7 @@ def run(
         driver_versions(who)
         person = participant_of(who, participant, population)
         files = bus_folder(bus, insecure_bus, check_train_name(train))
-        read = load_scenario(scenario)
-        read = read if journey is None else read.timed_by(journey)
-        _check_not_an_input(out, read)
+        read = _checked(load_scenario(scenario), journey, out)
         warm_up()
     with busy("solving the sections …"):
         day = make_day(prepare_service(read, level=level), seed, person)
@@ -155,6 +153,13 @@ def run(
     )  # fmt: skip
     with removed_if_unused(reserved):
         _tell(_drive(day, how, out or reserved, factor), as_json)
+
+
+def _checked(scenario: Scenario, journey: str | None, out: Path | None) -> Scenario:
+    """The scenario with the journey; DasError if the recording would replace a file of either."""
+    scenario = scenario if journey is None else scenario.timed_by(journey)
+    _check_not_an_input(out, scenario)
+    return scenario
 
 
 def _tell(found: DayResult, as_json: bool) -> None:

@@ -229,7 +229,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
 
 def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
     times = np.array([service.moment_ns(state.time_s) for state in run.states])
-    return keep(service.passings, times, np.array([state.s_m for state in run.states]))
+    return keep(service.way.passings, times, np.array([state.s_m for state in run.states]))
 
 
 def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:

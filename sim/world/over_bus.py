@@ -141,7 +141,7 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
         **driver_versions(how.driver),
         "advice": str(how.advice),
         **screen_metadata(how.screen),
-        **passing_metadata(service.passings),
+        **passing_metadata(service.way.passings),
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
         "route": service.route.name,

@@ -215,7 +215,7 @@ class DayNews:
         before = self.targets
         due = tuple(
             Target(s_m=x.s_m, earliest_ns=x.earliest_ns, latest_ns=x.latest_ns, reason=f"passing {x.name}")
-            for x in self._day.service.passings
+            for x in self._day.service.way.passings
             if not x.wish and (x.earliest_ns or x.latest_ns) and state.s_m < x.s_m
         )
         ahead = tuple(
