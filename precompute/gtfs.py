@@ -30,9 +30,12 @@ _TIME = re.compile(r"\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)\s*")
 
 
 class TripStop(NamedTuple):
-    """A row of a trip: the stop's name, its coordinates (deg, NaN: none), and its times (s after the midnight that
-    begins the service day, NaN: none). `serves` is False where nobody gets on or off."""
+    """A row of a trip: the stop's id and name, its coordinates (deg, NaN: none), and its times (NaN: none).
 
+    Times are in s after the midnight that begins the service day. `serves` is False where nobody gets on or off.
+    """
+
+    stop_id: str
     name: str
     latitude_deg: float
     longitude_deg: float
@@ -94,7 +97,7 @@ class _Feed(FeedTables):
         stops = _Stops({row["stop_id"]: row for _, row in self.rows("stops.txt", ("stop_id",))})
         trip, notes = self._by_id(wanted) if wanted.trip is not None else self._by_stops(wanted, stops)
         whole = self._stops_of(trip["trip_id"], stops)
-        made = _cut(self.path, whole, wanted)
+        made = _cut(self.path, whole, wanted, stops)
         later_s = self._shift_s(trip["trip_id"], whole[0].departure_s, made[0].departure_s, wanted.at_s)
         if later_s is not None:
             made = [x._replace(arrival_s=x.arrival_s + later_s, departure_s=x.departure_s + later_s) for x in made]
@@ -216,7 +219,7 @@ class _Feed(FeedTables):
             before_s = before_s if math.isnan(departure_s) else departure_s
             name, latitude, longitude = stops.place(where, number, row["stop_id"])
             serves = not (row.get("pickup_type") == "1" and row.get("drop_off_type") == "1")
-            made.append(TripStop(name, latitude, longitude, arrival_s, departure_s, serves))
+            made.append(TripStop(row["stop_id"], name, latitude, longitude, arrival_s, departure_s, serves))
         return made
 
     def _time_s(self, number: int, row: Row, key: str) -> float:
@@ -333,17 +336,16 @@ class _Stops:
         return ids
 
 
-def _cut(path: Path, stops: list[TripStop], wanted: TripChoice) -> list[TripStop]:
-    """The stops of a trip from one to another."""
+def _cut(path: Path, stops: list[TripStop], wanted: TripChoice, known: _Stops) -> list[TripStop]:
+    """The stops of a trip from one to another, of all that the feed knows."""
     for option, name, first in (("--from", wanted.from_stop, True), ("--to", wanted.to_stop, False)):
         if name is None:
             continue
-        places = [i for i, stop in enumerate(stops) if key_of(stop.name).startswith(key_of(name))]
-        exact = [i for i in places if key_of(stops[i].name) == key_of(name)]
+        ids = known.named(path, option, name)
+        places = [i for i, stop in enumerate(stops) if stop.stop_id in ids]
         if not places:
-            known = ", ".join(stop.name for stop in stops)
-            raise InputError(path, option, name, f"a stop of the trip: {known}")
-        place = (exact or places)[0 if first else -1]
+            raise InputError(path, option, name, f"a stop of the trip: {', '.join(stop.name for stop in stops)}")
+        place = places[0 if first else -1]
         stops = stops[place:] if first else stops[: place + 1]
     if len(stops) < 2:
         raise DasError(f"{path}: --to {wanted.to_stop} does not come after --from {wanted.from_stop} in this trip")

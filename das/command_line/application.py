@@ -67,8 +67,7 @@ class Entry:
 
     def load(self) -> TyperCommand:
         """The command with its options and its help."""
-        others = [f"{self.name} {one.name}: {one.summary}" for one in self.entries()]
-        return _command(self.name, self.function(), self.examples, others)
+        return _command(self.name, self.function(), self.examples, [one.name for one in self.entries()])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +194,8 @@ def _command(
     add_completion: bool = False,
 ) -> TyperCommand:
     app = _typer(add_completion=add_completion)
-    epilog = _epilog(examples) + ("\n\n\b\nCommands:\n" + "\n".join(others) if others else "")
+    more = f"\n\nMore commands: {name} {' | '.join(others)} (-h explains each)." if others else ""
+    epilog = _epilog(examples) + more
     app.command(name, epilog=epilog, context_settings=dict(HELP_OPTIONS))(with_options(function))
     command = get_command(app)
     assert isinstance(command, TyperCommand)

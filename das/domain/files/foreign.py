@@ -33,7 +33,6 @@ _XML: Final = (
     (r"<(\w+:)?railml\b|railml\.org", ForeignFormat("a railML file")),
     (r"<osm\b", ForeignFormat("OpenStreetMap XML (ask Overpass for [out:json])")),
     (r"<kml\b", ForeignFormat("a KML file")),
-    (r"", ForeignFormat("an XML file")),
 )
 _JSON: Final = (
     (r'"(effort_curves|rolling_resistance)"\s*:', ForeignFormat("OSRD rolling stock", _VEHICLES)),
