@@ -194,8 +194,11 @@ def _away_m(stop: TripStop, other: Stop, route: Route) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class TimesRead:
-    """How a timetable's times become windows: the least dwell (s) where the feed gives none, and by how much (s) the
-    train may be later than a departure (None: `ROUNDED_S` if all times are whole minutes, else 0)."""
+    """How a timetable's times become windows.
+
+    `dwell_s` is the least dwell (s) where the feed gives none. The train may be this much later than the timetable:
+    `rounded_s`; None: after a departure by `ROUNDED_S` if all times are whole minutes, never at the last stop.
+    """
 
     dwell_s: float = DWELL_S
     rounded_s: float | None = None
@@ -264,7 +267,7 @@ def _point(one: Placed, times: TimesRead, rounded_s: float, *, first: bool, last
         return
     stands_s = stop.departure_s - stop.arrival_s if timed else 0.0
     if last:
-        yield f'arrival = "{file_clock(stop.arrival_s)}"'
+        yield f'arrival = "{file_clock(stop.arrival_s + (times.rounded_s or 0.0))}"'
         return
     if stands_s > 0 and not first:
         yield f'arrival = "{file_clock(stop.arrival_s + rounded_s)}"'

@@ -113,8 +113,8 @@ class FeedTimes:
         typer.Option(
             "--tolerance",
             metavar="S",
-            help="How much later (s) than the feed says the train may leave [default: 59 if all times are whole "
-            "minutes, else 0].",
+            help="How much later (s) than the feed says the train may be [default: 59 at departures if all times are "
+            "whole minutes, else 0].",
             show_default=False,
         ),
     ] = None

@@ -289,12 +289,12 @@ def _midnight_ns(scenario: Scenario, route: Route) -> int:
 def _planned_timetables(
     journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool
 ) -> tuple[Timetable, ...]:
-    """The times of the least-energy plan of a journey; InfeasibleError, which names the window, if none keeps it."""
+    """The times of the least-energy plan of a journey, to 0.1 s; InfeasibleError, which names a window, without one."""
     plan = plan_journey(journey, route, vehicle, level=level, point_mass=point_mass)
     return tuple(
         Timetable(
-            departure_ns=zero_ns + round(section.departure.time_s / NS),
-            arrival_ns=zero_ns + round(section.arrival.time_s / NS),
+            departure_ns=zero_ns + round(round(section.departure.time_s, 1) / NS),
+            arrival_ns=zero_ns + round(round(section.arrival.time_s, 1) / NS),
         )
         for section in plan.sections
     )

@@ -106,18 +106,18 @@ def test_times_become_windows_of_what_the_timetable_rounds(feed: Path) -> None:
     journey = made(trip_of(feed), feed_route())
     calls = [point for point in journey.points if isinstance(point, Call)]
     assert [call.departure for call in calls[:-1]] == [
-        Window(earliest_s=x, latest_s=x + 59) for x in (16_080, 16_380, 16_740)
+        Window(earliest_s=x, latest_s=x + 59) for x in (16_080, 16_440, 16_860)
     ]
     assert [call.dwell_s for call in calls] == [0, 30, 30, 0]
-    assert calls[2].arrival == Window(latest_s=16_680 + 59), "the feed gives an arrival before the departure"
-    assert calls[-1].arrival == Window(latest_s=16_980)
+    assert calls[2].arrival == Window(latest_s=16_800 + 59), "the feed gives an arrival before the departure"
+    assert calls[-1].arrival == Window(latest_s=17_160)
 
 
 def test_dwell_and_rounding_are_the_users_and_are_said(feed: Path) -> None:
     trip, times = trip_of(feed), TimesRead(dwell_s=90.0, rounded_s=0.0)
     journey = made(trip, feed_route(), times)
     assert [call.dwell_s for call in journey.calls] == [0, 90, 60, 0], "never longer than the feed's own dwell"
-    assert journey.calls[1].departure == Window(earliest_s=16_380)
+    assert journey.calls[1].departure == Window(earliest_s=16_440)
     said = notes(trip, placed(trip, None), times)
     assert "1 of 2 stops on the way have arrival = departure: assumed dwell 90 s" in said
     assert not any("whole minutes" in note for note in said)
@@ -126,7 +126,7 @@ def test_dwell_and_rounding_are_the_users_and_are_said(feed: Path) -> None:
 def test_where_nobody_gets_on_or_off_the_train_passes_and_its_time_is_a_wish(feed: Path) -> None:
     journey = made(trip_of(feed, ODD))
     (passing,) = journey.passings
-    assert (passing.wish, passing.tolerance_s, passing.window) == (True, 30.0, Window.at(86_400.0))
+    assert (passing.wish, passing.tolerance_s, passing.window) == (True, 30.0, Window.at(86_520.0))
     assert journey.id == ODD
 
 

@@ -56,7 +56,7 @@ def feed_tables() -> dict[str, Rows]:
     ]
     for trip, start_s, order in (("101", 16_080, 1), ("102", 16_080, -1), ("103", 18_000, 1), (ODD, 85_800, 1)):
         for k, i in enumerate(range(4)[::order]):
-            arrival_s = start_s + 300 * k
+            arrival_s = start_s + 360 * k
             departure_s = arrival_s + (60 if (trip, i) == ("101", 2) else 0)
             passes = 1 if (trip, i) == (ODD, 2) else 0
             times.append([trip, clock(arrival_s), clock(departure_s), f"p{i}", 10 * k + 5, passes, passes])
