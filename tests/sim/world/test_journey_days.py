@@ -244,10 +244,10 @@ def test_the_passings_are_printed_below_the_stops(capsys: pytest.CaptureFixture[
         outcome=found, driver=DriverKind.PERFECT, advice=Presentation.VECTOR, happens="", drawn=day().drawn, wall_s=1.0
     )
     print_result(result)
-    out = capsys.readouterr().out
-    assert re.search(r"Bridge +│ +│ +1:\d\d │ +│", out)
-    assert re.search(r"Junction +│ +… – 6:20 │ +\d:\d\d │ +\+0 s │ *kept", out)
-    assert re.search(r"Wish +│ +5:00 ± 10 s │ +\d:\d\d │ +\+\d+ s │ *wish missed", out)
+    out = re.sub(r"[ │]+", " ", capsys.readouterr().out)
+    assert re.search(r"Bridge 1:\d\d", out)
+    assert re.search(r"Junction … – 6:20 \d:\d\d \+0 s kept", out)
+    assert re.search(r"Wish 5:00 ± 10 s \d:\d\d \+\d+ s wish missed", out)
 
 
 def test_the_command_line_refuses_a_journey_that_is_not_there(tmp_path: Path) -> None:
