@@ -212,11 +212,11 @@ def _rows(one: PlannedSheet, known: Sequence[Landmark]) -> Iterator[str]:
         at = half_minutes(plan.departure.time_s + line.after_s)
         shown, said = ("" if at == said else at), at
         last = number == len(lines)
-        where = "departure" if number == 1 else place_words(line.s_m, known)
+        where = "departure" if number == 1 else place_words(line.posted_m, known)
         if last and line.kind is InstructionKind.BRAKE:
-            where = f"{round(plan.end.position_m - line.s_m, -2):.0f} m before the stop"
+            where = f"{round(plan.end.position_m - line.posted_m, -2):.0f} m before the stop"
         text = line_words(SaidLine(line, held), last=last)
-        events.append((line.s_m, _row(f"{number}", line.kind, line.s_m, where, text, shown)))
+        events.append((line.s_m, _row(f"{number}", line.kind, line.posted_m, where, text, shown)))
     for passed in plan.passings:
         events.append((passed.passing.position_m, _passing_row(passed.passing, passed.timing.time_s)))
     return (row for _, row in sorted(events, key=lambda event: event[0]))

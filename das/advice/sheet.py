@@ -6,6 +6,7 @@ with a higher price of a change: what is read on paper must be little.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,6 +54,17 @@ class SheetLine:
     after_s: float
     effort_ratio: float = 0.0
 
+    @property
+    def posted_m(self) -> float:
+        """The place (m) as the sheet says it, in tenths of a kilometre: brakes rather early, traction rather late.
+
+        A brake that begins later would be too hard, traction that begins earlier too fast for the limit left behind.
+        """
+        place = self.s_m / PLACE_M
+        if self.kind is InstructionKind.BRAKE:
+            return math.floor(place + 0.1) * PLACE_M
+        return (math.ceil(place - 0.1) if self.kind is InstructionKind.TRACTION else round(place)) * PLACE_M
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SectionSheet:
@@ -67,6 +79,10 @@ class SectionSheet:
     t_s: Floats
     v_mps: Floats
     energy_j: float
+
+    def speed_at(self, s_m: float) -> float:
+        """The speed (m/s) of that run at a place (m); v² is linear between the nodes."""
+        return float(np.sqrt(np.interp(s_m, self.s_m, self.v_mps**2)))
 
 
 def section_sheet(
