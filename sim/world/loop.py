@@ -127,6 +127,13 @@ class _Watches(NamedTuple):
     instructions: InstructionWatch
 
 
+class _Display(NamedTuple):
+    """What shows advice to the driver: a screen, which a sheet of paper may replace."""
+
+    screen: Screen
+    paper: PaperSheet | None
+
+
 class World:
     """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
 
@@ -145,8 +152,7 @@ class World:
         self._command: Command = COAST
         self._counts, self._watches = Counts(), _Watches(ShownWatch(), InstructionWatch())
         self._told = 0
-        self._screen = Screen(screen)
-        self._paper = PaperSheet(day) if presentation is Presentation.SHEET else None
+        self._display = _Display(Screen(screen), PaperSheet(day) if presentation is Presentation.SHEET else None)
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError if the train does not arrive."""
@@ -220,8 +226,8 @@ class World:
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
         """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
         around = self._around
-        shown = advice if self._paper is None else self._paper.look(state, around.calls, now_ns)
-        if self._paper is None and advice is None:
+        shown = advice if self._display.paper is None else self._display.paper.look(state, around.calls, now_ns)
+        if self._display.paper is None and advice is None:
             return
         view = (
             None
@@ -233,7 +239,7 @@ class World:
                 deviation_s=around.compared_s(state),
             )
         )
-        self._view = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)
+        self._view = self._display.screen.show(view, state.time_s, stands=state.speed_mps <= 0)
 
 
 TRAIN = "train"
