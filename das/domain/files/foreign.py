@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import zipfile
@@ -53,6 +54,8 @@ _OURS: Final = re.compile(r"^\[(route|vehicle|journey|scenario)\]\s*(?:#.*)?$", 
 
 def foreign_format(path: Path) -> ForeignFormat | None:
     """The format of a file if it is a known one, of another program or of ours; None for anything else."""
+    if not os.path.isfile(path):  # unlike Path.is_file, false for a name that no file can have; a pipe would block
+        return None
     try:
         with path.open("rb") as file:
             head = file.read(MOST_BYTES)

@@ -96,8 +96,7 @@ def locate(
     if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)
-    if path.is_file():
-        refuse_foreign(path, kind)
+    refuse_foreign(path, kind)
     if path.suffix.lower() not in suffixes:
         names, expected = ", ".join(bundled), " or ".join(suffixes)
         raise DasError(f"{name_or_path}: not a bundled {kind} ({names}) and not a {expected} file")
