@@ -51,9 +51,13 @@ class Placement:
 def placed(trip: FeedTrip, route: Route | None) -> Placement:
     """The positions of a trip's stops: those of the route's stops, or on its geometry, or else along the feed's shape.
 
-    Raises DasError for a stop in the middle that is not on the route, and for stops against its direction.
+    Raises DasError for a stop in the middle that is not on the route, for stops against its direction, and for an end
+    without a time.
     """
     found = _along_feed(trip) if route is None else _on_route(trip, route)
+    for end in (found.stops[0].stop, found.stops[-1].stop):
+        if math.isnan(end.departure_s):
+            raise DasError(f"{trip.feed}: {end.name} has no time in stop_times.txt: expected one at an end")
     for before, after in zip(found.stops, found.stops[1:], strict=False):
         if after.position_m < before.position_m + LEAST_SPACING_M:
             raise DasError(

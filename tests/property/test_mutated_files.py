@@ -35,12 +35,13 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.files.routes import journey_of
+from das.domain.route import Route
 from das.solver.section import Section, build_section
 from das.table.format import MANIFEST
 from das.table.reading import Table, read_front
 from precompute.cli.journey_report import as_dict, table
 from precompute.cli.journey_report import warnings as warnings_of
-from precompute.gtfs import TripChoice, read_trip
+from precompute.gtfs import FeedTrip, TripChoice, read_trip
 from precompute.journey_import import TimesRead, journey_text, placed
 from precompute.route_import.importing import ImportOrder, imported
 from precompute.route_import.line import Words
@@ -136,7 +137,7 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
     sealed = folder / "manifest.json"
     sealed.write_bytes((table / MANIFEST).read_bytes())
     feed, imported = write_feed(folder / "feed.zip"), folder / "imported.toml"
-    imported.write_text(_journey_text(feed), encoding="utf-8")
+    imported.write_text(_journey_text(read_trip(feed, TripChoice(trip="101")), None), encoding="utf-8")
     recording = folder / "recording.mcap"
     write_recording(recording, seconds=20)
     texts: list[tuple[str, Path, Callable[[Path], object]]] = [
@@ -153,20 +154,24 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
     ]
     return [
         *(Kind(*one, mutated_text) for one in texts),
-        Kind("feed", feed, _journey_text, mutated_feed),
+        Kind("feed", feed, _feed, mutated_feed),
         Kind("recording", recording, _recording, mutated_bytes),
     ]
 
 
-def _journey_text(feed: Path) -> str:
+def _journey_text(trip: FeedTrip, route: Route | None) -> str:
+    """The journey file of a trip, which can be read again."""
+    text = journey_text(trip, placed(trip, route), TimesRead(), route, "test")
+    journey_of(Fields.of(trip.feed, tomllib.loads(text)), route)
+    return text
+
+
+def _feed(feed: Path) -> None:
     """Import a trip of a feed, by its id or by its stops, on a route or without one."""
     chance = random.Random(feed.stat().st_size)
     by_stops = TripChoice(from_stop="Altdorf", to_stop="Zell", at_s=18_300.0)
     trip = read_trip(feed, chance.choice((TripChoice(trip="101"), TripChoice(trip="103"), by_stops)))
-    route = chance.choice((None, feed_route(), feed_route(geometry=True)))
-    text = journey_text(trip, placed(trip, route), TimesRead(), route, "test")
-    journey_of(Fields.of(feed, tomllib.loads(text)), route)
-    return text
+    _journey_text(trip, chance.choice((None, feed_route(), feed_route(geometry=True))))
 
 
 def _imported(path: Path) -> None:
