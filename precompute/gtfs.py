@@ -240,6 +240,8 @@ class _Feed(FeedTables):
         It leaves its first stop, where the table says `first_s`, at the times of its interval. Taken is the first one
         that leaves the stop with the departure `here_s` at `at_s` or later.
         """
+        if math.isnan(here_s - first_s):
+            return None
         found = []
         at_s = None if at_s is None else at_s - (here_s - first_s)
         for number, row in self.rows(
