@@ -103,9 +103,9 @@ def run_day(
     `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
     the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable", "human", or a class
     of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms", "four-mode",
-    "vector" or "coach"), `level` how losses are modelled (the default is the vehicle's own). `participant` is the
-    number of a human driver of the default population, who is the same on every day; the seed then draws the day alone.
-    Nothing is recorded: `das-sim run` does that.
+    "vector", "coach" or "sheet"), `level` how losses are modelled (the default is the vehicle's own). `participant` is
+    the number of a human driver of the default population, who is the same on every day; the seed then draws the day
+    alone. Nothing is recorded: `das-sim run` does that.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 

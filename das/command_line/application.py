@@ -44,13 +44,19 @@ class Entry:
 
     `name`: the word the user types. `where`: module and function, like "precompute.cli.solve:solve"; the module is
     imported only when the command is called. `summary`: the first line of the function's docstring, as the program's
-    help prints it. `examples`: command lines that a user can copy.
+    help prints it. `examples`: command lines that a user can copy. `more`: module and name of a tuple of commands that
+    begin with this one's word ("precompute.cli.journey_files:COMMANDS"); any other word is an argument of this one.
     """
 
     name: str
     where: str
     summary: str
     examples: tuple[str, ...]
+    more: str = ""
+
+    def entries(self) -> tuple[Entry, ...]:
+        """The commands that begin with this one's word, whose list is imported here."""
+        return _entries(self.more) if self.more else ()
 
     def function(self) -> Callable[..., Any]:
         """Import the command's module and return its function."""
@@ -61,7 +67,7 @@ class Entry:
 
     def load(self) -> TyperCommand:
         """The command with its options and its help."""
-        return _command(self.name, self.function(), self.examples)
+        return _command(self.name, self.function(), self.examples, [one.name for one in self.entries()])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +84,7 @@ class Group:
 
     def entries(self) -> tuple[Entry, ...]:
         """The commands of the group, whose list is imported here."""
-        module, _, name = self.where.partition(":")
-        found: tuple[Entry, ...] = getattr(importlib.import_module(module), name)
-        return found
+        return _entries(self.where)
 
     def load(self) -> TyperGroup:
         """The group with its commands; the module of each is imported when it is called."""
@@ -90,6 +94,12 @@ class Group:
         for entry in self.entries():
             group.add_command(_LazyCommand(entry))
         return group
+
+
+def _entries(where: str) -> tuple[Entry, ...]:
+    module, _, name = where.partition(":")
+    found: tuple[Entry, ...] = getattr(importlib.import_module(module), name)
+    return found
 
 
 def _group_of(group: Group) -> typer.Typer:
@@ -147,7 +157,10 @@ class _LazyCommand(TyperCommand):
         self.entry = entry
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """The context of the real command, whose module is imported here."""
+        """The context of the real command, or of the one below it that the first argument names; imported here."""
+        for entry in self.entry.entries() if args else ():
+            if args[0] == entry.name:
+                return entry.load().make_context(f"{info_name} {entry.name}", args[1:], parent=parent, **extra)
         return self.entry.load().make_context(info_name, args, parent=parent, **extra)
 
 
@@ -173,10 +186,17 @@ def _typer(**settings: Any) -> typer.Typer:
 
 
 def _command(
-    name: str, function: Callable[..., Any], examples: Sequence[str], *, add_completion: bool = False
+    name: str,
+    function: Callable[..., Any],
+    examples: Sequence[str],
+    others: Sequence[str] = (),
+    *,
+    add_completion: bool = False,
 ) -> TyperCommand:
     app = _typer(add_completion=add_completion)
-    app.command(name, epilog=_epilog(examples), context_settings=dict(HELP_OPTIONS))(with_options(function))
+    more = f"\n\nMore commands: {name} {' | '.join(others)} (-h explains each)." if others else ""
+    epilog = _epilog(examples) + more
+    app.command(name, epilog=epilog, context_settings=dict(HELP_OPTIONS))(with_options(function))
     command = get_command(app)
     assert isinstance(command, TyperCommand)
     return command

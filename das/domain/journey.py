@@ -35,6 +35,11 @@ class Window:
     earliest_s: float = -math.inf
     latest_s: float = math.inf
 
+    @classmethod
+    def at(cls, time_s: float) -> Self:
+        """The window that is one time."""
+        return cls(earliest_s=time_s, latest_s=time_s)
+
     def held_at(self, time_s: float, tolerance_s: float) -> Held:
         """At which bound of the window a time lies, within a tolerance."""
         early, late = (abs(bound_s - time_s) <= tolerance_s for bound_s in (self.earliest_s, self.latest_s))
@@ -59,13 +64,30 @@ class Call:
 
 @dataclass(frozen=True, kw_only=True)
 class Passing:
-    """A point passed within a window of time and between two speeds."""
+    """A point passed within a window of time and between two speeds; or, without a window, a timing point.
+
+    A `wish` is not enforced: plans report whether its window was kept to within `tolerance_s`, by which the timetable
+    is rounded, and what keeping it would cost.
+    """
 
     name: str
     position_m: float
     window: Window = ANY_TIME
     lowest_mps: float = 0.0
     highest_mps: float = math.inf
+    wish: bool = False
+    tolerance_s: float = 0.0
+
+    @property
+    def tolerated(self) -> Window:
+        """The window with the tolerance on both sides."""
+        window, more_s = self.window, self.tolerance_s
+        return Window(earliest_s=window.earliest_s - more_s, latest_s=window.latest_s + more_s)
+
+    def missed_s(self, time_s: float) -> float:
+        """By how much (s; late > 0) a time lies outside the tolerated window; 0 inside it."""
+        window = self.tolerated
+        return max(time_s - window.latest_s, 0.0) + min(time_s - window.earliest_s, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -124,6 +146,11 @@ class Journey(Summary):
         """The stops of the journey."""
         return tuple(point for point in self.points if isinstance(point, Call))
 
+    @property
+    def passings(self) -> tuple[Passing, ...]:
+        """The points of the journey that are no stops."""
+        return tuple(point for point in self.points if isinstance(point, Passing))
+
     def check_on(self, route: Route) -> None:
         """Raise InputError for a point that does not lie on the route."""
         for point in self.points:
@@ -156,12 +183,12 @@ class Journey(Summary):
                 reached_s, since = window.earliest_s, key
 
     def _windows(self) -> Iterator[tuple[str, Window, float]]:
-        """Every time of the journey in order: what it is, its window, and the least dwell before it."""
+        """Every enforced time in order: what it is, its window, and the least dwell before it."""
         for point in self.points:
             if isinstance(point, Call):
                 yield f"arrival at {point.name}", point.arrival, 0.0
                 yield f"departure of {point.name}", point.departure, point.dwell_s
-            else:
+            elif not point.wish:
                 yield f"passing {point.name}", point.window, 0.0
 
 
@@ -177,7 +204,10 @@ def _check_point(source: str, point: Call | Passing) -> None:
     if isinstance(point, Call):
         if not 0 <= point.dwell_s < math.inf:
             raise InputError(source, f"dwell of {point.name}", point.dwell_s, "a finite number >= 0")
-    elif not (0 <= point.lowest_mps <= point.highest_mps and point.highest_mps > 0 and point.lowest_mps < math.inf):
+        return
+    if point.wish and point.window == ANY_TIME:
+        raise InputError(source, f"times of {point.name}", MISSING, "a time: it is a wish")
+    if not (0 <= point.lowest_mps <= point.highest_mps and point.highest_mps > 0 and point.lowest_mps < math.inf):
         shown = f"{point.lowest_mps / KMH:g} … {point.highest_mps / KMH:g} km/h"
         raise InputError(
             source, f"speeds of {point.name}", shown, "0 <= lowest speed <= highest speed, and highest speed > 0"
@@ -189,3 +219,9 @@ def clock(time_s: float) -> str:
     tenths = round(10 * abs(time_s))
     sign = "-" if time_s < 0 and tenths else ""
     return f"{sign}{tenths // 36000}:{tenths // 600 % 60:02}:{tenths // 10 % 60:02}.{tenths % 10}"
+
+
+def file_clock(time_s: float) -> str:
+    """A time >= 0 as journey files have it, "08:12:30"; after midnight it goes on beyond 24 hours."""
+    whole = round(time_s)
+    return f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"

@@ -163,6 +163,14 @@ class Trajectory(Summary):
         """Mean speed of each interval over time (m/s)."""
         return 0.5 * (self.v_mps[:-1] + self.v_mps[1:])
 
+    def passed(self, position_m: float) -> tuple[float, float]:
+        """Time (s) and speed (m/s) at a position on the way; the acceleration is constant between two nodes."""
+        node = int(np.clip(np.searchsorted(self.s_m, position_m, side="right") - 1, 0, len(self.s_m) - 2))
+        step_m, way_m = self.s_m[node + 1] - self.s_m[node], position_m - self.s_m[node]
+        before, after = self.v_mps[node : node + 2]
+        speed_mps = float(np.sqrt(before**2 + (after**2 - before**2) * way_m / step_m))
+        return float(self.t_s[node] + 2.0 * way_m / max(before + speed_mps, 1e-9)), speed_mps
+
     def loss_j(self, loss: LossModel) -> Floats:
         """Component loss of each interval under any loss model (J)."""
         return loss.loss_w(self.force_el_n, self.mean_speed_mps()) * self.interval_s()

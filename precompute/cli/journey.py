@@ -7,11 +7,13 @@ import math
 import time
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.printing import busy, loading_solver
+from das.command_line.files import check_outputs
+from das.command_line.printing import busy, loading_solver, tell
 from das.domain.errors import DasError
 from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from das.domain.journey import Journey
     from das.domain.route import Route
     from das.domain.vehicle import Vehicle
+    from das.solver.journey.plan import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
 """The word that is given instead of a journey: call at all stops of the route."""
@@ -64,6 +67,39 @@ class StopsOptions:
         return Journey.over_stops(route.stops, time_s=running_s + dwell_s * (len(route.stops) - 2), dwell_s=dwell_s)
 
 
+@dataclass(frozen=True, kw_only=True)
+class JourneyFiles(RunFiles):
+    """The files that `journey` writes: trajectory, picture and driver's sheet, and whether it prints JSON."""
+
+    sheet: Annotated[
+        Path | None,
+        typer.Option(
+            "--sheet",
+            metavar="FILE",
+            help="Driver's sheet to write (.html, or .pdf with Chromium): what to do from which kilometre on.",
+        ),
+    ] = None
+
+    def check(self, *inputs: str | Path | None) -> None:
+        """Raise DasError if a file cannot be written; called before the work begins."""
+        super().check(*inputs)
+        if self.sheet is None:
+            return
+        if self.sheet.suffix.lower() not in (".html", ".htm", ".pdf"):
+            raise DasError(f"{self.sheet}: expected a file name that ends in .html or .pdf")
+        check_outputs(self.out, self.plot, self.sheet, inputs=inputs, overwrite=self.overwrite)
+        if self.sheet.suffix.lower() == ".pdf":
+            from das.command_line.pdf import browser
+
+            browser()
+
+    def tell(self) -> None:
+        """Print which files were written."""
+        super().tell()
+        if self.sheet is not None:
+            tell(f"written: {self.sheet}")
+
+
 JourneyArgument = Annotated[
     str,
     typer.Argument(
@@ -79,7 +115,7 @@ def journey(
     driven: TrainOptions,
     world: WorldOptions,
     stops: StopsOptions,
-    files: RunFiles,
+    files: JourneyFiles,
 ) -> None:
     """Plan a train's whole journey with the least energy: when to be where, and how to drive between.
 
@@ -108,21 +144,46 @@ def journey(
         solve_s = time.perf_counter() - began
         others_j = {"proportional": planner.plan(Split.PROPORTIONAL).input_j, "fastest": planner.fastest_j()}
 
-    from das.domain.files.writing import write_trajectory
     from precompute.cli import report
 
+    with busy("pricing the wishes that are missed …"):
+        missed = report.missed_wishes(planner, plan)
+    _write(files, planner, plan)
+    if files.as_json:
+        print(json.dumps(report.journey_json(plan, others_j, missed, solve_s)))
+        return
     title = f"{asked.name}: {train.id}, {planner.sections[0].whole.level}"
+    report.print_plan(plan, title, others_j, missed)
+    files.tell()
+
+
+def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> None:
+    """Write the trajectory, the picture and the driver's sheet that were asked for."""
     if files.out is not None:
+        from das.domain.files.writing import write_trajectory
+
         write_trajectory(files.out, plan.trajectory())
     if files.plot is not None:
         from das.drawing.picture import draw_runs
 
         draw_runs([plan.plotted()]).save(files.plot, overwrite=True)
-    if files.as_json:
-        print(json.dumps(report.journey_json(plan, others_j, solve_s)))
-        return
-    report.print_plan(plan, title, others_j)
-    files.tell()
+    if files.sheet is not None:
+        with busy("writing the sheet …"):
+            _write_sheet(files.sheet, planner, plan)
+
+
+def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None:
+    """Write the driver's sheet of a plan as HTML or PDF."""
+    from das.domain.files.writing import write_whole
+    from precompute.sheet import sheet_page, sheets_of
+
+    page = sheet_page(plan, list(sheets_of(planner, plan)), Path(plan.journey.source).name)
+    if path.suffix.lower() == ".pdf":
+        from das.command_line.pdf import write_pdf
+
+        write_pdf(page, path)
+    else:
+        write_whole(path, page.encode())
 
 
 def _asked(name: str, line: Route, train: Vehicle, driven: TrainOptions, stops: StopsOptions) -> Journey:

@@ -42,6 +42,7 @@ COMMANDS: tuple[Entry | Group, ...] = (
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",
         ),
+        more="precompute.cli.journey_files:COMMANDS",
     ),
     Entry(
         name="sensitivity",

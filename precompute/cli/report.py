@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from rich import box
 from rich.table import Table
 
 from das.command_line.printing import print_table, tell
-from das.domain.journey import Held, clock
+from das.domain.errors import DasError
+from das.domain.journey import Held, Window, clock
 from das.domain.plotted import PlottedFront
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KMH, KW, kmh, kwh
-from das.solver.journey.plan import JourneyPlan, PlannedTime, SectionPlan
+from das.solver.journey.plan import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution, plotted_on
 from precompute.baselines import Strategy
@@ -172,10 +173,56 @@ JOURNEY_LEGEND = {
     "input": "net energy at the current collector",
     "λ": "price of time, what one second less would cost, between two points with a window",
 }
+WISH_LEGEND = {"~, !": "a wish that is kept to within its tolerance, or missed"}
 _MARKS = {Held.FREE: " ", Held.EARLIEST: "≥", Held.LATEST: "≤", Held.FIXED: "="}
 
 
-def journey_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) -> dict[str, Any]:
+class MissedWish(NamedTuple):
+    """A wish that a plan does not keep, and the energy (J) that keeping it would cost, NaN if it cannot be kept.
+
+    The times at the stops before and after it are those of the plan.
+    """
+
+    passed: PassedAt
+    costs_j: float
+
+    def words(self) -> str:
+        """The wish, when the train passes, and the price of keeping it."""
+        passing = self.passed.passing
+        first, last = (clock(bound) if math.isfinite(bound) else "…" for bound in _ends(passing.window))
+        wished = first if first == last else f"{first} – {last}"
+        late = f"{abs(self.passed.missed_s):.0f} s too {'late' if self.passed.missed_s > 0 else 'early'}"
+        possible = f"keeping it would cost {kwh(self.costs_j):.2f} kWh"
+        price = "it cannot be kept between these stops" if math.isnan(self.costs_j) else possible
+        planned = f"planned {clock(self.passed.timing.time_s)}, {late}"
+        return f"wish {passing.name} {wished} (± {passing.tolerance_s:g} s): {planned}; {price}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """The wish for programs; `costs_kwh` is None if it cannot be kept."""
+        missed_s, costs_kwh = self.passed.missed_s, _finite(kwh(self.costs_j))
+        return {"name": self.passed.passing.name, "missed_s": missed_s, "costs_kwh": costs_kwh}
+
+
+def _ends(window: Window) -> tuple[float, float]:
+    return window.earliest_s, window.latest_s
+
+
+def missed_wishes(planner: JourneyPlanner, plan: JourneyPlan) -> list[MissedWish]:
+    """The wishes that a plan misses, each with its price, for the times that the plan has at the stops."""
+    found = []
+    for section in plan.sections:
+        for passed in section.passings:
+            if passed.missed_s:
+                try:
+                    found.append(MissedWish(passed, planner.wish_costs_j(section, passed)))
+                except DasError:  # no run keeps it, or a window before it already excludes it
+                    found.append(MissedWish(passed, math.nan))
+    return found
+
+
+def journey_json(
+    plan: JourneyPlan, others_j: dict[str, float], missed: Sequence[MissedWish], solve_s: float
+) -> dict[str, Any]:
     """The plan as `--json` prints it; `others_j` is the energy of other plans that keep the same windows, by name."""
     return {
         "journey": plan.journey.id,
@@ -189,6 +236,7 @@ def journey_json(plan: JourneyPlan, others_j: dict[str, float], solve_s: float) 
         "gap_reason": plan.gap_reason,
         "others_kwh": {name: kwh(energy_j) for name, energy_j in others_j.items()},
         "feasible": all(section.feasible for section in plan.sections),
+        "wishes_missed": [one.as_dict() for one in missed],
         "solve_s": solve_s,
         "hops": [_section_json(section) for section in plan.sections],
     }
@@ -208,7 +256,13 @@ def _section_json(section: SectionPlan) -> dict[str, Any]:
         "ledger_kwh": section.balance.as_kwh(),
         "feasible": section.feasible,
         "passings": [
-            {"name": x.passing.name, "s_m": x.passing.position_m, "speed_mps": x.speed_mps, **_timing_json(x.timing)}
+            {
+                "name": x.passing.name,
+                "s_m": x.passing.position_m,
+                "speed_mps": x.speed_mps,
+                **_timing_json(x.timing),
+                **({"wish": True, "missed_s": x.missed_s} if x.passing.wish else {}),
+            }
             for x in section.passings
         ],
     }
@@ -218,8 +272,8 @@ def _timing_json(timing: PlannedTime) -> dict[str, Any]:
     return {"time_s": timing.time_s, "held": str(timing.held)}
 
 
-def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> None:
-    """Sections and passings as a table, then the totals."""
+def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float], missed: Sequence[MissedWish]) -> None:
+    """Sections and passings as a table, then the totals and the wishes that are missed."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     table.add_column("section")
     for name in ("departs", "arrives", "km/h", "run\ns", "buffer\n%", "input\nkWh", "λ\nkW"):
@@ -236,9 +290,11 @@ def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float]) -> Non
             "/".join(f"{price_w / KW:.0f}" if math.isfinite(price_w) else "∞" for price_w in section.lambda_w),
         )
         for x in section.passings:
-            table.add_row(f"  {x.passing.name}", "", _shown(x.timing), f"{kmh(x.speed_mps):.1f}")
-    print_table(table, JOURNEY_LEGEND)
-    for line in _totals(plan, others_j):
+            shown = f"{'!' if x.missed_s else '~'} {clock(x.timing.time_s)}" if x.passing.wish else _shown(x.timing)
+            table.add_row(f"  {x.passing.name}", "", shown, f"{kmh(x.speed_mps):.1f}")
+    wishes = any(passing.wish for passing in plan.journey.passings)
+    print_table(table, JOURNEY_LEGEND | (WISH_LEGEND if wishes else {}))
+    for line in (*_totals(plan, others_j), *(one.words() for one in missed)):
         tell(line)
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.load import catalogue, load_route, load_vehicle
+from das.domain.files.load import catalogue, load_journey, load_route, load_vehicle
 from das.domain.files.reading import Fields, number, read_toml
 from das.domain.files.vehicles import read_loss_map, site_braking
 from das.domain.levels import Level
@@ -128,14 +128,25 @@ def _entries(fields: Fields, key: str) -> Iterator[Fields]:
 
 
 def _lines(fields: Fields) -> list[_Line]:
-    fields.check_keys(["route", "reverse", "stops"])
+    fields.check_keys(["route", "reverse", "stops", "journey"])
     route = _loaded(fields, "route", "routes", load_route)
     reverse = fields.data.get("reverse", False)
     if not isinstance(reverse, bool) and reverse != "both":
         raise fields.error("reverse", reverse, 'true, false or "both"')
+    if fields.has("journey"):
+        return [_journey_line(fields, route.reversed() if reverse else route)]
     stops = _stops(fields, route)
     ways = {False: (False,), True: (True,), "both": (False, True)}[reverse]
     return [_reversed(route, stops) if backwards else _Line(route, stops) for backwards in ways]
+
+
+def _journey_line(fields: Fields, route: Route) -> _Line:
+    """The line between the stops of a journey, which runs in one direction."""
+    for key in ("stops",) if fields.data.get("reverse") != "both" else ("reverse",):
+        if fields.has(key):
+            raise fields.error(key, fields.data[key], "none beside journey, which has stops and a direction of its own")
+    journey = _loaded(fields, "journey", "journeys", lambda name: load_journey(name, route))
+    return _Line(route, tuple(Stop(name=call.name, position_m=call.position_m) for call in journey.calls))
 
 
 def _stops(fields: Fields, route: Route) -> tuple[Stop, ...]:

@@ -107,6 +107,15 @@ DriversOption = Annotated[
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim scenarios lists them) or TOML file.")
 ]
+JourneyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--journey",
+        metavar="FILE",
+        help="Stops, dwells, passings and times of a journey file, or of a bundled journey, instead of the scenario's; "
+        "they are times of the day on which the scenario departs.",
+    ),
+]
 InProcessOption = Annotated[
     bool, typer.Option("--in-process", help="Run without bus and recording: the same brain in this process.")
 ]
@@ -184,7 +193,7 @@ def check_page(out: Path | None, pdf: Path | None, inputs: Iterable[Path], *, ov
             raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
     check_outputs(out, pdf, inputs=inputs, overwrite=overwrite)
     if pdf is not None:
-        from sim.review.report.page import browser
+        from das.command_line.pdf import browser
 
         browser()
 
@@ -198,7 +207,7 @@ def write_page(draw: Callable[[], str], out: Path | None, pdf: Path | None) -> N
     if out is not None:
         write_whole(out, content.encode())
     if pdf is not None:
-        from sim.review.report.page import write_pdf
+        from das.command_line.pdf import write_pdf
 
         with busy(f"printing {pdf} …"):
             write_pdf(content, pdf)

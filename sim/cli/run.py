@@ -34,6 +34,7 @@ from sim.cli.options import (
     DriverOption,
     FrictionOption,
     InProcessOption,
+    JourneyOption,
     RunAtOption,
     ScenarioArgument,
     naming_recorded,
@@ -104,6 +105,7 @@ def scenarios(as_json: JsonOption = False) -> None:
 
 def run(
     scenario: ScenarioArgument,
+    journey: JourneyOption = None,
     driver: DriverOption = DriverKind.HUMAN,
     advice: AdviceOption = Presentation.COACH,
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
@@ -139,8 +141,7 @@ def run(
         driver_versions(who)
         person = participant_of(who, participant, population)
         files = bus_folder(bus, insecure_bus, check_train_name(train))
-        read = load_scenario(scenario)
-        _check_not_an_input(out, read)
+        read = _checked(load_scenario(scenario), journey, out)
         warm_up()
     with busy("solving the sections …"):
         day = make_day(prepare_service(read, level=level), seed, person)
@@ -152,6 +153,13 @@ def run(
     )  # fmt: skip
     with removed_if_unused(reserved):
         _tell(_drive(day, how, out or reserved, factor), as_json)
+
+
+def _checked(scenario: Scenario, journey: str | None, out: Path | None) -> Scenario:
+    """The scenario with the journey; DasError if the recording would replace a file of either."""
+    scenario = scenario if journey is None else scenario.timed_by(journey)
+    _check_not_an_input(out, scenario)
+    return scenario
 
 
 def _tell(found: DayResult, as_json: bool) -> None:

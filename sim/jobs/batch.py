@@ -37,6 +37,7 @@ from sim.world.service import lay_out, make_day, scenario_files
 MOST_SEEDS = 1_000_000
 """Largest number of seeds in one range; a larger range is taken for a typing error."""
 STOP_COLUMNS = ("due_s", "arrived_s", "departed_s", "late_s", "missed_m")
+PASSING_COLUMNS = ("passed_s", "late_s")
 """Figures of the stops: lists in the order in which the train comes to the stops."""
 _services = ServiceMemory()
 """The services that a worker, which is a process, keeps between jobs."""
@@ -177,13 +178,15 @@ def make_run(job: BatchJob) -> JobResult:
     how = How(driver=job.driver, friction=job.friction, advice=job.advice, train="train-1", command=job.command)
     run = whole_run(drive_day(day, day.driver(job.driver, job.friction), how, job.record), job.record)
     figures = outcome(day, run, job.driver).as_dict()
-    stops = figures.pop("stops")
+    stops, passings = figures.pop("stops"), figures.pop("passings")
     row = {
         **figures,
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
         "stops": [stop["name"] for stop in stops],
         **{f"stop_{name}": [stop[name] for stop in stops] for name in STOP_COLUMNS},
+        "passings": [passing["name"] for passing in passings],
+        **{f"passing_{name}": [passing[name] for passing in passings] for name in PASSING_COLUMNS},
         **{f"decision_{name}": [getattr(one, name) for one in run.decisions] for name in DriverEvent._fields},
     }
     return JobResult(row, {})
@@ -193,7 +196,7 @@ TEXTS = (
     *("scenario", "driver", "friction_policy", "population", "advice", "level"),
     *("error", "not_comparable", "happens", "drawn"),
     *("recording", "version"),
-    *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256"),
+    *("code_sha256", "scenario_sha256", "route_sha256", "vehicle_sha256", "loss_map_sha256", "journey_sha256"),
     *("true_vehicle_sha256", "true_loss_map_sha256", "driver_sha256", "population_sha256", "inputs_sha256"),
 )
 COUNTS = (
@@ -243,6 +246,7 @@ def write_table(path: Path, rows: Iterable[dict[str, Any]]) -> None:
 SCHEMA_NAMES = (
     *("seed", *TEXTS, *COUNTS, *FIGURES, *TRUTHS, "stops"),
     *(f"stop_{name}" for name in STOP_COLUMNS),
+    *("passings", *(f"passing_{name}" for name in PASSING_COLUMNS)),
     *("decision_time_s", "decision_what", "decision_value"),
 )
 
@@ -258,6 +262,8 @@ def _schema() -> Any:
         **dict.fromkeys(TRUTHS, pa.bool_()),
         "stops": pa.list_(pa.string()),
         **{f"stop_{name}": pa.list_(pa.float64()) for name in STOP_COLUMNS},
+        "passings": pa.list_(pa.string()),
+        **{f"passing_{name}": pa.list_(pa.float64()) for name in PASSING_COLUMNS},
         **dict.fromkeys(("decision_time_s", "decision_value"), pa.list_(pa.float64())),
         "decision_what": pa.list_(pa.string()),
     }

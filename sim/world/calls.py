@@ -55,7 +55,7 @@ class Calls:
         the day's delay at this stop."""
         ready_s = self._service.clock_s(self.timetable.departure_ns)
         if self.arrivals:
-            ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.scenario.dwell_s)
+            ready_s = max(ready_s, self.arrivals[-1].time_s + self._service.way.dwells_s[self.section])
         return ready_s + self._day.held_s[self.section]
 
     def take(self, before: PlantState, after: PlantState) -> str | None:

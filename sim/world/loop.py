@@ -27,6 +27,7 @@ from sim.drivers.presentations.presenter import Shown, present
 from sim.drivers.screen import Screen, ScreenSettings
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
+from sim.world.paper import PaperSheet
 from sim.world.service import Day, Service
 from sim.world.surroundings import Surroundings
 
@@ -126,6 +127,13 @@ class _Watches(NamedTuple):
     instructions: InstructionWatch
 
 
+class _Display(NamedTuple):
+    """What shows advice to the driver: a screen, which a sheet of paper may replace."""
+
+    screen: Screen
+    paper: PaperSheet | None
+
+
 class World:
     """The run of one day; `run` drives it to its end. `screen` is how the display shows advice (None: all, at once)."""
 
@@ -144,7 +152,7 @@ class World:
         self._command: Command = COAST
         self._counts, self._watches = Counts(), _Watches(ShownWatch(), InstructionWatch())
         self._told = 0
-        self._screen = Screen(screen)
+        self._display = _Display(Screen(screen), PaperSheet(day) if presentation is Presentation.SHEET else None)
 
     def run(self, progress: Progress | None = None) -> Run:
         """Drive from before the departure to after the last arrival; DasError if the train does not arrive."""
@@ -200,25 +208,38 @@ class World:
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> None:
         """Ask for advice and show it, unless the node is down or cut off."""
-        around, service = self._around, self.day.service
+        around = self._around
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):
             self._events.append("the node is killed and started anew")
             self.link.restart()
         if around.news.cut_off(state.time_s):
             self._counts = self._counts.plus(None)
+            self._show(state, now_ns, None)
             return
         told = [*measured, *around.operators(tick, now_ns, state)]
         advice = self.link.exchange(Tick(tick, now_ns, tuple(told)))
         self._counts = self._counts.plus(advice)
         self._watches.instructions.look(advice, state.force_el_n + state.force_friction_n)
-        view = present(
-            advice,
-            self.presentation,
-            clock_zero_ns=service.timetables[0].departure_ns,
-            deviation_s=around.compared_s(state),
+        self._show(state, now_ns, advice)
+
+    def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
+        """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
+        around = self._around
+        shown = advice if self._display.paper is None else self._display.paper.look(state, around.calls, now_ns)
+        if self._display.paper is None and advice is None:
+            return
+        view = (
+            None
+            if shown is None
+            else present(
+                shown,
+                self.presentation,
+                clock_zero_ns=self.day.service.timetables[0].departure_ns,
+                deviation_s=around.compared_s(state),
+            )
         )
-        self._view = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)
+        self._view = self._display.screen.show(view, state.time_s, stands=state.speed_mps <= 0)
 
 
 TRAIN = "train"

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any, Final
 
+import numpy as np
 from rich.table import Table
 
 from das.command_line.printing import print_table, tell, typed
@@ -22,11 +23,13 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, SectionEnergy
 from sim.drive.calls import as_rows
 from sim.drive.drive import Drive, RunFigures
+from sim.drive.passings import KeptPassing, keep
+from sim.drive.passings import as_rows as passing_rows
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentation
 from sim.recording.course import minutes
 from sim.world.loop import Counts, Run
-from sim.world.service import Day
+from sim.world.service import Day, Service
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
@@ -160,6 +163,7 @@ class DayOutcome:
     balance: EnergyBalance
     counts: Counts
     simulated_s: int
+    passings: tuple[KeptPassing, ...] = ()
 
     @property
     def late_s(self) -> float:
@@ -175,6 +179,7 @@ class DayOutcome:
             "level": self.level,
             "late_s": self.late_s,
             "stops": as_rows(self.drive.calls),
+            "passings": passing_rows(self.passings, self.drive.calls[0].due_departure_ns),
             "running_time_s": self.running_time_s,
             **self.energies.as_dict(),
             **_parts(self.balance),
@@ -218,7 +223,13 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
         balance=whole,
         counts=run.counts,
         simulated_s=len(run.states) - 1,
+        passings=_passings(service, run),
     )
+
+
+def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
+    times = np.array([service.moment_ns(state.time_s) for state in run.states])
+    return keep(service.way.passings, times, np.array([state.s_m for state in run.states]))
 
 
 def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
@@ -318,6 +329,8 @@ UNCHANGED: Final = asdict(Conditions())
 def print_result(result: DayResult) -> None:
     """Print the table of stops, the figures, notes on them, warnings, and where the recording is."""
     print_table(_stops(result), STOP_LEGEND)
+    if result.outcome.passings:
+        print_table(_passed(result.outcome))
     table = Table(show_header=False)
     table.add_column()
     table.add_column(justify="right", no_wrap=True)
@@ -345,6 +358,23 @@ def _stops(result: DayResult) -> Table:
         late = "" if call["late_s"] is None else f"{call['late_s']:+.0f} s"
         missed = "" if call["arrived_s"] is None else f"{call['missed_m']:+.1f} m"
         table.add_row(call["name"], *times, late, missed)
+    return table
+
+
+def _passed(found: DayOutcome) -> Table:
+    """When the train was at the passings of its journey."""
+    table = Table(title="passings", title_justify="left")
+    table.add_column("point")
+    for name in ("due", "passed", "late", ""):
+        table.add_column(name, justify="right")
+    zero_ns = found.drive.calls[0].due_departure_ns
+    for row, one in zip(passing_rows(found.passings, zero_ns), found.passings, strict=True):
+        ends = ["…" if row[key] is None else minutes(row[key]) for key in ("earliest_s", "latest_s")]
+        due = "" if ends == ["…", "…"] else ends[0] if ends[0] == ends[1] else " – ".join(ends)
+        due += f" ± {one.due.tolerance_s:g} s" if one.due.wish else ""
+        passed = "" if row["passed_s"] is None else minutes(row["passed_s"])
+        late = "" if row["late_s"] is None else f"{row['late_s']:+.0f} s"
+        table.add_row(one.due.name, due, passed, late, one.words)
     return table
 
 

@@ -19,6 +19,7 @@ from das.cab.heard import PositionHeard
 from das.domain.braking import REACTION_S
 from das.domain.errors import DasError
 from das.domain.units import KMH
+from sim.drive.passings import passing_metadata
 from sim.drive.stability import AdviceStability
 from sim.drivers.cab import KINDS, Driver, DriverEvent
 from sim.drivers.kinds import DriverName, FrictionPolicy, Presentation
@@ -140,6 +141,7 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
         **driver_versions(how.driver),
         "advice": str(how.advice),
         **screen_metadata(how.screen),
+        **passing_metadata(service.way.passings),
         "happens": described(day.disturbances),
         "drawn": json.dumps(day.drawn),
         "route": service.route.name,
@@ -163,7 +165,9 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
 def _node_arguments(service: Service) -> tuple[str, ...]:
     scenario = service.scenario
     arguments = ["--route", scenario.route, "--vehicle", scenario.vehicle, "--level", str(service.level)]
-    arguments += ["--from", service.stops[0].name, "--to", service.stops[-1].name]
+    first, last = service.stops[0], service.stops[-1]
+    if all(service.route.stop_name_at(stop.position_m) == stop.name for stop in (first, last)):
+        arguments += ["--from", first.name, "--to", last.name]
     if scenario.load is not None:
         arguments += ["--load", scenario.load]
     if scenario.loss_map is not None:

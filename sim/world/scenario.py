@@ -6,8 +6,8 @@ The format: docs/reference/scenarios.md.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, replace
 from dataclasses import fields as fields_of
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -33,7 +33,7 @@ _ID = re.compile(r"\w[\w.-]{0,63}")
 
 KEYS = (
     *("id", "title", "description", "route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from", "to"),
-    "calls",
+    *("calls", "journey"),
 )
 """The keys of the table `[scenario]`."""
 _RISING = (("from", "to"), ("valid_from", "valid_until"), ("seen", "told"))
@@ -89,6 +89,7 @@ class Scenario:
 
     `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map` is the file of the
     losses (L3) with which the advice is planned in place of the vehicle's own; `point_mass` plans a train of no length.
+    `journey` gives stops, dwells, passings and times; its clock shows 0 at midnight before the departure.
     """
 
     id: str
@@ -112,6 +113,11 @@ class Scenario:
     calls: tuple[str, ...] | None = None
     loss_map: Path | None = None
     point_mass: bool = False
+    journey: str | None = None
+
+    def timed_by(self, journey: str) -> Scenario:
+        """The same scenario with the stops and times of a journey (its bundled name, or its file)."""
+        return replace(self, journey=journey, from_stop=None, to_stop=None, calls=None)
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
         """Draw the disturbances of a seed's day."""
@@ -137,7 +143,11 @@ def read_scenario(path: Path) -> Scenario:
     main = fields.table("scenario")
     main.check_keys(KEYS)
     timetable = fields.optional_table("timetable")
-    timetable.check_keys(["departure", *timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})])
+    own_times = timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})
+    timetable.check_keys(["departure", *own_times])
+    if main.has("journey"):
+        _refuse_beside_journey(main, ("from", "to", "calls"))
+        _refuse_beside_journey(timetable, own_times)
     return Scenario(
         id=_id(main),
         title=main.text("title"),
@@ -160,7 +170,16 @@ def read_scenario(path: Path) -> Scenario:
         calls=_calls(main),
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
         point_mass=main.flag("point_mass", False),
+        journey=beside(path.parent, main.text("journey")) if main.has("journey") else None,
     )
+
+
+def _refuse_beside_journey(table: Fields, keys: Sequence[str]) -> None:
+    for key in keys:
+        if table.has(key):
+            raise table.error(
+                key, table.data[key], "none beside scenario.journey, which has stops and times of its own"
+            )
 
 
 def _calls(main: Fields) -> tuple[str, ...] | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,16 +19,19 @@ from das.cab.heard import JourneyHeard, OrderedStop
 from das.domain.braking import ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
-from das.domain.files.load import load_route, load_vehicle
+from das.domain.files.load import load_journey, load_route, load_vehicle, locate_journey
 from das.domain.files.vehicles import read_loss_map
+from das.domain.journey import Journey
 from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
+from das.solver.journey.plan import plan_journey
 from das.solver.section import SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
+from sim.drive.passings import DuePassing
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
@@ -43,16 +47,27 @@ KEPT_BYTES = 300_000_000
 """Largest total size (bytes) of the fronts that runs without a bus keep."""
 TIMETABLE_STEP_S = 6.0
 """Running times in timetables are rounded up to multiples of this (s), a tenth of a minute."""
+LATEST_TIME_S = 10 * 86_400.0
+"""Latest time (s) on a journey's clock in a simulated day."""
 PLANNED = (
     *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
-    *("departure_ns", "buffer_ratio", "dwell_s"),
+    *("departure_ns", "buffer_ratio", "dwell_s", "journey"),
 )
 """The fields of a scenario that decide its service."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ServedPoints:
+    """The stops of a service, the least dwell (s) at each, and the passings of its journey, if it has one."""
+
+    stops: tuple[Stop, ...]
+    dwells_s: tuple[float, ...]
+    passings: tuple[DuePassing, ...] = ()
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Service:
-    """What is planned: the `stops` in the order of travel, and each section's front, timetable and best trajectory.
+    """What is planned: the `way` with its stops, and each section's front, timetable and best trajectory.
 
     `onboard` keeps the fronts with which the on-board system plans in runs without a bus.
     """
@@ -61,7 +76,7 @@ class Service:
     level: Level
     route: Route
     vehicle: Vehicle
-    stops: tuple[Stop, ...]
+    way: ServedPoints
     fronts: tuple[Front, ...]
     timetables: tuple[Timetable, ...]
     planned: tuple[Solution, ...]
@@ -71,6 +86,11 @@ class Service:
     """The fronts of the true train, by the conditions of a day (see `sim.world.outcome`)."""
     braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train under a certain braking, by the conditions of a day and the braking."""
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """The stops in the order of travel."""
+        return self.way.stops
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as an operator announces it at a moment (ns since 1970)."""
@@ -122,13 +142,24 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         )
         for a, b in pairwise(stops)
     )
-    timetables = _timetables(scenario, fronts)
+    journey = None if scenario.journey is None else _journey(scenario, route)
+    if journey is None:
+        timetables = _timetables(scenario, fronts)
+        way = ServedPoints(stops=stops, dwells_s=(scenario.dwell_s,) * len(stops))
+    else:
+        zero_ns = _midnight_ns(scenario, route)
+        timetables = _planned_timetables(journey, zero_ns, route, vehicle, level, point_mass=scenario.point_mass)
+        way = ServedPoints(
+            stops=stops,
+            dwells_s=tuple(call.dwell_s for call in journey.calls),
+            passings=tuple(DuePassing.of(passing, zero_ns) for passing in journey.passings),
+        )
     return Service(
         scenario=scenario,
         level=fronts[0].section.level,
         route=route,
         vehicle=vehicle,
-        stops=stops,
+        way=way,
         fronts=fronts,
         timetables=timetables,
         planned=_best_runs(fronts, timetables),
@@ -157,6 +188,7 @@ def scenario_files(scenario: Scenario) -> dict[str, Path]:
         return {
             "scenario": scenario.source,
             **input_files(scenario.route, scenario.vehicle),
+            **({} if scenario.journey is None else {"journey": locate_journey(scenario.journey)}),
             **({} if scenario.loss_map is None else {"loss_map": _there("scenario.loss_map", scenario.loss_map)}),
             **{f"true_{name}": path for name, path in _true_files(scenario.truth).items()},
         }
@@ -178,6 +210,9 @@ def _there(key: str, path: Path) -> Path:
 
 
 def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
+    if scenario.journey is not None:
+        calls = _journey(scenario, route).calls
+        return tuple(Stop(name=call.name, position_m=call.position_m) for call in calls)
     first, last = section_stops(route, scenario.from_stop, scenario.to_stop)
     on_the_way = tuple(stop for stop in route.stops if first.position_m <= stop.position_m <= last.position_m)
     if scenario.calls is None:
@@ -228,6 +263,41 @@ def _timetables(scenario: Scenario, fronts: Sequence[Front]) -> tuple[Timetable,
         result.append(Timetable(departure_ns=departure_ns, arrival_ns=arrival_ns))
         departure_ns = arrival_ns + round(scenario.dwell_s / NS)
     return tuple(result)
+
+
+def _journey(scenario: Scenario, route: Route) -> Journey:
+    """The journey of a scenario on its route; raises DasError for one that a simulated day cannot follow."""
+    assert scenario.journey is not None
+    journey = load_journey(scenario.journey, route)
+    for passing in journey.passings:
+        if passing.lowest_mps > 0 or math.isfinite(passing.highest_mps):
+            raise DasError(f"{journey.source}: speeds of {passing.name}: expected none in a journey that is simulated")
+    last_s = journey.calls[-1].arrival.latest_s
+    if not 0 <= journey.calls[0].departure.earliest_s <= last_s <= LATEST_TIME_S:
+        raise DasError(f"{journey.source}: times: expected times from midnight, 0 to {LATEST_TIME_S / 3600:g} h")
+    return journey
+
+
+def _midnight_ns(scenario: Scenario, route: Route) -> int:
+    """The midnight (ns since 1970) that begins the day of the scenario's departure in the line's time zone."""
+    day = datetime.fromtimestamp(scenario.departure_ns // 10**9, route.zone).date()
+    # Twelve hours before noon: where clocks are set, a timetable's day begins an hour before or after midnight.
+    noon = datetime(day.year, day.month, day.day, 12, tzinfo=route.zone)
+    return (round(noon.timestamp()) - 12 * 3600) * 10**9
+
+
+def _planned_timetables(
+    journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None, *, point_mass: bool
+) -> tuple[Timetable, ...]:
+    """The times of the least-energy plan of a journey, to 0.1 s; InfeasibleError, which names a window, without one."""
+    plan = plan_journey(journey, route, vehicle, level=level, point_mass=point_mass)
+    return tuple(
+        Timetable(
+            departure_ns=zero_ns + round(round(section.departure.time_s, 1) / NS),
+            arrival_ns=zero_ns + round(round(section.arrival.time_s, 1) / NS),
+        )
+        for section in plan.sections
+    )
 
 
 _Kind = TypeVar("_Kind")

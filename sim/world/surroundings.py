@@ -213,7 +213,12 @@ class DayNews:
         Returns a sentence for each new target.
         """
         before = self.targets
-        self.targets = tuple(
+        due = tuple(
+            Target(s_m=x.s_m, earliest_ns=x.earliest_ns, latest_ns=x.latest_ns, reason=f"passing {x.name}")
+            for x in self._day.service.way.passings
+            if not x.wish and (x.earliest_ns or x.latest_ns) and state.s_m < x.s_m
+        )
+        ahead = tuple(
             Target(
                 s_m=x.at_m - x.seen_m,
                 earliest_ns=self._day.service.moment_ns(x.clears_s),
@@ -222,9 +227,10 @@ class DayNews:
             for x in self._day.of(TrainAhead)
             if x.at_m - x.told_m <= state.s_m < x.at_m and state.time_s < x.clears_s
         )
+        self.targets = (*due, *ahead)
         return [
             f"target: not at km {x.s_m / KM:.1f} before {self._day.service.clock_s(x.earliest_ns):.0f} s"
-            for x in self.targets
+            for x in ahead
             if x not in before
         ]
 

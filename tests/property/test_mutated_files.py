@@ -7,13 +7,16 @@ than 2 GB of memory.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import random
 import re
 import resource
 import signal
+import tomllib
 import warnings
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -30,9 +33,16 @@ from das.bus.recording import recording_of
 from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, load_route, load_vehicle
+from das.domain.files.reading import Fields
+from das.domain.files.routes import journey_of
+from das.domain.route import Route
 from das.solver.section import Section, build_section
 from das.table.format import MANIFEST
 from das.table.reading import Table, read_front
+from precompute.cli.journey_report import as_dict, table
+from precompute.cli.journey_report import warnings as warnings_of
+from precompute.gtfs import FeedTrip, TripChoice, read_trip
+from precompute.journey_import import TimesRead, journey_text, placed
 from precompute.route_import.importing import ImportOrder, imported
 from precompute.route_import.line import Words
 from precompute.route_import.route_file import route_toml
@@ -42,6 +52,7 @@ from sim.recording.check import check_contents
 from sim.world.scenario import read_scenario
 from tests.precompute.route_import.test_tables import PATH
 from tests.support.crossing import numbered
+from tests.support.feeds import feed_route, write_feed
 from tests.support.made_maps import FILES, as_overpass, made_map
 from tests.support.making import REPOSITORY
 from tests.support.recordings import write_recording
@@ -125,6 +136,8 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
         (folder / name).write_bytes(content)
     sealed = folder / "manifest.json"
     sealed.write_bytes((table / MANIFEST).read_bytes())
+    feed, imported = write_feed(folder / "feed.zip"), folder / "imported.toml"
+    imported.write_text(_journey_text(read_trip(feed, TripChoice(trip="101")), None), encoding="utf-8")
     recording = folder / "recording.mcap"
     write_recording(recording, seconds=20)
     texts: list[tuple[str, Path, Callable[[Path], object]]] = [
@@ -132,13 +145,54 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
         ("route", CATALOGUE / "routes" / "flat-6km.toml", _route),
         ("long route", CATALOGUE / "routes" / "zurich-luzern.toml", _route),
         ("journey", CATALOGUE / "journeys" / "zurich-luzern.toml", lambda path: load_journey(path, ROUTE)),
+        ("imported journey", imported, _imported),
         ("plan", plan, read_plan),
         ("scenario", REPOSITORY / "sim" / "world" / "scenarios" / "train-ahead.toml", read_scenario),
         *((f"import of {name}", folder / name, lambda path: _imported(path, folder)) for name in maps),
         ("manifest", sealed, manifest),
         ("resealed manifest", sealed, lambda path: _resealed(path, table, sealed, section)),
     ]
-    return [*(Kind(*one, mutated_text) for one in texts), Kind("recording", recording, _recording, mutated_bytes)]
+    return [
+        *(Kind(*one, mutated_text) for one in texts),
+        Kind("feed", feed, _feed, mutated_feed),
+        Kind("recording", recording, _recording, mutated_bytes),
+    ]
+
+
+def _journey_text(trip: FeedTrip, route: Route | None) -> str:
+    """The journey file of a trip, which can be read again."""
+    text = journey_text(trip, placed(trip, route), TimesRead(), route, "test")
+    journey_of(Fields.of(trip.feed, tomllib.loads(text)), route)
+    return text
+
+
+def _feed(feed: Path) -> None:
+    """Import a trip of a feed, by its id or by its stops, on a route or without one."""
+    chance = random.Random(feed.stat().st_size)
+    by_stops = TripChoice(from_stop="Altdorf", to_stop="Zell", at_s=18_300.0)
+    trip = read_trip(feed, chance.choice((TripChoice(trip="101"), TripChoice(trip="103"), by_stops)))
+    _journey_text(trip, chance.choice((None, feed_route(), feed_route(geometry=True))))
+
+
+def _imported(path: Path) -> None:
+    """Read a journey without a route, and look at it."""
+    journey = load_journey(path, None)
+    table(journey)
+    as_dict(journey)
+    list(warnings_of(journey, None))
+
+
+def mutated_feed(raw: bytes, chance: random.Random) -> bytes:
+    """A feed whose zip, or one of whose tables, is mutated."""
+    if chance.random() < 0.3:
+        return mutated_bytes(raw, chance)
+    content = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(raw)) as before, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as after:
+        wrong = chance.choice(before.namelist())
+        for name in before.namelist():
+            text = before.read(name)
+            after.writestr(name, mutated_text(text, chance) if name == wrong else text)
+    return content.getvalue()
 
 
 def _recording(path: Path) -> None:

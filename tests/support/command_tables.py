@@ -36,6 +36,7 @@ def commands() -> dict[str, TyperCommand]:
                 found |= {f"{program} {entry.name} {one.name}": one.load() for one in entry.entries()}
             else:
                 found[f"{program} {entry.name}"] = entry.load()
+                found |= {f"{program} {entry.name} {one.name}": one.load() for one in entry.entries()}
     found["das-node"] = single_command("das-node", das.node.command.advise, ())
     (tls_init,) = get_command(das.node.command.tls_app).commands.values()  # type: ignore[attr-defined]
     assert isinstance(tls_init, TyperCommand)

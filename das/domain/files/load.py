@@ -8,6 +8,7 @@ from pathlib import Path
 
 from das.domain.errors import DasError, InputError
 from das.domain.files import routes, ttobench, vehicles
+from das.domain.files.foreign import refuse_foreign
 from das.domain.journey import Journey
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
@@ -51,22 +52,28 @@ def load_route(name_or_path: str | Path) -> Route:
     return ttobench.read_track(path) if path.suffix.lower() == ".json" else routes.read_route(path)
 
 
-def load_journey(name_or_path: str | Path, route: Route) -> Journey:
+def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
     """The journey on a route, with a bundled name ("zurich-luzern") or from a file (our TOML, or JSON of TTOBench).
 
     Raises DasError for an unknown name or file, InputError (file, key, value, what was expected) for anything unusable
-    in it, and for a point of the journey that is not on the route.
+    in it, and for a point of the journey that is not on the route. Without a route, every point must have a position.
     """
-    path = _locate(name_or_path, "journeys")
+    path = locate_journey(name_or_path)
     json = path.suffix.lower() == ".json"
     journey = ttobench.read_journey(path) if json else routes.read_journey(path, route)
-    journey.check_on(route)
+    if route is not None:
+        journey.check_on(route)
     return journey
 
 
 def locate_vehicle(name_or_path: str | Path) -> Path:
     """The file of a vehicle; DasError if there is none."""
     return _locate(name_or_path, "vehicles")
+
+
+def locate_journey(name_or_path: str | Path) -> Path:
+    """The file of a journey; DasError if there is none."""
+    return _locate(name_or_path, "journeys")
 
 
 def locate_route(name_or_path: str | Path) -> Path:
@@ -89,6 +96,7 @@ def locate(
     if isinstance(name_or_path, str) and name_or_path in bundled:
         return bundled[name_or_path]
     path = Path(name_or_path)
+    refuse_foreign(path, kind)
     if path.suffix.lower() not in suffixes:
         names, expected = ", ".join(bundled), " or ".join(suffixes)
         raise DasError(f"{name_or_path}: not a bundled {kind} ({names}) and not a {expected} file")

@@ -27,6 +27,8 @@ MOST_POINTS = 200_000
 """Largest number of points of a route's geometry: 1000 km with a point every 5 m."""
 MOST_OF_A_SOURCE = 2000
 """Longest source or licence (characters) of a route: they stand in its pictures and reports."""
+TOLERANCE_S = 30.0
+"""Tolerance (s) of a passing that is a wish, if the file states none: timetables are rounded to minutes."""
 _CLOCK = re.compile(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
 _PLACE = {"position": "length"}
 _SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
@@ -163,21 +165,28 @@ def _tunnels(fields: Fields) -> tuple[Tunnel, ...]:
     )
 
 
-def read_journey(path: Path, route: Route) -> Journey:
-    """Read a journey on a route; raises DasError or InputError (file, key, value, expectation) if it is unusable."""
-    fields = read_toml(path)
+def read_journey(path: Path, route: Route | None) -> Journey:
+    """Read a journey on a route; raises DasError or InputError (file, key, value, expectation) if it is unusable.
+
+    Without a route, all points must state their positions.
+    """
+    return journey_of(read_toml(path), route)
+
+
+def journey_of(fields: Fields, route: Route | None) -> Journey:
+    """The journey that the fields of a file describe; raises as `read_journey`."""
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "journey", "stops", "passings"])
     main = fields.table("journey")
     main.check_keys(["id", "name", "source", "description", "route"])
-    if main.text("route", route.id) != route.id:
+    if route is not None and main.text("route", route.id) != route.id:
         raise main.error("route", main.text("route"), f"{route.id}, the route it is planned on")
     points: list[Call | Passing] = [_call(table, route) for table in _tables(fields, "stops")]
     points += [_passing(table, route) for table in _tables(fields, "passings")]
     return Journey(
         id=main.name("id"),
         name=main.name("name"),
-        source=str(path),
+        source=str(fields.source),
         points=tuple(sorted(points, key=lambda point: point.position_m)),
     )
 
@@ -190,7 +199,7 @@ def _tables(fields: Fields, key: str) -> list[Fields]:
     return [Fields.of(fields.source, entry, f"{key}[{i}].") for i, entry in enumerate(entries)]
 
 
-def _call(fields: Fields, route: Route) -> Call:
+def _call(fields: Fields, route: Route | None) -> Call:
     times = ("arrival_earliest", "arrival", "departure", "departure_latest")
     fields.check_keys([*_place_keys(fields), *_time_keys(fields, *times), *fields.quantity_keys({"dwell": "time"})])
     name, position_m = _place(fields, route)
@@ -203,23 +212,41 @@ def _call(fields: Fields, route: Route) -> Call:
     )
 
 
-def _passing(fields: Fields, route: Route) -> Passing:
-    fields.check_keys([*_place_keys(fields), *_time_keys(fields, "earliest", "latest"), *fields.quantity_keys(_SPEEDS)])
+def _passing(fields: Fields, route: Route | None) -> Passing:
+    times = _time_keys(fields, "earliest", "latest", "time")
+    own = ["wish", *fields.quantity_keys({**_SPEEDS, "tolerance": "time"})]
+    fields.check_keys([*_place_keys(fields), *times, *own])
     name, position_m = _place(fields, route)
+    wish = fields.flag("wish", False)
+    for key in () if wish else fields.given_keys("tolerance", "time"):
+        raise fields.error(key, fields.data[key], "none without wish = true: windows are kept exactly")
     return Passing(
         name=name,
         position_m=position_m,
-        window=_window(fields, "earliest", "latest"),
+        window=_passing_window(fields),
+        wish=wish,
+        tolerance_s=fields.within("tolerance", "time", TOLERANCE_S, (0.0, 3600.0)) if wish else 0.0,
         lowest_mps=fields.quantity("lowest_speed", "speed", 0.0),
         highest_mps=fields.quantity("highest_speed", "speed", math.inf, unbounded=True),
     )
+
+
+def _passing_window(fields: Fields) -> Window:
+    """The window of a passing: from `earliest` to `latest`, or exactly at `time`."""
+    exact = [key for key in _time_keys(fields, "time") if key in fields.data]
+    if not exact:
+        return _window(fields, "earliest", "latest")
+    for key in _time_keys(fields, "earliest", "latest"):
+        if key in fields.data:
+            raise fields.error(key, fields.data[key], f"none beside {exact[0]}")
+    return _window(fields, "time", "time")
 
 
 def _place_keys(fields: Fields) -> list[str]:
     return ["stop", "name", *fields.quantity_keys(_PLACE)]
 
 
-def _place(fields: Fields, route: Route) -> tuple[str, float]:
+def _place(fields: Fields, route: Route | None) -> tuple[str, float]:
     """Name and position (m) of a point: from the stop of the route that it names, or stated by the point itself."""
     if not fields.has("stop"):
         return fields.name("name"), fields.quantity("position", "length")
@@ -227,6 +254,8 @@ def _place(fields: Fields, route: Route) -> tuple[str, float]:
         if fields.has(key):
             raise fields.error(key, fields.data[key], "none beside stop, which names a stop of the route")
     wanted = fields.data["stop"]
+    if route is None:
+        raise fields.error("stop", wanted, "name and position, because no route is given; or give the route (--route)")
     number = isinstance(wanted, int) and not isinstance(wanted, bool)
     try:
         stop = route.stop(str(wanted) if number else fields.text("stop"))

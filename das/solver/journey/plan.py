@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.journey import Call, Held, Journey, Passing, Window, clock
+from das.domain.journey import ANY_TIME, Call, Held, Journey, Passing, Window, clock
 from das.domain.levels import Level
 from das.domain.plotted import PlottedRun, PlottedWindow
 from das.domain.route import Route
@@ -48,6 +48,11 @@ class PassedAt:
     passing: Passing
     timing: PlannedTime
     speed_mps: float
+
+    @property
+    def missed_s(self) -> float:
+        """By how much (s; late > 0) a wish is missed beyond its tolerance; 0 for what is enforced."""
+        return self.passing.missed_s(self.timing.time_s) if self.passing.wish else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -220,6 +225,7 @@ class JourneyPlanner:
         point_mass: bool = False,
     ) -> None:
         self.journey = journey
+        self._on = (route, vehicle, level, point_mass)
         self.sections = build_journey_sections(journey, route, vehicle, level=level, point_mass=point_mass)
         self.chains = Chains(self.sections, journey.source)
         self._check_reachable()
@@ -253,6 +259,27 @@ class JourneyPlanner:
         """Energy of the journey if every section is driven as fast as possible and the train waits at stops; windows of
         passings are not kept."""
         return sum(_driven(section, section.fastest_mps)[1].input for section in self.sections)
+
+    def wish_costs_j(self, section: SectionPlan, wish: PassedAt) -> float:
+        """Energy (J) that keeping a missed wish within its tolerance would cost, with the same times at both stops.
+
+        Raises InputError or InfeasibleError if it cannot be kept so.
+        """
+        route, vehicle, level, point_mass = self._on
+        kept = replace(wish.passing, window=wish.passing.tolerated, wish=False)
+        enforced = [one.passing for one in section.passings if not one.passing.wish]
+        journey = Journey(
+            id=self.journey.id,
+            name=self.journey.name,
+            source=self.journey.source,
+            points=(
+                replace(section.start, arrival=ANY_TIME, dwell_s=0.0, departure=Window.at(section.departure.time_s)),
+                *sorted((*enforced, kept), key=lambda passing: passing.position_m),
+                replace(section.end, departure=ANY_TIME, dwell_s=0.0, arrival=Window.at(section.arrival.time_s)),
+            ),
+        )
+        planner = JourneyPlanner(journey, route, vehicle, level=level, point_mass=point_mass)
+        return planner.plan().input_j - section.balance.input
 
     def _check_reachable(self) -> None:
         """Raise InfeasibleError if the train is late at an event although it drives every section as fast as possible.
@@ -338,16 +365,29 @@ def _section_plan(
         end=section.end,
         departure=timings[0],
         arrival=timings[-1],
-        passings=tuple(
-            PassedAt(passing=passing, timing=timing, speed_mps=float(speeds[node]))
-            for passing, timing, node in zip(section.passings, timings[1:-1], section.places[1:-1], strict=True)
-        ),
+        passings=_passed(section, trajectory, departure_s, timings[1:-1]),
         trajectory=trajectory,
         balance=balance,
         least_time_s=float(section.least_s[-1]),
         lambda_w=tuple(run.lambda_w if math.isnan(price_w) else price_w for run, price_w in runs),
         feasible=all(run.feasible for run, _ in runs),
     )
+
+
+def _passed(
+    section: JourneySection, trajectory: Trajectory, departure_s: float, timings: Sequence[PlannedTime]
+) -> tuple[PassedAt, ...]:
+    """The passings of a section in order: those that are enforced, with their `timings`, and the wishes."""
+    enforced = [
+        PassedAt(passing=passing, timing=timing, speed_mps=float(trajectory.v_mps[node]))
+        for passing, timing, node in zip(section.passings, timings, section.places[1:-1], strict=True)
+    ]
+    wishes = []
+    for passing in section.wishes:
+        time_s, speed_mps = trajectory.passed(passing.position_m)
+        timing = PlannedTime(time_s=departure_s + time_s, held=Held.FREE)
+        wishes.append(PassedAt(passing=passing, timing=timing, speed_mps=speed_mps))
+    return tuple(sorted((*enforced, *wishes), key=lambda x: x.passing.position_m))
 
 
 def _event_times(solved: Sequence[Solved]) -> Floats:

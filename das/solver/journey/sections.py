@@ -33,6 +33,7 @@ Floats = NDArray[np.float64]
 class JourneySection:
     """A section between two stops of a journey.
 
+    `passings` are those whose windows and speeds are enforced; `wishes` are only reported.
     `places` holds the integration nodes of the start, the passings and the end, `least_s` the times at which the
     fastest trajectory reaches them and `fastest_mps` its speeds at all nodes.
     """
@@ -40,6 +41,7 @@ class JourneySection:
     start: Call
     end: Call
     passings: tuple[Passing, ...]
+    wishes: tuple[Passing, ...]
     whole: Section
     places: tuple[int, ...]
     least_s: Floats
@@ -77,9 +79,7 @@ def build_journey_sections(
     sections = []
     for start, end in pairwise(journey.calls):
         inside = (start.position_m, end.position_m)
-        passings = tuple(
-            point for point in journey.points if isinstance(point, Passing) and inside[0] < point.position_m < inside[1]
-        )
+        passings = tuple(point for point in journey.passings if inside[0] < point.position_m < inside[1])
         sections.append(_journey_section(route, vehicle, start, end, passings, level, point_mass))
     return tuple(sections)
 
@@ -89,10 +89,11 @@ def _journey_section(
     vehicle: Vehicle,
     start: Call,
     end: Call,
-    passings: tuple[Passing, ...],
+    inside: tuple[Passing, ...],
     level: Level | None,
     point_mass: bool,
 ) -> JourneySection:
+    passings = tuple(passing for passing in inside if not passing.wish)
     section = build_section(
         _with_breakpoints(route, [passing.position_m for passing in passings]),
         vehicle,
@@ -115,6 +116,7 @@ def _journey_section(
         start=start,
         end=end,
         passings=passings,
+        wishes=tuple(passing for passing in inside if passing.wish),
         whole=section,
         places=tuple(places),
         least_s=section.elapsed_s(speeds)[places],

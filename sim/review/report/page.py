@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -15,7 +11,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from das import __version__
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
-from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from das.drawing.meanings import LIGHT
 from sim.drive.attribution.attribution import as_dict as energy_dict
@@ -33,9 +28,6 @@ from sim.review.report.sentences import compliance, paragraph, title, where_time
 from sim.review.scene import ReviewScene
 
 TEMPLATE: Final = "page.html.j2"
-BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-LONGEST_S: Final = 120.0
-"""Printing a page is given up after this long (s)."""
 
 
 class ReviewedDrive(NamedTuple):
@@ -92,6 +84,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "rests_on": tables.rests_on(drive),
         "figures": tables.figures(drive),
         "stops": tables.stop_rows(drive),
+        "passings": tables.passing_rows(drive),
         "causes": [] if attribution is None else tables.cause_rows(attribution),
         "times": [] if attribution is None else tables.time_rows(attribution),
         "legs": [] if attribution is None else tables.leg_rows(attribution),
@@ -168,6 +161,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "first_page": first_page_dict(drive),
         "within_shown_speed_ratio": compliance(drive),
         "stops": tables.stop_dicts(drive),
+        "passings": tables.passing_dicts(drive),
         "above_optimum_likely_low_kwh": None if drive.likely is None else kwh(drive.likely.low_j),
         "above_optimum_likely_high_kwh": None if drive.likely is None else kwh(drive.likely.high_j),
         "energy": None if drive.attribution is None else energy_dict(drive.attribution),
@@ -177,41 +171,3 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "health": subject.checked.as_dict(),
         "inputs": tables.input_dict(drive),
     }
-
-
-def browser() -> str:
-    """The program of an installed Chromium; DasError if there is none."""
-    for name in BROWSERS:
-        found = shutil.which(name)
-        if found is not None:
-            return found
-    raise DasError(f"--pdf needs one of {', '.join(BROWSERS)}, and none is installed; print the page instead")
-
-
-def write_pdf(page: str, path: Path) -> None:
-    """Write a page as PDF; DasError if the browser does not print it, or the file cannot be written."""
-    program = browser()
-    with tempfile.TemporaryDirectory(prefix="das-report-") as folder:
-        source, target = Path(folder) / "report.html", Path(folder) / "report.pdf"
-        source.write_text(page, encoding="utf-8")
-        command = [
-            program,
-            "--headless",
-            "--disable-gpu",
-            "--no-pdf-header-footer",
-            f"--user-data-dir={folder}/profile",
-        ]
-        if os.geteuid() == 0:
-            command.append("--no-sandbox")  # Chromium refuses to run as root with its sandbox
-        try:
-            done = subprocess.run(
-                [*command, f"--print-to-pdf={target}", source.as_uri()],
-                capture_output=True,
-                timeout=LONGEST_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise DasError(f"{path}: {program} did not print the page within {LONGEST_S:.0f} s") from None
-        if done.returncode or not target.is_file():
-            raise DasError(f"{path}: {program} did not print the page (exit code {done.returncode})")
-        write_whole(path, target.read_bytes())

@@ -18,6 +18,7 @@ from sim.drive.attribution.causes import OVER_MPS, EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
+from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
 from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.recording.course import minutes, spell
 from sim.review.report.sentences import compliance, shown_s, told_causes
@@ -31,6 +32,8 @@ TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)
 )
 """The kinds of events that the page lists; it counts the others."""
+TOLD_ELSEWHERE: Final = ("drawn", PASSINGS)
+"""Keys of the metadata that the page tells in other tables, or not at all."""
 NONE_TOLD: Final = "none (an empty list was told)"
 FRICTION: Final[Mapping[str, str]] = {
     FrictionPolicy.AS_MEASURED: "the simulated driver's habit: he brakes a share by friction, whatever is shown",
@@ -177,6 +180,33 @@ def stop_dicts(drive: Drive) -> list[Row]:
     ]
 
 
+def _passings(drive: Drive) -> tuple[KeptPassing, ...]:
+    due = recorded_passings(drive.recording.metadata.get("run", {}))
+    return keep(due, drive.course.time_ns, drive.course.s_m)
+
+
+def passing_rows(drive: Drive) -> list[Row]:
+    """When the train was at each passing of its journey, and whether its time there was kept."""
+    clock = drive.clock
+    return [
+        {
+            "name": one.due.name,
+            "place": place_text(one.due.s_m),
+            "earliest": clock.of_day(one.due.earliest_ns) if one.due.earliest_ns else "",
+            "latest": clock.of_day(one.due.latest_ns) if one.due.latest_ns else "",
+            "passed": clock.of_day(one.passed_ns) if one.passed_ns else "",
+            "late": "" if math.isnan(one.late_s) else f"{one.late_s:+.0f} s",
+            "remark": one.words,
+        }
+        for one in _passings(drive)
+    ]
+
+
+def passing_dicts(drive: Drive) -> list[Row]:
+    """The passings for programs; times (s) are those of the drive's clock."""
+    return as_rows(_passings(drive), drive.clock.zero_ns)
+
+
 def _known(value: float) -> float | None:
     """A value for JSON, which has no NaN: None stands for it."""
     return None if math.isnan(value) else value
@@ -303,7 +333,7 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
         readable(key, value)
         for entries in drive.recording.metadata.values()
         for key, value in entries.items()
-        if key != "drawn"
+        if key not in TOLD_ELSEWHERE
     ]
     if drive.attribution is not None:
         rows.append(("line and train of this page", drive.attribution.inputs.source))
@@ -319,7 +349,7 @@ def input_dict(drive: Drive) -> Row:
         key: _as_number(key, value)
         for entries in drive.recording.metadata.values()
         for key, value in entries.items()
-        if key != "drawn"
+        if key not in TOLD_ELSEWHERE
     }
     if drive.attribution is not None:
         found["line_and_train"] = drive.attribution.inputs.source

@@ -50,13 +50,16 @@ def attached_scenario(origin: Origin) -> Scenario:
     if not files.has("scenario"):
         raise DasError(f"{path}: does not bring its scenario along, so that its day cannot be had again")
     scenario = read_scenario(files.place("scenario"))
-    return replace(
+    scenario = replace(
         scenario,
         route=_file(origin, "route", scenario.route),
         vehicle=_vehicle(origin, "", scenario.vehicle),
         loss_map=None if scenario.loss_map is None else _attached(origin, "loss_map"),
         truth=_truth(origin, scenario.truth),
     )
+    if not origin.files.has("journey"):
+        return scenario
+    return scenario.timed_by(str(_attached(origin, "journey")))
 
 
 def _truth(origin: Origin, truth: Truth) -> Truth:

@@ -548,3 +548,50 @@ def test_one_call_plans_as_the_planner_does(split: Split) -> None:
     one, other = plan_journey(asked, HILLY, TRAIN, split=split), JourneyPlanner(asked, HILLY, TRAIN).plan(split)
     assert np.array_equal(one.trajectory().v_mps, other.trajectory().v_mps)
     assert (one.split, one.table_bound_j) == (split, other.table_bound_j)
+
+
+# --- wishes -----------------------------------------------------------------------------------------------------
+
+
+def wish(time_s: float, tolerance_s: float = 5.0) -> Passing:
+    return Passing(name="W", position_m=3_500.0, window=Window.at(time_s), wish=True, tolerance_s=tolerance_s)
+
+
+def test_a_wish_changes_no_plan_and_is_reported_by_how_much_it_is_missed_beyond_its_tolerance() -> None:
+    free = planned(start(), end(9_000.0, 440.0))
+    found = planned(start(), wish(200.0), end(9_000.0, 440.0))
+    assert found.input_j == free.input_j
+    assert (found.trajectory().v_mps == free.trajectory().v_mps).all()
+    (passed,) = found.sections[0].passings
+    run = found.trajectory()
+    assert passed.timing.time_s == pytest.approx(np.interp(3_500.0, run.s_m, run.t_s), abs=0.1)
+    assert passed.speed_mps == pytest.approx(np.interp(3_500.0, run.s_m, run.v_mps), abs=0.05)
+    assert passed.missed_s == pytest.approx(
+        passed.timing.time_s - 205.0 if passed.timing.time_s > 205 else min(passed.timing.time_s - 195.0, 0.0)
+    )
+    kept = planned(start(), wish(passed.timing.time_s + 4.0), end(9_000.0, 440.0))
+    assert kept.sections[0].passings[0].missed_s == 0.0
+
+
+@pytest.mark.parametrize("shift_s", [-20.0, 25.0])
+def test_a_missed_wish_costs_what_the_plan_with_its_window_needs_more(shift_s: float) -> None:
+    """The same as enforcing the tolerated window, if the times at the stops are fixed by the journey anyway."""
+    free = planned(start(), end(9_000.0, 440.0))
+    at_s = float(np.interp(3_500.0, free.trajectory().s_m, free.trajectory().t_s)) + shift_s
+    asked = wish(at_s)
+    planner = JourneyPlanner(journey(start(), asked, end(9_000.0, 440.0)), HILLY, TRAIN)
+    plan = planner.plan()
+    (passed,) = plan.sections[0].passings
+    assert abs(passed.missed_s) == pytest.approx(abs(shift_s) - 5.0, abs=0.5)
+    costs_j = planner.wish_costs_j(plan.sections[0], passed)
+    window = Window(earliest_s=at_s - 5.0, latest_s=at_s + 5.0)
+    tight = planned(start(), Passing(name="W", position_m=3_500.0, window=window), end(9_000.0, 440.0))
+    assert costs_j == pytest.approx(tight.input_j - free.input_j, rel=0.02)
+    assert costs_j > 0.0
+
+
+def test_a_wish_that_no_run_keeps_has_no_price() -> None:
+    planner = JourneyPlanner(journey(start(), wish(50.0), end(9_000.0, 440.0)), HILLY, TRAIN)
+    plan = planner.plan()
+    with pytest.raises(DasError):
+        planner.wish_costs_j(plan.sections[0], plan.sections[0].passings[0])

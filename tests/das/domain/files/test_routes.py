@@ -18,9 +18,9 @@ from das.domain.files.load import catalogue, load_journey, load_route
 from das.domain.files.routes import read_route
 from das.domain.journey import Call, Journey, Passing, Window, clock
 from das.domain.route import Route, Stop
-from precompute.cli.journey import StopsOptions
+from precompute.cli.journey import JourneyFiles, StopsOptions
 from precompute.cli.journey import journey as journey_command
-from precompute.cli.options import LineOptions, RunFiles, TrainOptions, WorldOptions
+from precompute.cli.options import LineOptions, TrainOptions, WorldOptions
 from tests.das.domain.files.refusing import named, refused_with
 from tests.support.benchmark import journey_path, track_path
 from tests.support.making import das_precompute, in_a_process, make_route
@@ -404,7 +404,7 @@ def plan_journey(
         TrainOptions(vehicle="re460-ic"),
         WorldOptions(),
         StopsOptions(**times),
-        RunFiles(out=out, plot=plot),
+        JourneyFiles(out=out, plot=plot),
     )
 
 
@@ -464,3 +464,69 @@ def test_a_refusal_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
     expected = r"error: nix: not a bundled journey \(zurich-luzern\) and not a \.toml or \.json file\n"
     assert re.fullmatch(expected, done.stderr)
     assert list(tmp_path.iterdir()) == []
+
+
+PASSING = """
+schema_version = 1
+[journey]
+id = "x"
+name = "x"
+[[stops]]
+name = "A"
+position_km = 0
+departure_s = 0
+[[stops]]
+name = "B"
+position_km = 5
+arrival_s = 300
+[[passings]]
+name = "P"
+position_km = 2
+"""
+
+
+def passing(tmp_path: Path, text: str) -> Passing:
+    path = tmp_path / "journey.toml"
+    path.write_text(PASSING + text, encoding="utf-8")
+    (found,) = load_journey(path, None).passings
+    return found
+
+
+def test_a_journey_whose_points_have_positions_needs_no_route(tmp_path: Path) -> None:
+    assert passing(tmp_path, "") == Passing(name="P", position_m=2000.0)
+    with pytest.raises(
+        InputError, match=r"stops\[0\].stop = 'Zürich HB': expected name and position, because no route"
+    ):
+        load_journey("zurich-luzern", None)
+
+
+def test_a_passing_has_a_window_a_time_or_a_wish(tmp_path: Path) -> None:
+    assert passing(tmp_path, 'time = "00:02:00"').window == Window.at(120.0)
+    assert passing(tmp_path, "earliest_s = 100").window == Window(earliest_s=100.0)
+    wished = passing(tmp_path, "time_s = 120\nwish = true")
+    assert (wished.wish, wished.tolerance_s, wished.tolerated) == (True, 30.0, Window(earliest_s=90.0, latest_s=150.0))
+    assert [wished.missed_s(x) for x in (80.0, 90.0, 120.0, 151.0)] == [-10.0, 0.0, 0.0, 1.0]
+    loose = passing(tmp_path, "latest_s = 120\nwish = true\ntolerance_min = 1")
+    assert (loose.tolerance_s, loose.missed_s(200.0), loose.missed_s(0.0)) == (60.0, 20.0, 0.0)
+
+
+def test_a_wish_may_contradict_what_is_enforced(tmp_path: Path) -> None:
+    assert passing(tmp_path, "time_s = 9000\nwish = true").window == Window.at(9000.0)
+    with pytest.raises(InputError, match="arrival at B, latest = '300 s': expected at least 9000 s"):
+        passing(tmp_path, "time_s = 9000")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time_s = 1\nlatest_s = 2", r"latest_s = 2: expected none beside time_s"),
+        ("tolerance_s = 10", r"tolerance_s = 10: expected none without wish = true"),
+        ("wish = true", r"times of P is missing: expected a time: it is a wish"),
+        ("wish = 1", r"wish = 1: expected true or false"),
+        ("time_s = 1\nwish = true\ntolerance_s = -1", r"tolerance_s = -1: expected a number from 0 to 3600"),
+        ('time = "noon"', r"time = 'noon': expected a time in quotes"),
+    ],
+)
+def test_passings_that_make_no_sense_are_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        passing(tmp_path, text)

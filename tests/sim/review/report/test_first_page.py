@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from das.command_line.pdf import BROWSERS, write_pdf
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from sim.drive.above_optimum import energy_words
@@ -23,7 +24,7 @@ from sim.drive.happenings import Signal
 from sim.drive.limits import signals_passed
 from sim.review.report.figures import first_figure
 from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures, what_happened
-from sim.review.report.page import BROWSERS, ReviewedDrive, as_dict, page, subject_of, write_pdf
+from sim.review.report.page import ReviewedDrive, as_dict, page, subject_of
 from sim.review.scene import ReviewScene
 from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
 from tests.support.making import das_sim

@@ -15,6 +15,7 @@ from markupsafe import escape
 
 from das.bus.contents import Contents
 from das.bus.recording import Recording
+from das.command_line.pdf import write_pdf
 from das.domain.errors import DasError
 from das.domain.units import KM
 from sim.drive.attribution.attribution import OTHER_TRAIN
@@ -28,7 +29,7 @@ from sim.recording.check import check_contents, check_file
 from sim.review.picture import picture_of
 from sim.review.report import tables
 from sim.review.report.figures import SPEEDS, drive_figure
-from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of, write_pdf
+from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
 from sim.review.report.sentences import paragraph, title, where_time_went
 from sim.review.scene import ReviewScene
 from sim.review.series import STYLES

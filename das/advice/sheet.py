@@ -1,0 +1,142 @@
+"""The driver's sheet of a section: what to do from which place on, fixed before departure and never changed.
+
+Its instructions are the phases of a few-switch schedule for the planned running time, made as the coach makes them, but
+with a higher price of a change: what is read on paper must be little.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.advice.coach.planning import Wanted, elapsed_s, planned, solve_coach
+from das.advice.coach.settings import CoachSettings
+from das.advice.regimes import InstructionKind
+from das.domain.journey import Window
+from das.solver.few_switch.few_switch import NotchRegime
+from das.solver.few_switch.schedule import Schedule
+from das.solver.few_switch.settings import FewSwitchSettings
+from das.solver.section import Section
+
+Floats = NDArray[np.float64]
+
+CHANGE_S = 0.3
+"""A change of what the driver does must save as much energy as full power needs in this time: four times the price that
+the coach has. On a sheet, every line has to be found, read and remembered."""
+PLACE_M = 100.0
+"""Places on a sheet are whole multiples of this (m): that is how closely a driver can tell them by posts and boards."""
+SAME_MPS = 0.5
+"""Two speeds that differ by less than this (m/s) are the same on a sheet."""
+_KINDS = {
+    NotchRegime.TRACTION: InstructionKind.TRACTION,
+    NotchRegime.HOLD: InstructionKind.HOLD,
+    NotchRegime.COAST: InstructionKind.COAST,
+    NotchRegime.BRAKE: InstructionKind.BRAKE,
+    NotchRegime.CURVE: InstructionKind.BRAKE,
+}
+SETTINGS = CoachSettings(few_switch=FewSwitchSettings(change_s=CHANGE_S))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SheetLine:
+    """An instruction: what to do from a place (m) on, the speed (m/s) to reach or to hold, and the planned time.
+
+    `after_s` counts from the departure. A coast has the speed at which it ends. `effort_ratio` is the share of the
+    largest effort of traction; 0 for what is no traction.
+    """
+
+    kind: InstructionKind
+    s_m: float
+    speed_mps: float
+    after_s: float
+    effort_ratio: float = 0.0
+
+    @property
+    def posted_m(self) -> float:
+        """The place (m) as the sheet says it, in tenths of a kilometre: brakes rather early, traction rather late.
+
+        A brake that begins later would be too hard, traction that begins earlier too fast for the limit left behind.
+        """
+        place = self.s_m / PLACE_M
+        if self.kind is InstructionKind.BRAKE:
+            return math.floor(place + 0.1) * PLACE_M
+        return (math.ceil(place - 0.1) if self.kind is InstructionKind.TRACTION else round(place)) * PLACE_M
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SectionSheet:
+    """The instructions of a section in the order of the line, and the run of a train that follows them.
+
+    `s_m`, `t_s` (from the departure) and `v_mps` are that run; `energy_j` is its energy at the current collector.
+    """
+
+    section: Section
+    lines: tuple[SheetLine, ...]
+    s_m: Floats
+    t_s: Floats
+    v_mps: Floats
+    energy_j: float
+
+    def speed_at(self, s_m: float) -> float:
+        """The speed (m/s) of that run at a place (m); v² is linear between the nodes."""
+        return float(np.sqrt(np.interp(s_m, self.s_m, self.v_mps**2)))
+
+
+def section_sheet(
+    section: Section, time_s: float, point_m: float | None = None, window: Window | None = None
+) -> SectionSheet:
+    """The sheet of a section that is driven in a time (s); a window (s from the departure) at a point is kept.
+
+    `section` is planned with the braking of its drivers (`das.solver.section.with_braking`). Raises DasError where the
+    train cannot drive the section.
+    """
+    start_m = float(section.node_m[0])
+    wanted = Wanted(s_m=start_m, v_mps=section.start_speed_mps, left_s=time_s, thorough=True)
+    if point_m is not None and window is not None:
+        ends = [bound_s if np.isfinite(bound_s) else None for bound_s in (window.earliest_s, window.latest_s)]
+        wanted = replace(wanted, point_m=point_m, earliest_s=ends[0], latest_s=ends[1])
+    found = planned(solve_coach(section, SETTINGS), wanted, SETTINGS)
+    times_s, at_m = elapsed_s(found.schedule, found.forecast, start_m)
+    return SectionSheet(
+        section=section,
+        lines=_lines(found.schedule, at_m, times_s, found.forecast.speeds_mps),
+        s_m=at_m,
+        t_s=times_s,
+        v_mps=found.forecast.speeds_mps,
+        energy_j=found.forecast.energy_j,
+    )
+
+
+def _lines(schedule: Schedule, at_m: Floats, times_s: Floats, speeds_mps: Floats) -> tuple[SheetLine, ...]:
+    """The phases of a schedule as lines; a phase that says nothing new is left out."""
+    found: list[SheetLine] = []
+    for number, phase in enumerate(schedule.phases):
+        begin_m, end_m = schedule.begin_m(number), schedule.begin_m(number + 1)
+        kind = _KINDS[phase.kind]
+        ends_mps = float(np.interp(end_m, at_m, speeds_mps))
+        speed_mps = ends_mps if kind in (InstructionKind.COAST, InstructionKind.BRAKE) else phase.target_mps
+        line = SheetLine(
+            kind=kind,
+            s_m=begin_m,
+            speed_mps=speed_mps,
+            after_s=float(np.interp(begin_m, at_m, times_s)),
+            effort_ratio=phase.share if kind is InstructionKind.TRACTION else 0.0,
+        )
+        before = found[-1] if found else None
+        if before is not None and _goes_on(before, line):
+            found[-1] = replace(before, speed_mps=line.speed_mps)
+        else:
+            found.append(line)
+    return tuple(found)
+
+
+def _goes_on(before: SheetLine, line: SheetLine) -> bool:
+    """Whether a line only goes on with the one before it: it brakes or coasts further, or holds the speed reached."""
+    if line.kind is not before.kind:
+        reached = before.kind is InstructionKind.TRACTION and line.kind is InstructionKind.HOLD
+        return reached and abs(line.speed_mps - before.speed_mps) < SAME_MPS
+    same = abs(line.speed_mps - before.speed_mps) < SAME_MPS
+    return same or line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)

@@ -1,0 +1,215 @@
+"""A journey file in words: its table, what is unusual in it, the time each section has to spare, and a template."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from das.domain.journey import Call, Journey, Passing, Window, clock, file_clock
+from das.domain.route import Route
+from das.domain.units import KM, kmh
+from das.solver.journey.plan import JourneyPlanner
+
+LEGEND = {
+    "…": "open",
+    "~": "a wish: reported, not enforced",
+    "dwell": "least time at the stop",
+}
+SPARE_LEGEND = {
+    "least": "running time, driven as fast as possible",
+    "available": "from the earliest departure to the latest arrival, or to the latest departure less the dwell",
+}
+FAST_MPS = 100.0
+"""No train runs faster than this (m/s) on average between two stops."""
+GUESSED_RATIO, GUESSED_DWELL_S = 1.3, 60.0
+"""Times of a template: the least time at the line's limits, times this, and this dwell."""
+NEAR_M, AT_M = 1000.0, 20.0
+"""A point with the name of a route's stop is meant to be there if it is near, and is there if it is at it (m)."""
+
+
+def table(journey: Journey) -> Table:
+    """The points of a journey with their windows."""
+    found = Table(title=journey.name, title_justify="left", box=box.SIMPLE_HEAD)
+    found.add_column("stop or passing")
+    for name in ("km", "arrives", "departs or passes", "dwell\ns"):
+        found.add_column(name, justify="right", no_wrap=True)
+    for point in journey.points:
+        place = f"{point.position_m / KM:.3f}"
+        if isinstance(point, Call):
+            dwell = f"{point.dwell_s:g}" if point.dwell_s else ""
+            found.add_row(point.name, place, _words(point.arrival), _words(point.departure), dwell)
+        else:
+            tolerance = f" ± {point.tolerance_s:g} s" if point.wish else ""
+            found.add_row(f"  {'~ ' if point.wish else ''}{point.name}", place, "", _words(point.window) + tolerance)
+    return found
+
+
+def _words(window: Window) -> str:
+    early, late = (clock(x)[:-2] if math.isfinite(x) else "…" for x in (window.earliest_s, window.latest_s))
+    return "" if early == late == "…" else early if early == late else f"{early} – {late}"
+
+
+def as_dict(journey: Journey) -> dict[str, Any]:
+    """The journey for programs: times (s) on its clock, None where a window is open."""
+    return {
+        "id": journey.id,
+        "name": journey.name,
+        "points": [_point(point) for point in journey.points],
+    }
+
+
+def _point(point: Call | Passing) -> dict[str, Any]:
+    place = {"name": point.name, "position_m": point.position_m}
+    if isinstance(point, Call):
+        windows = {"arrival": _bounds(point.arrival), "departure": _bounds(point.departure)}
+        return {**place, "kind": "stop", **windows, "dwell_s": point.dwell_s}
+    wish = {"wish": point.wish, "tolerance_s": point.tolerance_s}
+    return {**place, "kind": "passing", "window": _bounds(point.window), **wish}
+
+
+def _bounds(window: Window) -> list[float | None]:
+    return [x if math.isfinite(x) else None for x in (window.earliest_s, window.latest_s)]
+
+
+def warnings(journey: Journey, route: Route | None) -> list[str]:
+    """What is unusual in a journey, one line each."""
+    return [*_hurried(journey, route), *_without_dwell(journey), *([] if route is None else _misplaced(journey, route))]
+
+
+def _hurried(journey: Journey, route: Route | None) -> Iterator[str]:
+    """Sections that no train can drive in the time that they have."""
+    for start, end in pairwise(journey.calls):
+        available_s = available(start, end)
+        least_s = (end.position_m - start.position_m) / FAST_MPS
+        if route is not None:
+            least_s = max(least_s, _least_s(route, start.position_m, end.position_m))
+        if available_s < least_s:
+            way_m = end.position_m - start.position_m
+            speed = kmh(way_m / max(available_s, 1e-3))
+            yield (
+                f"{start.name} – {end.name}: {available_s:.0f} s for {way_m / KM:.1f} km: "
+                f"{speed:.0f} km/h on average, more than {'the limits allow' if route else 'a train runs'}"
+            )
+
+
+def available(start: Call, end: Call) -> float:
+    """The longest time (s) between two stops that their windows leave; inf where one is open."""
+    latest_s = min(end.arrival.latest_s, end.departure.latest_s - end.dwell_s)
+    return latest_s - max(start.departure.earliest_s, start.arrival.earliest_s + start.dwell_s)
+
+
+def _least_s(route: Route, first_m: float, last_m: float) -> float:
+    """The time (s) over a section at the line's limits all the way."""
+    edges = [first_m, *(float(x) for x in route.limits_mps.start_m if first_m < x < last_m), last_m]
+    return sum((b - a) / float(route.limits_mps.at(a)) for a, b in pairwise(edges))
+
+
+def _without_dwell(journey: Journey) -> Iterator[str]:
+    bare = [call.name for call in journey.calls[1:-1] if not call.dwell_s]
+    if bare:
+        yield f"no dwell_s at {', '.join(bare)}: plans stop there for no time"
+    open_calls = [x.name for x in journey.calls[1:-1] if x.departure == Window() and x.arrival == Window()]
+    if open_calls and len(open_calls) == len(journey.calls) - 2:
+        yield "no stop on the way has a time: only the departure and the last arrival are kept"
+
+
+def _misplaced(journey: Journey, route: Route) -> Iterator[str]:
+    """Points with the name of a stop of the route that are not at it."""
+    for point in journey.points:
+        for stop in route.stops:
+            away_m = abs(stop.position_m - point.position_m)
+            if stop.name.casefold() == point.name.casefold() and AT_M < away_m < NEAR_M:
+                at = f"km {stop.position_m / KM:.3f} of {route.id}, not at km {point.position_m / KM:.3f}"
+                yield f'{point.name}: the stop of this name is at {at}; stop = "{stop.name}" puts it there'
+
+
+def spare_times(planner: JourneyPlanner) -> list[dict[str, Any]]:
+    """For each section its least running time and the time that its windows leave (s); None where they are open."""
+    found = []
+    for section in planner.sections:
+        least_s, left_s = float(section.least_s[-1]), available(section.start, section.end)
+        open_end = math.isinf(left_s)
+        found.append(
+            {
+                "from": section.start.name,
+                "to": section.end.name,
+                "least_s": least_s,
+                "available_s": None if open_end else left_s,
+                "spare_ratio": None if open_end else left_s / least_s - 1.0,
+            }
+        )
+    return found
+
+
+def spare_table(journey: Journey, rows: list[dict[str, Any]]) -> Table:
+    """The least and the available time of each section."""
+    found = Table(title=journey.name, title_justify="left", box=box.SIMPLE_HEAD)
+    found.add_column("section")
+    for name in ("least\ns", "available\ns", "spare\n%"):
+        found.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        left = (
+            ("…", "")
+            if row["available_s"] is None
+            else (f"{row['available_s']:.0f}", f"{100 * row['spare_ratio']:.1f}")
+        )
+        found.add_row(f"{row['from']} – {row['to']}", f"{row['least_s']:.0f}", *left)
+    return found
+
+
+HEAD = """# A journey: the stops and passings of one train, with the times that it must keep there.
+# All keys: docs/reference/file-formats.md. Check it: das-precompute journey check FILE --route ROUTE --vehicle VEHICLE
+schema_version = 1
+
+[journey]
+id = "my-journey"            # letters, digits; part of names
+name = "My journey, 08:00"   # for people
+source = "where these times are from"
+"""
+KEYS = """
+# Times: "08:12:30", or departure_s = 750 on a clock of your own. After midnight they go on: "24:10:00".
+#   departure          not before this time; the first stop must have one
+#   departure_latest   not after this time
+#   arrival            not after this time; the last stop must have one
+#   arrival_earliest   not before this time
+#   dwell_s            least time that the train stands
+# A place is a stop of the route (stop = "Name"), or a name and a position (name = "Name", position_km = 12.3).
+"""
+PASSING = """
+# A passing is no stop. Its window (earliest, latest) and its speeds (lowest_speed_kmh, highest_speed_kmh) are kept.
+# A wish is reported and priced, but not enforced; tolerance_s is by how much the timetable is rounded.
+# [[passings]]
+# name = "Junction"
+# position_km = 12.3
+# time = "08:07:00"
+# wish = true
+# tolerance_s = 30.0
+"""
+
+
+def template(route: Route | None) -> str:
+    """A journey file to fill in, with the stops of a route or, without one, with two invented stops."""
+    stops = [("Here", 0.0), ("There", 10_000.0)] if route is None else [(x.name, x.position_m) for x in route.stops]
+    text = [HEAD.rstrip(), *([] if route is None else [f"route = {json.dumps(route.id)}"]), KEYS.rstrip()]
+    time_s = 8 * 3600.0
+    for i, (name, position_m) in enumerate(stops):
+        text += ["", "[[stops]]"]
+        quoted = json.dumps(name, ensure_ascii=False)
+        text += [f"stop = {quoted}"] if route else [f"name = {quoted}", f"position_km = {position_m / KM:g}"]
+        if i:
+            way_m = (stops[i - 1][1], position_m)
+            least_s = 600.0 if route is None else _least_s(route, *way_m) + 60.0
+            time_s += math.ceil(least_s * GUESSED_RATIO / 30.0) * 30.0
+        if i == len(stops) - 1:
+            text.append(f'arrival = "{file_clock(time_s)}"')
+            continue
+        time_s += GUESSED_DWELL_S if i else 0.0
+        text.append(f'departure = "{file_clock(time_s)}"')
+        text += [f"dwell_s = {GUESSED_DWELL_S:g}"] if i else []
+    return "\n".join([*text, PASSING])

@@ -1,0 +1,371 @@
+"""GTFS feeds: one trip of a public timetable, read from the zip as it is published (gtfs.org, Schedule Reference)."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.foreign import refuse_foreign
+from das.domain.journey import file_clock
+from precompute.gtfs_tables import FeedTables, Row, coordinates, key_of, refused, tidy, whole_number
+
+MOST_STOPS = 1000
+"""Most stops of a trip: that many points a journey may have."""
+MOST_NAMED = 6
+"""Most trips or stops that an error names."""
+NO_RAIL = (*range(3, 5), *range(6, 8), 11, *range(200, 300), *range(700, 900), *range(1000, 1400))
+"""Route types of buses, ferries, cable cars, coaches and aircraft (basic and extended types)."""
+WEEKDAYS = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
+_TIME = re.compile(r"\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)\s*")
+
+
+class TripStop(NamedTuple):
+    """A row of a trip: the stop's id and name, its coordinates (deg, NaN: none), and its times (NaN: none).
+
+    Times are in s after the midnight that begins the service day. `serves` is False where nobody gets on or off.
+    """
+
+    stop_id: str
+    name: str
+    latitude_deg: float
+    longitude_deg: float
+    arrival_s: float
+    departure_s: float
+    serves: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FeedTrip:
+    """A trip of a feed; `shape_deg` (points, 2) holds latitudes and longitudes of its way, empty if there is none.
+
+    `notes` say what a user should know about the choice of the trip.
+    """
+
+    feed: Path
+    id: str
+    title: str
+    agency: str
+    time_zone: str
+    stops: tuple[TripStop, ...]
+    shape_deg: NDArray[np.float64]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TripChoice:
+    """Which trip: by its id, or by two stops and the earliest departure (s after midnight); `day` must be served.
+
+    With an id, the two stops cut the trip.
+    """
+
+    trip: str | None = None
+    from_stop: str | None = None
+    to_stop: str | None = None
+    at_s: float | None = None
+    day: datetime.date | None = None
+
+
+def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
+    """Read one trip; raises DasError or InputError (table, key, value, expectation) if the feed lacks or spoils it."""
+    if not path.exists():
+        raise DasError(f"{path}: no such file")
+    if not path.is_file():
+        raise DasError(f"{path}: expected the feed as a zip file")
+    if not zipfile.is_zipfile(path):
+        refuse_foreign(path, "GTFS feed")
+    with refused(path):
+        archive = zipfile.ZipFile(path)
+    with archive:
+        return _Feed(path, archive).trip(wanted)
+
+
+class _Feed(FeedTables):
+    """The trips of a feed."""
+
+    def trip(self, wanted: TripChoice) -> FeedTrip:
+        """The trip that is wanted; raises DasError if there is none or the choice is not clear."""
+        stops = _Stops({row["stop_id"]: row for _, row in self.rows("stops.txt", ("stop_id",))})
+        trip, notes = self._by_id(wanted) if wanted.trip is not None else self._by_stops(wanted, stops)
+        whole = self._stops_of(trip["trip_id"], stops)
+        made = _cut(self.path, whole, wanted, stops)
+        later_s = self._shift_s(trip["trip_id"], whole[0].departure_s, made[0].departure_s, wanted.at_s)
+        if later_s is not None:
+            made = [x._replace(arrival_s=x.arrival_s + later_s, departure_s=x.departure_s + later_s) for x in made]
+            taken = f"taken: the one at {file_clock(made[0].departure_s)}"
+            notes = (*notes, f"the trip runs at intervals (frequencies.txt); {taken}")
+        for stop in (made[0], made[-1]):
+            if math.isnan(stop.departure_s):
+                where = f"{self.path}: stop_times.txt"
+                raise InputError(where, f"time of trip {trip['trip_id']} at {stop.name}", MISSING, "one: an end")
+        route, agency = self._line_of(trip)
+        words = [route.get("route_short_name", ""), trip.get("trip_short_name", ""), trip.get("trip_headsign", "")]
+        if whole_number(route.get("route_type", "")) in NO_RAIL:
+            notes = (*notes, f"route_type {route['route_type']} is no railway")
+        return FeedTrip(
+            feed=self.path,
+            id=trip["trip_id"],
+            title=" ".join(dict.fromkeys(word for word in words if word)),
+            agency=agency.get("agency_name", ""),
+            time_zone=agency.get("agency_timezone", ""),
+            stops=tuple(made),
+            shape_deg=self._shape(trip.get("shape_id", "")),
+            notes=(*notes, *self._days(trip)),
+        )
+
+    def _by_id(self, wanted: TripChoice) -> tuple[Row, tuple[str, ...]]:
+        """The trip with an id; else the one with this number (trip_short_name) if that is clear."""
+        assert wanted.trip is not None
+        numbered = []
+        for _, row in self.rows("trips.txt", ("trip_id",), (wanted.trip,)):
+            if row["trip_id"] == wanted.trip:
+                return row, ()
+            if row.get("trip_short_name") == wanted.trip:
+                numbered.append(row)
+        services = self._services(wanted.day)
+        served = [row for row in numbered if services is None or row.get("service_id") in services]
+        if len(served) == 1:
+            return served[0], (f"trip number {wanted.trip}: trip_id {served[0]['trip_id']}",)
+        if not served:
+            known = [row["trip_id"] for _, row in zip(range(MOST_NAMED), self._all_trips(), strict=False)]
+            raise InputError(self.path, "--trip", wanted.trip, f"a trip_id of trips.txt, like {', '.join(known)} …")
+        ids = ", ".join(row["trip_id"] for row in served[:MOST_NAMED])
+        raise InputError(
+            self.path, "--trip", wanted.trip, f"one trip; {len(served)} have this number: {ids}; or --date"
+        )
+
+    def _all_trips(self) -> Iterator[Row]:
+        return (row for _, row in self.rows("trips.txt", ("trip_id",)))
+
+    def _by_stops(self, wanted: TripChoice, stops: _Stops) -> tuple[Row, tuple[str, ...]]:
+        """The first trip from one stop to another that departs at a time or later."""
+        if wanted.from_stop is None or wanted.to_stop is None or wanted.at_s is None:
+            raise DasError("give --trip ID, or --from STOP, --to STOP and --at HH:MM")
+        starts, ends = (
+            stops.named(self.path, "--from", wanted.from_stop),
+            stops.named(self.path, "--to", wanted.to_stop),
+        )
+        departs: dict[str, tuple[int, float]] = {}
+        arrives: dict[str, tuple[int, float]] = {}
+        for number, row in self.rows("stop_times.txt", ("trip_id", "stop_id", "stop_sequence"), (*starts, *ends)):
+            place = (_sequence(self.path, number, row), self._time_s(number, row, "departure_time"))
+            if row["stop_id"] in starts:
+                departs.setdefault(row["trip_id"], place)
+            if row["stop_id"] in ends:
+                arrives[row["trip_id"]] = place
+        candidates = {trip: place[1] for trip, place in departs.items() if place[0] < arrives.get(trip, (-1, 0))[0]}
+        buses = {
+            row["route_id"]
+            for _, row in self.rows("routes.txt", ("route_id",))
+            if whole_number(row.get("route_type", "")) in NO_RAIL
+        }
+        headway = {row["trip_id"] for _, row in self.rows("frequencies.txt", ("trip_id",))}
+        services = self._services(wanted.day)
+        found: list[tuple[float, str, Row]] = []
+        for row in self._all_trips():
+            runs = services is None or row.get("service_id") in services
+            if row["trip_id"] not in candidates or row.get("route_id") in buses or not runs:
+                continue
+            starts_s = candidates[row["trip_id"]]
+            if row["trip_id"] in headway:
+                first_s = self._stops_of(row["trip_id"], stops)[0].departure_s
+                later_s = self._shift_s(row["trip_id"], first_s, starts_s, wanted.at_s)
+                starts_s = math.nan if later_s is None else starts_s + later_s
+            if starts_s >= wanted.at_s:
+                found.append((starts_s, row["trip_id"], row))
+        if not found:
+            on = "" if wanted.day is None else f" on {wanted.day}"
+            trains = f"no train from {wanted.from_stop} to {wanted.to_stop}"
+            raise DasError(f"{self.path}: {trains} at {file_clock(wanted.at_s)} or later{on}")
+        first_s, trip_id, row = min(found, key=lambda one: one[:2])
+        others = [one[1] for one in found if one[0] == first_s and one[1] != trip_id]
+        same = f", like {len(others)} others ({', '.join(others[:MOST_NAMED])}); --date chooses" if others else ""
+        return row, (f"trip_id {trip_id} leaves {wanted.from_stop} at {file_clock(first_s)}{same}",)
+
+    def _stops_of(self, trip_id: str, stops: _Stops) -> list[TripStop]:
+        """The stops of a trip in the order of their sequence, which may have gaps and any order in the table."""
+        where = f"{self.path}: stop_times.txt"
+        found: dict[int, tuple[int, Row]] = {}
+        for number, row in self.rows("stop_times.txt", ("trip_id", "stop_id", "stop_sequence"), (trip_id,)):
+            if row["trip_id"] != trip_id:
+                continue
+            sequence = _sequence(self.path, number, row)
+            if sequence in found or len(found) >= MOST_STOPS:
+                raise InputError(
+                    where, f"line {number} stop_sequence", row["stop_sequence"], "each number once in a trip"
+                )
+            found[sequence] = number, row
+        if len(found) < 2:
+            raise InputError(where, f"rows of trip {trip_id}", len(found), "at least two stops")
+        made: list[TripStop] = []
+        before_s = -math.inf
+        for _, (number, row) in sorted(found.items()):
+            arrival_s, departure_s = (self._time_s(number, row, f"{one}_time") for one in ("arrival", "departure"))
+            arrival_s = departure_s if math.isnan(arrival_s) else arrival_s
+            departure_s = arrival_s if math.isnan(departure_s) else departure_s
+            if arrival_s < before_s or departure_s < arrival_s:
+                raise InputError(
+                    where, f"line {number} arrival_time", row.get("arrival_time"), "times that do not fall"
+                )
+            before_s = before_s if math.isnan(departure_s) else departure_s
+            name, latitude, longitude = stops.place(where, number, row["stop_id"])
+            serves = not (row.get("pickup_type") == "1" and row.get("drop_off_type") == "1")
+            made.append(TripStop(row["stop_id"], name, latitude, longitude, arrival_s, departure_s, serves))
+        return made
+
+    def _time_s(self, number: int, row: Row, key: str) -> float:
+        """A time of the service day (s); NaN for an empty one. Times after midnight are beyond 24:00:00."""
+        text = row.get(key, "")
+        match = _TIME.fullmatch(text)
+        if match is None and text:
+            raise InputError(f"{self.path}: stop_times.txt", f"line {number} {key}", text, "a time like 25:10:00")
+        return (
+            math.nan
+            if match is None
+            else sum(int(x) * unit for x, unit in zip(match.groups(), (3600, 60, 1), strict=True))
+        )
+
+    def _shift_s(self, trip_id: str, first_s: float, here_s: float, at_s: float | None) -> float | None:
+        """By how much (s) later than in stop_times.txt a trip runs that runs at intervals; None for any other trip.
+
+        It leaves its first stop, where the table says `first_s`, at the times of its interval. Taken is the first one
+        that leaves the stop with the departure `here_s` at `at_s` or later.
+        """
+        if math.isnan(here_s - first_s):
+            return None
+        found = []
+        at_s = None if at_s is None else at_s - (here_s - first_s)
+        for number, row in self.rows(
+            "frequencies.txt", ("trip_id", "start_time", "end_time", "headway_secs"), (trip_id,)
+        ):
+            if row["trip_id"] != trip_id:
+                continue
+            begin_s, end_s = (self._time_s(number, row, f"{one}_time") for one in ("start", "end"))
+            step_s = whole_number(row["headway_secs"])
+            if not step_s or step_s < 0 or math.isnan(begin_s + end_s):
+                key = f"line {number} headway_secs"
+                raise InputError(f"{self.path}: frequencies.txt", key, row["headway_secs"], "seconds, and both times")
+            wanted_s = begin_s if at_s is None else begin_s + max(math.ceil((at_s - begin_s) / step_s), 0) * step_s
+            if wanted_s < end_s:
+                found.append(wanted_s - first_s)
+        return min(found, default=None)
+
+    def _line_of(self, trip: Row) -> tuple[Row, Row]:
+        """The route and the agency of a trip; empty rows where the feed lacks them."""
+        routes = (row for _, row in self.rows("routes.txt", ("route_id",)) if row["route_id"] == trip.get("route_id"))
+        route = next(routes, {})
+        agencies = [row for _, row in self.rows("agency.txt", ())]
+        own = (row for row in agencies if row.get("agency_id", "") == route.get("agency_id", ""))
+        return route, next(own, agencies[0] if agencies else {})
+
+    def _shape(self, shape_id: str) -> NDArray[np.float64]:
+        """The points (deg) of a shape in order; empty if there are none or a coordinate makes no sense."""
+        columns = ("shape_id", "shape_pt_lat", "shape_pt_lon", "shape_pt_sequence")
+        points = []
+        for _, row in self.rows("shapes.txt", columns, (shape_id,)) if shape_id else ():
+            if row["shape_id"] == shape_id:
+                order = whole_number(row["shape_pt_sequence"])
+                latitude, longitude = coordinates(row["shape_pt_lat"], row["shape_pt_lon"])
+                points.append((order or 0, latitude, longitude))
+        shape = np.array(sorted(points)).reshape(-1, 3)[:, 1:]
+        return shape if len(shape) > 1 and not np.isnan(shape).any() else np.empty((0, 2))
+
+    def _services(self, day: datetime.date | None) -> set[str] | None:
+        """The services that run on a day, by calendar and exceptions; None without a day."""
+        if day is None:
+            return None
+        text, weekday = f"{day:%Y%m%d}", WEEKDAYS[day.weekday()]
+        found = {
+            row["service_id"]
+            for _, row in self.rows("calendar.txt", ("service_id",))
+            if row.get(weekday) == "1" and row.get("start_date", "") <= text <= row.get("end_date", "")
+        }
+        for _, row in self.rows("calendar_dates.txt", ("service_id", "date", "exception_type"), (text,)):
+            if row["date"] == text:
+                (found.add if row["exception_type"] == "1" else found.discard)(row["service_id"])
+        return found
+
+    def _days(self, trip: Row) -> Iterator[str]:
+        """On which days a trip runs, in words."""
+        for _, row in self.rows("calendar.txt", ("service_id",)):
+            if row["service_id"] == trip.get("service_id"):
+                days = [name[:2].title() for name in WEEKDAYS if row.get(name) == "1"]
+                between = f"{row.get('start_date', '')} to {row.get('end_date', '')}"
+                yield f"runs {' '.join(days) or 'on single days'}, {between} (calendar.txt)"
+
+
+class _Stops:
+    """The stops of a feed; a platform has the name of its station."""
+
+    def __init__(self, rows: dict[str, Row]) -> None:
+        self._rows = rows
+
+    def place(self, where: str, number: int, stop_id: str) -> tuple[str, float, float]:
+        """Name and coordinates (deg) of a stop."""
+        if stop_id not in self._rows:
+            raise InputError(where, f"line {number} stop_id", stop_id, "a stop of stops.txt")
+        own = self._rows[stop_id]
+        station = self._rows.get(own.get("parent_station", ""), own)
+        for row in (own, station):
+            latitude, longitude = coordinates(row.get("stop_lat", ""), row.get("stop_lon", ""))
+            if not math.isnan(latitude):
+                break
+        return tidy(station.get("stop_name", "") or own.get("stop_name", "")) or stop_id, latitude, longitude
+
+    def named(self, path: Path, option: str, wanted: str) -> set[str]:
+        """The ids of the stops and platforms with a name or id, or else of those whose name begins with it."""
+        ids = {stop_id for stop_id in self._rows if wanted in (stop_id, self._rows[stop_id].get("parent_station"))}
+        tests: tuple[Callable[[str], bool], ...] = (
+            lambda name: name == key_of(wanted),
+            lambda name: name.startswith(key_of(wanted)),
+        )
+        for fits in tests:
+            ids = ids or {x for x, row in self._rows.items() if fits(key_of(row.get("stop_name", "")))}
+        ids |= {x for x, row in self._rows.items() if row.get("parent_station") in ids}
+        if not ids:
+            known = sorted({row.get("stop_name", "") for row in self._rows.values()})
+            near = [name for name in known if key_of(wanted)[:3] in key_of(name)] or known
+            raise InputError(path, option, wanted, f"a stop of stops.txt, like {', '.join(near[:MOST_NAMED])}")
+        return ids
+
+
+def _cut(path: Path, stops: list[TripStop], wanted: TripChoice, known: _Stops) -> list[TripStop]:
+    """The stops of a trip from one to another, of all that the feed knows."""
+    for option, name, first in (("--from", wanted.from_stop, True), ("--to", wanted.to_stop, False)):
+        if name is None:
+            continue
+        ids = known.named(path, option, name)
+        places = [i for i, stop in enumerate(stops) if stop.stop_id in ids]
+        if not places:
+            raise InputError(path, option, name, f"a stop of the trip: {', '.join(stop.name for stop in stops)}")
+        place = places[0 if first else -1]
+        stops = stops[place:] if first else stops[: place + 1]
+    if len(stops) < 2:
+        raise DasError(f"{path}: --to {wanted.to_stop} does not come after --from {wanted.from_stop} in this trip")
+    return stops
+
+
+def parsed_clock_s(option: str, text: str) -> float:
+    """The time of the service day (s) of an option, like 07:30; DasError for anything else."""
+    match = _TIME.fullmatch(text if text.count(":") > 1 else f"{text}:00")
+    if match is None:
+        raise DasError(f"{option} {text}: expected a time like 07:30")
+    hours, minutes, seconds = (int(part) for part in match.groups())
+    return 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def _sequence(path: Path, number: int, row: Row) -> int:
+    found = whole_number(row["stop_sequence"])
+    if found is None:
+        key = f"line {number} stop_sequence"
+        raise InputError(f"{path}: stop_times.txt", key, row["stop_sequence"], "a whole number >= 0")
+    return found

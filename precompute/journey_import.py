@@ -1,0 +1,294 @@
+"""A journey file from a trip of a GTFS feed: its stops placed on a route, its times as windows."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.earth import distances_m, steps_m
+from das.domain.errors import DasError
+from das.domain.journey import LEAST_SPACING_M, file_clock
+from das.domain.route import Route, Stop
+from das.domain.units import KM
+from precompute.gtfs import FeedTrip, TripStop
+from precompute.gtfs_tables import key_of, tidy
+
+Floats = NDArray[np.float64]
+
+NEAR_M = 500.0
+"""A stop of the feed is at a stop or a point of the route within this distance (m)."""
+FAR_M = 5000.0
+"""A stop of the route with the same name is another one if it is farther away than this (m)."""
+OFF_SHAPE_M = 1000.0
+"""A shape that passes a stop at a larger distance (m) is not the way of the train."""
+ROUNDED_S = 59.0
+"""Times of whole minutes may stand for moments up to this much later (s)."""
+DWELL_S = 30.0
+
+
+class Placed(NamedTuple):
+    """A stop of a trip at its position (m); `route_stop` is the name of the route's stop there, empty without one."""
+
+    stop: TripStop
+    position_m: float
+    route_stop: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """The stops of a trip with their positions, and what a user should know about these."""
+
+    stops: tuple[Placed, ...]
+    notes: tuple[str, ...]
+
+
+def placed(trip: FeedTrip, route: Route | None) -> Placement:
+    """The positions of a trip's stops: those of the route's stops, or on its geometry, or else along the feed's shape.
+
+    Raises DasError for a stop in the middle that is not on the route, for stops against its direction, and for an end
+    without a time.
+    """
+    found = _along_feed(trip) if route is None else _on_route(trip, route)
+    for end in (found.stops[0].stop, found.stops[-1].stop):
+        if math.isnan(end.departure_s):
+            raise DasError(f"{trip.feed}: {end.name} has no time in stop_times.txt: expected one at an end")
+    for before, after in zip(found.stops, found.stops[1:], strict=False):
+        if after.position_m < before.position_m + LEAST_SPACING_M:
+            raise DasError(
+                f"{trip.feed}: {after.stop.name} (km {after.position_m / KM:.3f}) does not come after "
+                f"{before.stop.name} (km {before.position_m / KM:.3f})"
+            )
+    return found
+
+
+def _along_feed(trip: FeedTrip) -> Placement:
+    """Positions along the trip's shape or, without one that fits, along straight lines between the stops."""
+    places = np.array([(stop.latitude_deg, stop.longitude_deg) for stop in trip.stops])
+    nowhere = np.flatnonzero(np.isnan(places).any(axis=1))
+    if len(nowhere):
+        name = trip.stops[nowhere[0]].name
+        raise DasError(f"{trip.feed}: {name} has no coordinates in stops.txt: expected some, or --route")
+    found = _projected(places, trip.shape_deg) if len(trip.shape_deg) else None
+    if found is not None and found.off_m.max() <= OFF_SHAPE_M and (np.diff(found.position_m) > 0).all():
+        position_m = found.position_m - found.position_m[0]
+        how = f"along the feed's shape, at most {found.off_m.max():.0f} m from it"
+    else:
+        position_m = np.concatenate(([0.0], np.cumsum(steps_m(places[:, 0], places[:, 1]))))
+        how = "along straight lines between the stops, because the feed has no shape that fits: the line is longer"
+    stops = tuple(Placed(stop, round(float(x), 1)) for stop, x in zip(trip.stops, position_m, strict=True))
+    return Placement(stops=stops, notes=(f"positions are distances from the first stop {how}",))
+
+
+class _Projection(NamedTuple):
+    """For each place its position (m) on a polyline, and its distance (m) from it."""
+
+    position_m: Floats
+    off_m: Floats
+
+
+def _projected(places_deg: Floats, line_deg: Floats, at_m: Floats | None = None) -> _Projection:
+    """Each place (n, 2) projected on a polyline (p, 2), never before the place before it.
+
+    `at_m` (p,) are the positions of the polyline's points; without it, distances from its first point.
+    """
+    at_m = np.concatenate(([0.0], np.cumsum(steps_m(line_deg[:, 0], line_deg[:, 1])))) if at_m is None else at_m
+    position_m, off_m = np.full(len(places_deg), math.nan), np.full(len(places_deg), math.inf)
+    reached = 0
+    for i, (latitude, longitude) in enumerate(places_deg):
+        if math.isnan(latitude):
+            continue
+        per_deg = distances_m(latitude, longitude, [latitude + 1e-3, latitude], [longitude, longitude + 1e-3]) / 1e-3
+        xy = (line_deg[reached:] - (latitude, longitude)) * per_deg
+        step = np.diff(xy, axis=0)
+        length = np.maximum((step**2).sum(axis=1), 1e-9)
+        share = np.clip(-(xy[:-1] * step).sum(axis=1) / length, 0.0, 1.0)
+        away_m = np.hypot(*(xy[:-1] + share[:, None] * step).T)
+        nearest = int(away_m.argmin())
+        off_m[i] = away_m[nearest]
+        first, last = at_m[reached + nearest], at_m[reached + nearest + 1]
+        position_m[i] = first + share[nearest] * (last - first)
+        if off_m[i] <= OFF_SHAPE_M:
+            reached += nearest
+    return _Projection(position_m, off_m)
+
+
+def _on_route(trip: FeedTrip, route: Route) -> Placement:
+    """Positions on a route: by the name of a stop, by the place of a stop, or by the route's geometry."""
+    places = np.array([(stop.latitude_deg, stop.longitude_deg) for stop in trip.stops])
+    on_line: _Projection | None = None
+    if len(route.geometry_position_m):
+        line = np.column_stack((route.geometry_latitude_deg, route.geometry_longitude_deg))
+        on_line = _projected(places, line, route.geometry_position_m)
+    found: list[Placed | None] = []
+    reached_m = -math.inf
+    for i, stop in enumerate(trip.stops):
+        fits = _route_stop(stop, route, reached_m)
+        if fits is not None:
+            found.append(Placed(stop, fits.position_m, fits.name))
+        elif on_line is not None and on_line.off_m[i] <= NEAR_M:
+            found.append(Placed(stop, round(float(on_line.position_m[i]), 1)))
+        else:
+            found.append(None)
+        if found[-1] is not None:
+            reached_m = found[-1].position_m + LEAST_SPACING_M
+    on_it = [i for i, one in enumerate(found) if one is not None]
+    if len(on_it) < 2:
+        raise DasError(_why_not(trip, route))
+    missing = [trip.stops[i].name for i in range(on_it[0], on_it[-1]) if found[i] is None]
+    if missing:
+        raise DasError(f"{trip.feed}: {missing[0]} is neither a stop of {route.source} nor within {NEAR_M:g} m of it")
+    beyond = [stop.name for stop, one in zip(trip.stops, found, strict=True) if one is None]
+    named = sum(bool(one.route_stop) for one in found if one is not None)
+    others = "" if named == len(on_it) else "; the others are placed on its geometry"
+    notes = [f"{named} of {len(on_it)} stops are stops of the route {route.id}{others}"]
+    notes += [f"left out, because they are beyond the route: {', '.join(beyond)}"] if beyond else []
+    return Placement(stops=tuple(one for one in found if one is not None), notes=tuple(notes))
+
+
+def _why_not(trip: FeedTrip, route: Route) -> str:
+    backwards = route.reversed()
+    others = [stop for stop in trip.stops if _route_stop(stop, backwards, -math.inf) is not None]
+    places = [_route_stop(stop, backwards, -math.inf) for stop in others]
+    positions = [place.position_m for place in places if place is not None]
+    if len(positions) > 1 and positions == sorted(positions):
+        return f"{trip.feed}: trip {trip.id} runs from the end of {route.source} to its start: give --reverse"
+    names = ", ".join(stop.name for stop in route.stops)
+    return f"{trip.feed}: fewer than two stops of trip {trip.id} are on {route.source}, which has {names}"
+
+
+def _route_stop(stop: TripStop, route: Route, from_m: float) -> Stop | None:
+    """The stop of the route, from a position on, that a stop of the feed is: by its name, else by its place."""
+    ahead = [one for one in route.stops if one.position_m >= from_m]
+    away_m = {one.name: _away_m(stop, one, route) for one in ahead}
+    alike = {one.name: _likeness(stop.name, one.name) for one in ahead if not away_m[one.name] > FAR_M}
+    most = max(alike.values(), default=0.0)
+    same = [one for one in ahead if most > 0 and alike.get(one.name) == most]
+    near = [one for one in ahead if away_m[one.name] <= NEAR_M]
+    closest = min(near, key=lambda one: away_m[one.name], default=None)
+    return same[0] if len(same) == 1 or most == 1.0 else closest
+
+
+def _likeness(name: str, other: str) -> float:
+    """How alike two names are, from 0 to 1 (the same words); 0 unless one has all words of the other.
+
+    "South San Francisco Station" is more like the stop "South San Francisco" than like "San Francisco".
+    """
+    words, others = set(key_of(name).split()), set(key_of(other).split())
+    return (
+        len(words & others) / len(words | others) if words and others and (words <= others or others <= words) else 0.0
+    )
+
+
+def _away_m(stop: TripStop, other: Stop, route: Route) -> float:
+    """Distance (m) from a stop of the feed to a stop of the route; NaN if one of them has no coordinates."""
+    latitude, longitude = other.latitude_deg, other.longitude_deg
+    if latitude is None or longitude is None:
+        place = route.location_deg(other.position_m)
+        if place is None:
+            return math.nan
+        latitude, longitude = float(place[0]), float(place[1])
+    return float(distances_m(stop.latitude_deg, stop.longitude_deg, latitude, longitude))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimesRead:
+    """How a timetable's times become windows.
+
+    `dwell_s` is the least dwell (s) where the feed gives none. The train may be this much later than the timetable:
+    `rounded_s`; None: after a departure by `ROUNDED_S` if all times are whole minutes, never at the last stop.
+    """
+
+    dwell_s: float = DWELL_S
+    rounded_s: float | None = None
+
+
+def journey_text(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None, command: str) -> str:
+    """The journey as a TOML file."""
+    return "\n".join(_file(trip, placement, times, route, command)) + "\n"
+
+
+def notes(trip: FeedTrip, placement: Placement, times: TimesRead) -> list[str]:
+    """What was chosen and assumed, one sentence each: for the file and for the user."""
+    inner = [one.stop for one in placement.stops[1:-1] if one.stop.serves]
+    without = sum(stop.arrival_s == stop.departure_s for stop in inner)
+    found = [*trip.notes, *placement.notes]
+    if without:
+        found.append(
+            f"{without} of {len(inner)} stops on the way have arrival = departure: assumed dwell {times.dwell_s:g} s"
+        )
+    rounded_s = _rounded_s(trip.stops, times)
+    if rounded_s:
+        minutes = "all times are whole minutes: " if times.rounded_s is None else ""
+        found.append(f"{minutes}the train may leave up to {rounded_s:g} s after each departure")
+    if any(not one.stop.serves for one in placement.stops):
+        found.append("where nobody gets on or off, the train passes, and its time there is a wish")
+    return found
+
+
+def _file(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None, command: str) -> Iterator[str]:
+    stops = placement.stops
+    first, last = stops[0].stop, stops[-1].stop
+    yield f"# Made by: {tidy(command)}"
+    yield from (f"# {tidy(note)[:140]}." for note in notes(trip, placement, times))
+    yield "# Times count from midnight of the service day (24:10:00 is ten past midnight)."
+    yield "# Keys: docs/reference/file-formats.md. departure: not before; departure_latest and arrival: not after."
+    yield "schema_version = 1"
+    yield ""
+    yield "[journey]"
+    yield f"id = {_quoted(trip.id[:80] or 'trip')}"
+    line = f"{trip.title}: " if trip.title else ""
+    yield f"name = {_quoted(f'{line}{first.name} – {last.name}, {file_clock(first.departure_s)[:5]}')}"
+    of = f", {trip.agency}" if trip.agency else ""
+    zone = f"; times of {trip.time_zone}" if trip.time_zone else ""
+    yield f"source = {_quoted(f'GTFS feed {trip.feed.name}, trip {trip.id}{of}{zone}; the licence of the feed holds')}"
+    if route is not None:
+        yield f"route = {_quoted(route.id)}"
+    rounded_s = _rounded_s(trip.stops, times)
+    for i, one in enumerate(stops):
+        yield ""
+        yield from _point(one, times, rounded_s, first=i == 0, last=i == len(stops) - 1)
+
+
+def _point(one: Placed, times: TimesRead, rounded_s: float, *, first: bool, last: bool) -> Iterator[str]:
+    """The lines of a stop, or of a passing where nobody gets on or off."""
+    stop = one.stop
+    passes = not (stop.serves or first or last)
+    yield "[[passings]]" if passes else "[[stops]]"
+    if one.route_stop:
+        yield f"stop = {_quoted(one.route_stop)}"
+    else:
+        yield f"name = {_quoted(stop.name)}"
+        yield f"position_km = {one.position_m / KM:.4f}"
+    timed = not math.isnan(stop.departure_s)
+    if passes:
+        yield from (f'time = "{file_clock(stop.departure_s)}"', "wish = true", "tolerance_s = 30.0") if timed else ()
+        return
+    stands_s = stop.departure_s - stop.arrival_s if timed else 0.0
+    if last:
+        yield f'arrival = "{file_clock(stop.arrival_s + (times.rounded_s or 0.0))}"'
+        return
+    if stands_s > 0 and not first:
+        yield f'arrival = "{file_clock(stop.arrival_s + rounded_s)}"'
+    if timed:
+        yield f'departure = "{file_clock(stop.departure_s)}"'
+        yield from (f'departure_latest = "{file_clock(stop.departure_s + rounded_s)}"',) if rounded_s else ()
+    if not first:
+        yield f"dwell_s = {min(times.dwell_s, stands_s) if stands_s > 0 else times.dwell_s:g}"
+
+
+def _rounded_s(stops: Sequence[TripStop], times: TimesRead) -> float:
+    if times.rounded_s is not None:
+        return times.rounded_s
+    said = [time_s for stop in stops for time_s in (stop.arrival_s, stop.departure_s) if not math.isnan(time_s)]
+    return ROUNDED_S if all(time_s % 60 == 0 for time_s in said) else 0.0
+
+
+def _quoted(text: str) -> str:
+    """A text as a TOML string on one line."""
+    return json.dumps(tidy(text), ensure_ascii=False)

@@ -1,0 +1,348 @@
+"""The driver's sheet of a journey as a page to print or to read on a tablet: what to do from which place on.
+
+Nothing on it changes on the way, as on the speeds that railways hand out hours before a departure. The instructions
+come from `das.advice.sheet`; this module places them by kilometre and board, and draws the page.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from das import __version__
+from das.advice.regimes import InstructionKind
+from das.advice.sheet import SectionSheet, SheetLine, section_sheet
+from das.domain.braking import USUAL, SiteBraking
+from das.domain.journey import Held, Passing, Window
+from das.domain.route import Route
+from das.domain.units import KM, KMH, kmh, kwh
+from das.solver.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
+from das.solver.section import with_braking
+
+HALF_MINUTE_S = 30.0
+HELD_MPS = 1.0
+"""A speed that differs from the one reached before by less than this (m/s) is that speed."""
+NEAR_M, AT_M = 1500.0, 60.0
+"""A board or tunnel within `NEAR_M` of a place names it; within `AT_M` it is the place."""
+STRIP, LABEL = (600.0, 84.0), 15.0
+"""Width and height of a section's picture, and the room that a number needs in it, in the picture's own units."""
+SYMBOLS = {
+    InstructionKind.TRACTION: "▲",
+    InstructionKind.HOLD: "■",
+    InstructionKind.COAST: "○",
+    InstructionKind.BRAKE: "▼",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedSheet:
+    """A section of a plan, and its sheet."""
+
+    plan: SectionPlan
+    sheet: SectionSheet
+
+
+def sheets_of(planner: JourneyPlanner, plan: JourneyPlan, site: SiteBraking = USUAL) -> Iterator[PlannedSheet]:
+    """The sheet of each section of a plan, for drivers who brake as `site` says."""
+    for journey_section, part in zip(planner.sections, plan.sections, strict=True):
+        section = with_braking(journey_section.whole, site.of(journey_section.whole.vehicle))
+        tight = next((x for x in part.passings if x.timing.held is not Held.FREE and not x.passing.wish), None)
+        departs_s = part.departure.time_s
+        if tight is None:
+            sheet = section_sheet(section, part.trajectory.time_s)
+        else:
+            bounds = tight.passing.window
+            window = Window(earliest_s=bounds.earliest_s - departs_s, latest_s=bounds.latest_s - departs_s)
+            sheet = section_sheet(section, part.trajectory.time_s, tight.passing.position_m, window)
+        yield PlannedSheet(plan=part, sheet=sheet)
+
+
+class Landmark(NamedTuple):
+    """Something that a driver sees beside the line: its place (m) and its name."""
+
+    s_m: float
+    name: str
+
+
+def landmarks(route: Route) -> list[Landmark]:
+    """The speed boards, tunnels and stops of a line."""
+    limits = route.limits_mps
+    boards = [
+        Landmark(float(s_m), f"board {kmh(value):.0f}")
+        for s_m, value in zip(limits.start_m[1:], limits.value[1:], strict=True)
+    ]
+    tunnels = [
+        Landmark(s_m, name)
+        for tunnel in route.tunnels
+        for s_m, name in ((tunnel.start_m, "tunnel"), (tunnel.start_m + tunnel.length_m, "end of tunnel"))
+    ]
+    return [*boards, *tunnels, *(Landmark(stop.position_m, stop.name) for stop in route.stops)]
+
+
+def place_words(s_m: float, known: Sequence[Landmark]) -> str:
+    """A place by the nearest landmark: "400 m after board 90"; empty if none is near."""
+    near = min(known, key=lambda one: abs(one.s_m - s_m), default=None)
+    if near is None or abs(near.s_m - s_m) > NEAR_M:
+        return ""
+    away_m = round(abs(s_m - near.s_m), -2)
+    if abs(near.s_m - s_m) <= AT_M or not away_m:
+        return f"at {near.name}"
+    far = f"{away_m:.0f} m" if away_m < KM else f"{away_m / KM:.1f} km"
+    return f"{far} {'after' if s_m > near.s_m else 'before'} {near.name}"
+
+
+def half_minutes(time_s: float) -> str:
+    """A time of day to the half minute: "7:12½"."""
+    halves = round(time_s / HALF_MINUTE_S)
+    return f"{halves // 120 % 24}:{halves // 2 % 60:02}{'½' if halves % 2 else ''}"
+
+
+def span_words(time_s: float) -> str:
+    """A duration to the half minute: "9½ min"."""
+    halves = round(time_s / HALF_MINUTE_S)
+    whole = f"{halves // 2}" if halves > 1 or halves == 0 else ""
+    return f"{whole}{'½' if halves % 2 else ''} min"
+
+
+class SaidLine(NamedTuple):
+    """A line as the page says it; `held`: its speed is then held, which needs no line of its own."""
+
+    line: SheetLine
+    held: bool
+
+
+def said_lines(lines: Sequence[SheetLine]) -> list[SaidLine]:
+    """The lines without those that only hold the speed to which the line before coasts or brakes."""
+    found: list[SaidLine] = []
+    for line in lines:
+        before = found[-1].line if found else None
+        slows = before is not None and before.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
+        holds = line.kind is InstructionKind.HOLD
+        if before is not None and slows and holds and abs(line.speed_mps - before.speed_mps) < HELD_MPS:
+            found[-1] = SaidLine(replace(before, speed_mps=line.speed_mps), held=True)
+        else:
+            found.append(SaidLine(line, held=False))
+    return found
+
+
+def line_words(said: SaidLine, *, last: bool) -> str:
+    """What to do, as a driver reads it."""
+    line, speed = said.line, f"<b>{kmh(said.line.speed_mps):.0f}</b>"
+    then = ", then hold" if said.held else ""
+    if line.kind is InstructionKind.TRACTION:
+        gently = f" at {20 * max(round(line.effort_ratio * 5), 1)}\N{NO-BREAK SPACE}%"
+        return f"accelerate to {speed}{gently if line.effort_ratio < 0.9 else ''}"
+    if line.kind is InstructionKind.HOLD:
+        return f"hold {speed}"
+    if line.kind is InstructionKind.COAST:
+        about = f"to about {round(kmh(line.speed_mps) / 5) * 5}"
+        return f"<b>coast</b> {f'to {speed}' if said.held else about}{then}"
+    return "<b>brake</b> for the stop" if last else f"<b>brake</b> to {speed}{then}"
+
+
+def sheet_page(plan: JourneyPlan, sheets: Sequence[PlannedSheet], source: str) -> str:
+    """The page as HTML, which needs no other file: A4 landscape in print, one or two columns on a screen.
+
+    `source` names the journey's file at the foot of the page.
+    """
+    whole = sheets[0].sheet.section
+    known = landmarks(whole.route)
+    top_mps = max(float(one.sheet.section.limit_mps.max()) for one in sheets)
+    blocks = "".join(_block(one, known, top_mps) for one in sheets)
+    first, last = sheets[0].plan, sheets[-1].plan
+    more_j = sum(one.sheet.energy_j for one in sheets)
+    facts = [
+        ("train", whole.vehicle.name),
+        ("leaves", f"{first.start.name} {half_minutes(first.departure.time_s)}"),
+        ("arrives", f"{last.end.name} {half_minutes(last.arrival.time_s)}"),
+        ("stops", f"{len(sheets) + 1}"),
+        ("energy", f"{kwh(more_j):.0f} kWh if followed"),
+    ]
+    head = "".join(f"<div><span>{name}</span>{html.escape(text)}</div>" for name, text in facts)
+    name = html.escape(plan.journey.name)
+    key = "".join(f'<span><i class="{kind}">{SYMBOLS[kind]}</i>{text}</span>' for kind, text in KEY.items())
+    return PAGE.format(
+        title=name,
+        style=STYLE,
+        head=head,
+        blocks=blocks,
+        key=key,
+        made=html.escape(f"journey {source}, das-precompute {__version__}"),
+    )
+
+
+KEY = {
+    InstructionKind.TRACTION: "accelerate (at 60 %: three fifths of the effort)",
+    InstructionKind.HOLD: "hold the speed",
+    InstructionKind.COAST: "coast: no effort",
+    InstructionKind.BRAKE: "brake, with the motors first",
+}
+
+
+def _block(one: PlannedSheet, known: Sequence[Landmark], top_mps: float) -> str:
+    """A section: its stops and times, its picture, and its instructions."""
+    plan, sheet = one.plan, one.sheet
+    run_s = plan.arrival.time_s - plan.departure.time_s
+    spare_s = run_s - plan.least_time_s
+    spare = f"reserve {span_words(spare_s)}" if spare_s >= HALF_MINUTE_S / 2 else "no reserve"
+    rows = "".join(_rows(one, known))
+    return (
+        f'<section><header><div class="from"><b>{html.escape(plan.start.name)}</b>'
+        f"<time>{half_minutes(plan.departure.time_s)}</time></div>"
+        f'<div class="to"><b>{html.escape(plan.end.name)}</b><time>{half_minutes(plan.arrival.time_s)}</time></div>'
+        f'<div class="run">{(plan.end.position_m - plan.start.position_m) / KM:.1f} km, {span_words(run_s)}<br>'
+        f"{spare}</div></header>{_strip(sheet, top_mps)}<table>{rows}</table></section>"
+    )
+
+
+def _rows(one: PlannedSheet, known: Sequence[Landmark]) -> Iterator[str]:
+    """The instructions and the passings of a section in the order of the line."""
+    plan, lines = one.plan, said_lines(one.sheet.lines)
+    start_m = plan.start.position_m
+    known = [*(one for one in known if abs(one.s_m - start_m) > AT_M), Landmark(start_m, "the departure")]
+    events: list[tuple[float, str]] = []
+    said = half_minutes(plan.departure.time_s)
+    for number, (line, held) in enumerate(lines, 1):
+        at = half_minutes(plan.departure.time_s + line.after_s)
+        shown, said = ("" if at == said else at), at
+        last = number == len(lines)
+        where = "departure" if number == 1 else place_words(line.posted_m, known)
+        if last and line.kind is InstructionKind.BRAKE:
+            where = f"{round(plan.end.position_m - line.posted_m, -2):.0f} m before the stop"
+        text = line_words(SaidLine(line, held), last=last)
+        events.append((line.s_m, _row(f"{number}", line.kind, line.posted_m, where, text, shown)))
+    for passed in plan.passings:
+        events.append((passed.passing.position_m, _passing_row(passed.passing, passed.timing.time_s)))
+    return (row for _, row in sorted(events, key=lambda event: event[0]))
+
+
+def _row(number: str, kind: InstructionKind, s_m: float, where: str, text: str, at: str) -> str:
+    return (
+        f'<tr class="{kind}"><td class="n">{number}</td><td class="km">{s_m / KM:.1f}</td>'
+        f'<td class="what"><i>{SYMBOLS[kind]}</i>{text}</td>'
+        f'<td class="where">{html.escape(where)}</td><td class="t">{at}</td></tr>'
+    )
+
+
+def _passing_row(passing: Passing, time_s: float) -> str:
+    bounds = [half_minutes(x) if math.isfinite(x) else "" for x in (passing.window.earliest_s, passing.window.latest_s)]
+    words = f"not before {bounds[0]}" if bounds[0] and not bounds[1] else f"not after {bounds[1]}" if bounds[1] else ""
+    both = (
+        "wish" if passing.wish else f"{bounds[0]} to {bounds[1]}" if all(bounds) and bounds[0] != bounds[1] else words
+    )
+    return (
+        f'<tr class="pass"><td class="n"></td><td class="km">{passing.position_m / KM:.1f}</td>'
+        f'<td class="what"><i>◆</i>{html.escape(passing.name)}</td><td class="where">{both}</td>'
+        f'<td class="t">{half_minutes(time_s)}</td></tr>'
+    )
+
+
+def _strip(sheet: SectionSheet, top_mps: float) -> str:
+    """The speed of a section over its kilometres, in the colours of the instructions, below the limit."""
+    width, height = STRIP
+    start_m, end_m = float(sheet.s_m[0]), float(sheet.s_m[-1])
+    floor, top = height - 12.0, 10.0
+
+    def x(s_m: float) -> float:
+        return (s_m - start_m) / (end_m - start_m) * width
+
+    def y(speed_mps: float) -> float:
+        return floor - (floor - top) * speed_mps / top_mps
+
+    numbers = {one.line.s_m: f"{number}" for number, one in enumerate(said_lines(sheet.lines), 1)}
+    parts, named = [], -math.inf
+    begins = [line.s_m for line in sheet.lines] + [end_m]
+    for line, (first_m, last_m) in zip(sheet.lines, pairwise(begins), strict=True):
+        inside = [float(s) for s in sheet.s_m if first_m < s < last_m]
+        places = [first_m, *inside, last_m]
+        speeds = np.interp(places, sheet.s_m, sheet.v_mps)
+        points = " ".join(f"{x(s):.1f},{y(float(v)):.1f}" for s, v in zip(places, speeds, strict=True))
+        area = f"{x(first_m):.1f},{floor:.1f} {points} {x(last_m):.1f},{floor:.1f}"
+        parts.append(f'<polygon class="{line.kind}" points="{area}"/><polyline class="{line.kind}" points="{points}"/>')
+        number = numbers.get(line.s_m, "") if x(first_m) > named + LABEL else ""
+        named = x(first_m) if number else named
+        parts.append(f'<text class="no" x="{x(first_m) + 2:.1f}" y="{height - 1:.1f}">{number}</text>')
+    limit = sheet.section.limit_mps
+    nodes = sheet.section.node_m
+    steps = " ".join(
+        f"{x(float(a)):.1f},{y(float(v)):.1f} {x(float(b)):.1f},{y(float(v)):.1f}"
+        for a, b, v in zip(nodes[:-1], nodes[1:], limit, strict=True)
+    )
+    labels = [0, *(int(i) + 1 for i in np.flatnonzero(np.abs(np.diff(limit)) > KMH))]
+    boards, reached = [], -math.inf
+    for i in labels:
+        if x(float(nodes[i])) > reached + 1.5 * LABEL:
+            reached = x(float(nodes[i]))
+            place = f'x="{reached + 2:.1f}" y="{y(float(limit[i])) - 2:.1f}"'
+            boards.append(f'<text class="limit" {place}>{kmh(limit[i]):.0f}</text>')
+    return (
+        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="speed over distance">{"".join(parts)}'
+        f'<polyline class="limit" points="{steps}"/>{"".join(boards)}</svg>'
+    )
+
+
+STYLE = """
+:root{--ink:#1a1a1a;--soft:#5c6166;--rule:#c9cdd1;--traction:#1b6ca8;--hold:#2e7d32;--coast:#b07900;--brake:#b3261e}
+*{box-sizing:border-box}
+body{margin:0;background:#fff;color:var(--ink);font:15px/1.35 "Helvetica Neue",Arial,"Liberation Sans","DejaVu Sans",
+sans-serif;font-variant-numeric:tabular-nums}
+main{max-width:1500px;margin:0 auto;padding:18px 22px}
+h1{font-size:1.5em;margin:0 0 .25em}
+.facts{display:flex;flex-wrap:wrap;gap:.3em 2.2em;border-top:3px solid var(--ink);border-bottom:1px solid var(--rule);
+padding:.45em 0;margin-bottom:.9em}
+.facts span{color:var(--soft);margin-right:.5em}
+.blocks{columns:2;column-gap:2.2em}
+section{break-inside:avoid;margin:0 0 1.15em;border-top:2px solid var(--ink)}
+header{display:grid;grid-template-columns:1fr 1fr auto;gap:1em;align-items:start;padding:.3em 0 .1em}
+header b{display:block;font-size:1.02em;line-height:1.15}
+time{font-size:1.45em;font-weight:700;line-height:1.1}
+.to::before{content:"→ ";color:var(--soft);float:left;margin-right:.35em}
+.run{color:var(--soft);text-align:right;font-size:.86em;white-space:nowrap}
+svg{width:100%;display:block}
+polygon{opacity:.18}polyline{fill:none;stroke-width:2.4}
+polyline.limit{stroke:#8c1d18;stroke-width:1.1}
+polygon.traction{fill:var(--traction)}polyline.traction{stroke:var(--traction)}
+polygon.hold{fill:var(--hold)}polyline.hold{stroke:var(--hold)}
+polygon.coast{fill:var(--coast)}polyline.coast{stroke:var(--coast);stroke-dasharray:5 3}
+polygon.brake{fill:var(--brake)}polyline.brake{stroke:var(--brake)}
+text{font-size:10.5px;fill:var(--soft)}text.limit{fill:#8c1d18}text.no{fill:var(--ink);font-weight:700}
+table{width:100%;border-collapse:collapse}
+td{padding:.16em .3em;border-bottom:1px solid var(--rule);vertical-align:baseline}
+tr:last-child td{border-bottom:0}
+.n{width:1.6em;color:var(--soft);text-align:right;font-weight:700}
+.km{width:3.4em;text-align:right;font-weight:700}
+.what{font-size:1.08em;white-space:nowrap}
+.what i{font-style:normal;display:inline-block;width:1.35em}
+.where{color:var(--soft);font-size:.92em}
+.t{width:3.9em;text-align:right;font-weight:700;white-space:nowrap}
+.traction i{color:var(--traction)}.hold i{color:var(--hold)}.coast i{color:var(--coast)}.brake i{color:var(--brake)}
+.pass td{background:#f1f2f3}
+footer{border-top:1px solid var(--rule);padding-top:.6em;color:var(--soft);font-size:.88em}
+footer p{margin:.25em 0}
+footer strong{color:var(--ink)}
+.key{display:flex;flex-wrap:wrap;gap:.2em 1.8em}
+.key i{font-style:normal;display:inline-block;width:1.3em}
+.key i.traction{color:var(--traction)}.key i.hold{color:var(--hold)}.key i.coast{color:var(--coast)}
+.key i.brake{color:var(--brake)}
+@media screen and (max-width:1050px){.blocks{columns:1}body{font-size:18px}}
+@page{size:A4 landscape;margin:11mm 12mm}
+@media print{body{font-size:9.6pt}main{padding:0;max-width:none}section{margin-bottom:.8em}
+*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}
+"""
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Driver's sheet: {title}</title><style>{style}</style></head>
+<body><main><h1>{title}</h1><div class="facts">{head}</div>
+<div class="blocks">{blocks}</div>
+<footer><p class="key">{key}</p>
+<p><strong>Signals, boards and orders come first.</strong> Do each line at its kilometre, whatever the clock says. Late
+by more than a minute? Drive as the boards allow, and take the sheet up again at the next stop. Wait for the time of
+departure. Times are to the half minute; reserve is what is left at the highest speeds that the boards allow.</p>
+<p>{made}</p></footer></main></body></html>
+"""

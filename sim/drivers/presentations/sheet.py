@@ -1,0 +1,59 @@
+"""A sheet of paper: what to do from which kilometre on, fixed before departure, whatever happens on the way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
+
+from das.advice.regimes import TRACTION, Regime
+from sim.drivers.cab import AdviceView
+from sim.drivers.presentations.coach import CoachPresenter
+
+
+class SheetLook(NamedTuple):
+    """What a driver reads on his sheet at a moment (ns since 1970), in the place of the on-board system's advice.
+
+    `mode`, `speed_mps` and `effort_ratio` are those of the line for his place, `force_n` its wheel force, `way_m` the
+    distance to where the next line begins. The `next_…` fields are of that line, `next_change_s` at the present speed.
+    """
+
+    time_ns: int
+    valid_until_ns: int
+    mode: int
+    speed_mps: float = math.nan
+    effort_ratio: float = math.nan
+    force_n: float = math.nan
+    way_m: float = math.nan
+    next_mode: int = Regime.NONE
+    next_change_s: float = math.nan
+    next_speed_mps: float = math.nan
+    next_effort_ratio: float = math.nan
+
+
+class SheetPresenter(CoachPresenter):
+    """Shows the line of the sheet for the place of the train, and the next line."""
+
+    number = 6
+    phrase = "a sheet of paper (what to do from which kilometre on, fixed before departure)"
+    meaning = "on paper, what to do from which kilometre on, up to which speed and with what effort; it never changes"
+    needs_coach = False
+
+    def show(self, blank: AdviceView, advice: Any, deviation_s: float) -> AdviceView | None:
+        if not isinstance(advice, SheetLook):
+            return None
+        return replace(
+            blank,
+            speed_mps=advice.speed_mps,
+            display_speed_mps=advice.speed_mps,
+            lever_ratio=advice.effort_ratio if advice.mode in TRACTION else math.nan,
+            force_n=advice.force_n,
+            next_mode=advice.next_mode,
+            next_change_s=advice.next_change_s,
+            next_speed_mps=advice.next_speed_mps,
+            next_effort_ratio=advice.next_effort_ratio,
+            target_way_m=advice.way_m,
+        )
+
+
+PRESENTER: Final = SheetPresenter()
