@@ -169,7 +169,7 @@ def read_journey(path: Path, route: Route) -> Journey:
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "journey", "stops", "passings"])
     main = fields.table("journey")
-    main.check_keys(["id", "name", "source", "description", "route"])
+    main.check_keys(["id", "name", "source", "description", "route", "mode"])
     if main.text("route", route.id) != route.id:
         raise main.error("route", main.text("route"), f"{route.id}, the route it is planned on")
     points: list[Call | Passing] = [_call(table, route) for table in _tables(fields, "stops")]
@@ -179,6 +179,7 @@ def read_journey(path: Path, route: Route) -> Journey:
         name=main.name("name"),
         source=str(path),
         points=tuple(sorted(points, key=lambda point: point.position_m)),
+        mode=main.name("mode", ""),
     )
 
 
