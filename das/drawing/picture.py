@@ -70,6 +70,11 @@ class Picture(Figure):
         return "<Picture: a notebook shows it; in a script, write it with .save('run.png')>"
 
 
+def canvas_of(figure: Picture) -> FigureCanvasAgg:
+    """The canvas without a screen on which a picture is drawn."""
+    return FigureCanvasAgg(figure)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Runs:
     """The runs of a picture with their labels, and the axis that they are drawn over."""
