@@ -209,11 +209,10 @@ def _curve_cut(task: Task, samples_n: Floats) -> _Cut:
     """
     most_n = np.maximum.accumulate(samples_n[::-1])[::-1]
     last_mps = (len(most_n) - 1) / CURVE_STEPS_PER_MPS
-    tau = np.append(CURVE_STEPS_PER_MPS / np.arange(1, len(most_n)), 1.0 / (last_mps + 1.0))[::-1]
-    psi = -np.append(most_n[:-1], most_n[-1])[::-1][None, :]
+    tau = np.append(CURVE_STEPS_PER_MPS / np.arange(1, len(most_n)), 1.0 / (last_mps + 1.0))[::-1].copy()
+    psi = -most_n[::-1][None, :].copy()
     hull_tau, hull_psi, count = np.empty_like(psi), np.empty_like(psi), np.empty(1, np.int64)
-    row_hulls(np.ascontiguousarray(tau), np.ascontiguousarray(psi), np.zeros(1, np.int64), np.array([len(tau) - 1]),
-              hull_tau, hull_psi, count)  # fmt: skip
+    row_hulls(tau, psi, np.zeros(1, np.int64), np.array([len(tau) - 1]), hull_tau, hull_psi, count)
     at_tau, at_n = hull_tau[0, : count[0]], -hull_psi[0, : count[0]]
     slope = np.append(np.diff(at_n) / np.diff(at_tau), 0.0).clip(min=0.0)
     offset = at_n - slope * at_tau
