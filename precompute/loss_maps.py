@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.command_line.files import load_vehicle, offscreen_pyplot, save_figure
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError
 from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap, deviation_ratio, fit_error, fit_mean_efficiency, operating_points
 from das.domain.units import KMH, KN, KW
-from das.domain.vehicle import EffortEnvelope, Vehicle
+from das.domain.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 

@@ -65,7 +65,11 @@ LossMapOption = Annotated[
 PointMassOption = Annotated[bool, typer.Option("--point-mass", help="Take the train's length as 0.")]
 LoadOption = Annotated[
     str | None,
-    typer.Option("--load", metavar="NAME", help="Load state named in the vehicle's file [default: its mass]."),
+    typer.Option("--load", metavar="NAME", help="Load state or mode in the vehicle's file, or both: LOAD+MODE."),
+]
+ModeOption = Annotated[
+    str | None,
+    typer.Option("--mode", metavar="NAME", help="Mode named in the vehicle's file [default: its default_mode]."),
 ]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
 StrictOption = Annotated[

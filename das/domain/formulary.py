@@ -97,6 +97,19 @@ def effort_n(speed_mps: ArrayLike, max_force_n: float, max_power_w: float) -> Fl
     return np.asarray(np.minimum(max_force_n, max_power_w / v), dtype=float)
 
 
+def largest_power_w(speed_mps: Floats, force_n: Floats) -> float:
+    """The largest power (W) of forces (N) at n rising speeds (m/s) that are linear between two speeds.
+
+    On a piece F = a + b·v, the power v·(a + b·v) is largest at one of its ends, or at −a/(2·b) if that lies between.
+    """
+    (v0, v1), (f0, f1) = (speed_mps[:-1], speed_mps[1:]), (force_n[:-1], force_n[1:])
+    slope = (f1 - f0) / (v1 - v0)
+    falls = slope < 0.0
+    at_mps = np.where(falls, (v0 * slope - f0) / np.where(falls, 2.0 * slope, 1.0), v0)
+    inside_mps = np.clip(at_mps, v0, v1)
+    return float(max((speed_mps * force_n).max(), (inside_mps * (f0 + slope * (inside_mps - v0))).max(initial=0.0)))
+
+
 def efficiency_loss_ratio(efficiency: float) -> float:
     """Loss per mechanical power of a constant efficiency: 1/η − 1.
 

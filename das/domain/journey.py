@@ -95,13 +95,15 @@ class Journey(Summary):
     """Stops and passing points in the order of travel; the first and the last are stops.
 
     All times count on one clock, whose zero the journey chooses (midnight, or the departure). The earliest departure
-    from the first stop and the latest arrival at the last stop must be known.
+    from the first stop and the latest arrival at the last stop must be known. `mode` names the mode of the train; "":
+    that of its file.
     """
 
     id: str
     name: str
     source: str
     points: tuple[Call | Passing, ...]
+    mode: str = ""
 
     def __post_init__(self) -> None:
         for key, ends in (("first point", self.points[:1]), ("last point", self.points[-1:])):

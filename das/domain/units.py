@@ -46,8 +46,9 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     "acceleration": {"m/s^2": 1.0, "mps2": 1.0},
     "time": {"s": 1.0, "min": 60.0, "ms": MS},
     "mass": {"kg": 1.0, "t": TONNE},
-    "force": {"N": 1.0, "n": 1.0, "kN": KN, "kn": KN},
+    "force": {"N": 1.0, "n": 1.0, "daN": 10.0, "dan": 10.0, "kN": KN, "kn": KN},
     "power": {"W": 1.0, "w": 1.0, "kW": KW, "kw": KW, "MW": 1e6},
+    "voltage": {"V": 1.0, "v": 1.0, "kV": 1e3, "kv": 1e3},
     "ratio": {"-": 1.0, "ratio": 1.0, "%": PERCENT, "percent": PERCENT},
     "gradient": {"permil": PERMILLE, "permille": PERMILLE, "‰": PERMILLE, "%": PERCENT, "ratio": 1.0, "-": 1.0},
     "resistance_1": {

@@ -10,13 +10,13 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from das.domain.effort import EffortEnvelope, EffortMode
 from das.domain.errors import DasError, InputError
 from das.domain.formulary import (
     adhesion_coefficient,
     curve_resistance_mps2,
     davis_in_head_wind,
     davis_resistance_n,
-    effort_n,
 )
 from das.domain.levels import Level
 from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, LossModel, fit_mean_efficiency
@@ -68,18 +68,6 @@ class Resistance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffortEnvelope:
-    """The largest wheel force at each speed: the smaller of a force and a power hyperbola, min(F, P/v)."""
-
-    max_force_n: float
-    max_power_w: float
-
-    def force_n(self, speed_mps: ArrayLike) -> Floats:
-        """Largest force (N, >= 0) at each speed (m/s)."""
-        return effort_n(speed_mps, self.max_force_n, self.max_power_w)
-
-
-@dataclass(frozen=True, kw_only=True)
 class ServiceBrake:
     """How a train is braked in ordinary service: the largest deceleration, and the time until its brakes act fully."""
 
@@ -106,7 +94,8 @@ class Vehicle(Summary):
     model of each level the file gives; the others follow from them (see `loss_model`). Accelerations may be inf.
     `adhesive_mass_kg` is the mass on the driven axles (inf: adhesion is no limit), `adhesion_ratio` the state of the
     rail (1 = dry, as Curtius and Kniffler found it). `auxiliary_power_w` is drawn while the train moves, on top of the
-    losses of OWN, L2 or L3. `comfort_power_w` stays outside the optimisation.
+    losses of OWN, L2 or L3. `comfort_power_w` stays outside the optimisation. `traction` and `electric_brake` are those
+    of the mode `mode`, "" if the file names no default; see `in_mode`.
     """
 
     id: str
@@ -133,6 +122,8 @@ class Vehicle(Summary):
     default_level: Level = Level.OWN
     losses: Mapping[Level, LossModel] = field(default_factory=lambda: MappingProxyType({}))
     loads: Mapping[str, Load] = field(default_factory=lambda: MappingProxyType({}))
+    modes: Mapping[str, EffortMode] = field(default_factory=lambda: MappingProxyType({}))
+    mode: str = ""
 
     def __post_init__(self) -> None:
         for key in (*_POSITIVE, *_NOT_NEGATIVE):
@@ -144,6 +135,7 @@ class Vehicle(Summary):
                 if given is not None and not 0 < given < np.inf:
                     raise InputError(self.source, f"loads.{name}.{key}", given, "a finite number > 0")
         _check_resistance(self)
+        _check_curves(self)
         for key in ("max_acceleration_mps2", "max_deceleration_mps2", "adhesive_mass_kg"):
             value = getattr(self, key)
             if np.isnan(value) or value <= 0:
@@ -153,12 +145,14 @@ class Vehicle(Summary):
 
     def facts(self) -> dict[str, str]:
         """Name, mass, length, top speed and levels of losses."""
+        modes = {"modes": ", ".join(self.modes)} if self.modes else {}
         return {
             "name": self.name,
             "mass": f"{self.mass_kg / TONNE:.0f} t",
             "length": f"{self.train_length_m:.0f} m",
             "top speed": f"{kmh(self.max_speed_mps):.0f} km/h",
             "levels": ", ".join(sorted({*self.losses, Level.L0_NOREG, Level.L0_REG})),
+            **modes,
         }
 
     @property
@@ -285,17 +279,36 @@ class Vehicle(Summary):
         )
 
     def loaded(self, name: str) -> Vehicle:
-        """The train in one of its load states; DasError if the file has no such load."""
-        if name not in self.loads:
-            have = ", ".join(self.loads) or "none"
-            raise DasError(f"{self.source}: no load {name!r}; it has {have}")
-        load = self.loads[name]
-        train = replace(self.with_mass(load.mass_kg), id=f"{self.id}/{name}")
-        return train if load.c0_n is None else replace(train, resistance=replace(train.resistance, c0_n=load.c0_n))
+        """The train in one of its load states or modes, or in both ("empty+15kv"); DasError if it has no such one."""
+        known = {*self.loads, *self.modes}
+        train = self
+        for one in (name,) if name in known else name.split("+"):
+            if one not in known:
+                raise DasError(
+                    f"{self.source}: no load {one!r}; it has {', '.join((*self.loads, *self.modes)) or 'none'}"
+                )
+            train = _with_load(train, self.loads[one]) if one in self.loads else train.in_mode(one)
+        return replace(train, id=f"{self.id}/{name}")
+
+    def in_mode(self, name: str) -> Vehicle:
+        """The train with the efforts of one of its modes (a voltage, its diesel engines, a kind of weather).
+
+        Raises DasError if the file has no such mode.
+        """
+        if name not in self.modes:
+            have = ", ".join(self.modes) or "none"
+            raise DasError(f"{self.source}: no mode {name!r}; it has {have}")
+        mode = self.modes[name]
+        return replace(self, traction=mode.traction, electric_brake=mode.electric_brake, mode=name)
 
     def with_loss_map(self, loss_map: LossMap) -> Vehicle:
         """The same train with `loss_map` in place of all its losses."""
         return replace(self, losses=MappingProxyType({Level.L3: loss_map}), default_level=Level.L3)
+
+
+def _with_load(vehicle: Vehicle, load: Load) -> Vehicle:
+    train = vehicle.with_mass(load.mass_kg)
+    return train if load.c0_n is None else replace(train, resistance=replace(train.resistance, c0_n=load.c0_n))
 
 
 def _check_resistance(vehicle: Vehicle) -> None:
@@ -307,6 +320,20 @@ def _check_resistance(vehicle: Vehicle) -> None:
     least_n = float(c.force_n(least_at))
     if least_n < 0:
         raise InputError(vehicle.source, f"resistance (N) at {least_at / KMH:.0f} km/h", least_n, "a force >= 0")
+
+
+def _check_curves(vehicle: Vehicle) -> None:
+    """Raise InputError for an effort curve that ends below the top speed, or with which the train could not stop."""
+    for name, effort in (("traction", vehicle.traction), ("electric_brake", vehicle.electric_brake)):
+        curve = effort.curve
+        if curve is not None and curve.speed_mps[-1] < vehicle.max_speed_mps * (1 - 1e-9):
+            ends = f"{kmh(curve.speed_mps[-1]):g} km/h"
+            expected = f"at least the top speed of {kmh(vehicle.max_speed_mps):g} km/h"
+            raise InputError(vehicle.source, f"last speed of {name}.curve", ends, expected)
+    curve = vehicle.electric_brake.curve
+    if vehicle.brake_policy is BrakePolicy.ELECTRIC and curve is not None and curve.force_n[0] == 0:
+        expected = "a force > 0, or a [friction_brake] with which the train stops"
+        raise InputError(vehicle.source, "electric_brake.curve", "0 kN at 0 km/h", expected)
 
 
 _POSITIVE = (

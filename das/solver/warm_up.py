@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from das.domain.effort import EffortEnvelope
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop, Stretches
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front

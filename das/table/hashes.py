@@ -48,7 +48,10 @@ _LINE_IGNORES = frozenset({
     *("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg"),
 })  # fmt: skip
 _TRAIN_IGNORES = frozenset(
-    {"id", "name", "source", "train_length_m", "comfort_power_w", "default_level", "losses", "loads", "service_brake"}
+    {
+        *("id", "name", "source", "train_length_m", "comfort_power_w", "default_level", "losses", "loads"),
+        *("modes", "mode", "service_brake"),
+    }
 )
 _SOLVER_IGNORES = frozenset({
     *("LADDER_IDLE_RATIOS", "JOURNEY_FRONTS_BYTES", "JOURNEY_TIME_TOLERANCE_S"),

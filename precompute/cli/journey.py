@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -134,8 +134,8 @@ def journey(
         from das.solver.journey.plan import JourneyPlanner
         from das.solver.warm_up import warm_up
 
-        line, train = posed.route(), posed.vehicle()
-        asked = _asked(journey, line, train, driven, stops)
+        line = posed.route()
+        asked, train = _asked(journey, line, posed, stops)
         warm_up()
     began = time.perf_counter()
     with busy(f"planning {len(asked.calls) - 1} sections …"):
@@ -186,15 +186,19 @@ def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None
         write_whole(path, page.encode())
 
 
-def _asked(name: str, line: Route, train: Vehicle, driven: TrainOptions, stops: StopsOptions) -> Journey:
-    """The journey that the user names, or the one over all stops."""
+def _asked(name: str, line: Route, posed: TrainOnLine, stops: StopsOptions) -> tuple[Journey, Vehicle]:
+    """The journey that the user names, or the one over all stops, and the train in the mode that it names."""
     from das.domain.files.load import load_journey
 
+    driven, train = posed.driven, posed.vehicle()
     if name == ALL_STOPS:
-        return stops.journey(line, train, driven)
+        return stops.journey(line, train, driven), train
     if stops != StopsOptions():
         raise DasError(f"--time, --buffer and --dwell belong to {ALL_STOPS!r}: {name} has times of its own")
-    return load_journey(name, line)
+    found = load_journey(name, line)
+    if found.mode and driven.mode is None:
+        train = replace(posed, driven=replace(driven, mode=found.mode)).vehicle()
+    return found, train
 
 
 def _least_time_s(route: Route, train: Vehicle, options: TrainOptions) -> float:

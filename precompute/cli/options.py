@@ -17,6 +17,7 @@ from das.command_line.options import (
     LevelOption,
     LoadOption,
     LossMapOption,
+    ModeOption,
     OutCsvOption,
     OverwriteOption,
     PlotOption,
@@ -32,8 +33,9 @@ from das.domain.units import KMH, KN, KW
 
 if TYPE_CHECKING:
     from das.domain.conditions import Conditions
+    from das.domain.effort import EffortEnvelope
     from das.domain.route import Route
-    from das.domain.vehicle import EffortEnvelope, Vehicle
+    from das.domain.vehicle import Vehicle
     from das.solver.section import Section
 
 
@@ -131,6 +133,7 @@ class TrainOptions:
     level: LevelOption = None
     loss_map: LossMapOption = None
     load: LoadOption = None
+    mode: ModeOption = None
     point_mass: PointMassOption = False
     max_power_kw: Annotated[
         float | None, typer.Option(help="Largest power of traction and of the electric brake in kW.")
@@ -322,6 +325,8 @@ class TrainOnLine:
 
         asked = self.driven
         vehicle = load_vehicle(asked.vehicle)
+        if asked.mode is not None:
+            vehicle = vehicle.in_mode(asked.mode)
         if asked.load is not None:
             vehicle = vehicle.loaded(asked.load)
         if asked.loss_map is not None:
@@ -371,6 +376,12 @@ def _either(own_mps: float | None, both_mps: float) -> float:
 
 
 def _changed(envelope: EffortEnvelope, force_kn: float | None, power_w: float | None) -> EffortEnvelope:
+    """The envelope with another largest force or power; DasError for more than an effort curve has."""
+    if envelope.curve is not None:
+        force_n = force_kn * KN if force_kn is not None else 0.0
+        if force_n > envelope.max_force_n or (power_w or 0.0) > envelope.max_power_w:
+            most = f"{envelope.max_force_n / KN:g} kN and {envelope.max_power_w / KW:g} kW"
+            raise DasError(f"the effort curve of the train has at most {most}: options can cut it, not raise it")
     return replace(
         envelope,
         max_force_n=force_kn * KN if force_kn is not None else envelope.max_force_n,

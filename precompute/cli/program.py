@@ -84,6 +84,11 @@ COMMANDS: tuple[Entry | Group, ...] = (
         summary="List the bundled routes and vehicles.",
         examples=("das-precompute catalogue", "das-precompute catalogue --json"),
     ),
+    Group(
+        name="vehicle",
+        where="precompute.cli.vehicle_files:COMMANDS",
+        summary="Make vehicle files from those of other programs or from tables, and show and check them.",
+    ),
     Entry(
         name="loss-map",
         where="precompute.cli.catalogue:loss_map",

@@ -73,6 +73,8 @@ class TrainNumbers(NamedTuple):
     """A train as the kernels take it (SI; see `das.domain.vehicle.Vehicle`).
 
     The adhesive forces are those of a dry rail per unit of the adhesion coefficient; `rail_ratio` is the rail's state.
+    `traction_curve` and `electric_curve` (n, 2) are effort curves: rising speeds with their largest forces, no rows if
+    the train has none.
     """
 
     mass_kg: float
@@ -93,6 +95,8 @@ class TrainNumbers(NamedTuple):
     max_deceleration_mps2: float
     auxiliary_power_w: float
     comfort_power_w: float
+    traction_curve: NDArray[np.float64]
+    electric_curve: NDArray[np.float64]
 
 
 class Actuators(NamedTuple):
@@ -213,22 +217,30 @@ def adhesion_coefficient(v):
 
 
 @kernel
-def _hyperbola(v, force, power):
-    return force if v * force <= power else power / v
+def _motors(v, force, power, curve):
+    """Largest force (N) of the motors at a speed: force, power and effort curve, if there is one."""
+    most = force if v * force <= power else power / v
+    if curve.shape[0] == 0:
+        return most
+    if v >= curve[-1, 0]:
+        return min(most, curve[-1, 1])
+    i = _segment(curve[:, 0], v)
+    share = (v - curve[i, 0]) / (curve[i + 1, 0] - curve[i, 0])
+    return min(most, (1.0 - share) * curve[i, 1] + share * curve[i + 1, 1])
 
 
 @kernel
 def traction_effort(v, rail, p):
     """Largest traction force (N) at a speed, for a state of the rail (1 = dry)."""
     adhesive = rail * p.adhesive_force_n * adhesion_coefficient(v)
-    return min(_hyperbola(v, p.traction_force_n, p.traction_power_w), adhesive)
+    return min(_motors(v, p.traction_force_n, p.traction_power_w, p.traction_curve), adhesive)
 
 
 @kernel
 def electric_effort(v, rail, p):
     """Largest force of the electric brake (N)."""
     adhesive = rail * p.adhesive_force_n * adhesion_coefficient(v)
-    return min(_hyperbola(v, p.electric_force_n, p.electric_power_w), adhesive)
+    return min(_motors(v, p.electric_force_n, p.electric_power_w, p.electric_curve), adhesive)
 
 
 @kernel

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from das.domain.conditions import Conditions
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError, InputError
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap, LossModel, outside_map
@@ -272,8 +273,17 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
         min(vehicle.max_deceleration_mps2, NO_LIMIT_MPS2),
         float(drawn_w),
         vehicle.comfort_power_w,
+        _points(vehicle.traction),
+        _points(electric),
     )
-    return TrainNumbers(*map(float, numbers))
+    return TrainNumbers(*map(float, numbers[:-2]), *numbers[-2:])  # type: ignore[call-arg, arg-type]
+
+
+def _points(effort: EffortEnvelope) -> Floats:
+    """The points of an effort curve (n, 2): speed (m/s) and force (N); none if there is no curve."""
+    return (
+        np.empty((0, 2)) if effort.curve is None else np.array([effort.curve.speed_mps, effort.curve.force_n]).T.copy()
+    )
 
 
 def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> LineNumbers:

@@ -45,7 +45,8 @@ def vehicle_files(vehicle: str) -> dict[str, Path]:
     """The files of a vehicle by their kinds; raises DasError if one is missing."""
     file = locate_vehicle(vehicle)
     loss_map = _loss_map_of(file)
-    return {"vehicle": file} if loss_map is None else {"vehicle": file, "loss_map": loss_map}
+    curves = {f"effort_curve_{i}": file.parent / name for i, (_, name) in enumerate(_named_in(file, CURVES), 1)}
+    return {"vehicle": file, **({} if loss_map is None else {LOSS_MAP: loss_map}), **curves}
 
 
 def _loss_map_of(vehicle: Path) -> Path | None:
@@ -61,6 +62,8 @@ def _loss_map_of(vehicle: Path) -> Path | None:
 DEEP: Final = PurePosixPath("a/b/c/d")
 """Files are put this deep, so that a loss map in a folder above its vehicle file is still in the private folder."""
 LOSS_MAP: Final = "loss_map"
+LOSS_MAPS, CURVES = "path", "curve"
+"""Keys under which a vehicle file names its loss map and the CSV files of its effort curves."""
 HASH: Final = "_sha256"
 """Ending of the metadata keys that hold the hash of an input file."""
 
@@ -127,14 +130,15 @@ class AttachedFiles:
         raise DasError(f"{self._path}: its {kind[:-1]} {identity!r} is neither in it nor bundled{why}")
 
     def _put(self, hashed: str, loss_map: str = "") -> Path:
-        """Write an attached file and, at the paths that it names, the attached loss maps."""
+        """Write an attached file and, at the paths that it names, the attached loss maps and effort curves."""
         one, root = self._attached[hashed], self._folder / hashed
         path = put(root / DEEP / Path(one.name).name, one.data)
-        for name in _maps_of(path):
+        for key, name in _named_in(path, LOSS_MAPS, CURVES):
             target = (path.parent / name).resolve()
             if not target.is_relative_to(root.resolve()):
                 raise DasError(f"{self._path}: its {path.name} names {name}, expected a file in the recording")
-            brought = self._attached.get(self.sha256(loss_map)) or self._of_name(target.name)
+            brought = self._attached.get(self.sha256(loss_map)) if key == LOSS_MAPS else None
+            brought = brought or self._of_name(target.name)
             if brought is not None:
                 put(target, brought.data)
         return path
@@ -166,17 +170,17 @@ def put(path: Path, content: bytes) -> Path:
     return path
 
 
-def _maps_of(path: Path) -> list[str]:
-    """The loss maps that a vehicle's file names; none for a file that is not TOML."""
-    return list(_paths_in(read_toml(path).data)) if path.suffix.lower() == ".toml" else []
+def _named_in(path: Path, *keys: str) -> list[tuple[str, str]]:
+    """The files that a vehicle's file names under some keys, with the keys; none for a file that is not TOML."""
+    return list(_paths_in(read_toml(path).data, keys)) if path.suffix.lower() == ".toml" else []
 
 
-def _paths_in(table: Mapping[str, Any]) -> Iterator[str]:
+def _paths_in(table: Mapping[str, Any], keys: Collection[str]) -> Iterator[tuple[str, str]]:
     for key, value in table.items():
-        if key == "path" and isinstance(value, str):
-            yield value
+        if key in keys and isinstance(value, str):
+            yield key, value
         elif isinstance(value, Mapping):
-            yield from _paths_in(value)
+            yield from _paths_in(value, keys)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 from das.domain.conditions import Conditions
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Vehicle
+from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from das.domain.conditions import Conditions
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError, InfeasibleError, InputError
 from das.domain.files.routes import read_route
 from das.domain.files.vehicles import read_vehicle
@@ -19,7 +20,7 @@ from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import NEUTRAL, NO_REGENERATION, Route, Stretches, Tunnel, Zone
 from das.domain.trajectory import Trajectory, evaluated_at
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, Load, Resistance, Vehicle
 from das.solver.front import Front
 from das.solver.kernels import forces
 from das.solver.kernels.tuples import train_params

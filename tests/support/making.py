@@ -22,12 +22,13 @@ import precompute.cli.program
 import sim.cli.program
 from das.command_line.printing import COMPILING
 from das.command_line.process import EXIT_INTERRUPTED, STOP_SIGNALS
+from das.domain.effort import EffortEnvelope
 from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
 from das.domain.losses import LOSSLESS, LossModel
 from das.domain.route import Route, Stop, Stretches
 from das.domain.trajectory import Trajectory
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
 
 REPOSITORY = Path(__file__).parents[2]
 

@@ -8,11 +8,12 @@ import numpy as np
 from hypothesis import assume
 from hypothesis import strategies as st
 
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import InfeasibleError
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap, LossModel
 from das.domain.route import Route, Stretches, Zone
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
 from das.solver.section import Section, SectionOptions, build_section
 from tests.support.making import make_route
 

@@ -283,10 +283,18 @@ def number(source: Path, key: str, value: object) -> float:
     try:
         result = float(value)
     except OverflowError:
-        raise InputError(source, key, f"{str(value)[:12]}… ({len(str(value))} digits)", "a number that fits") from None
+        raise InputError(source, key, _long_integer(int(value)), "a number that fits") from None
     if math.isnan(result):
         raise InputError(source, key, value, "a number")
     return result
+
+
+def _long_integer(value: int) -> str:
+    """An integer beyond all floats, in short; Python refuses to print one of more than 4300 digits."""
+    try:
+        return f"{str(value)[:12]}… ({len(str(value))} digits)"
+    except ValueError:
+        return f"an integer of {value.bit_length()} bits"
 
 
 def _column_unit(table: Fields, column: str, name: str, dimension: str) -> str:

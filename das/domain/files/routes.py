@@ -178,7 +178,7 @@ def journey_of(fields: Fields, route: Route | None) -> Journey:
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "journey", "stops", "passings"])
     main = fields.table("journey")
-    main.check_keys(["id", "name", "source", "description", "route"])
+    main.check_keys(["id", "name", "source", "description", "route", "mode"])
     if route is not None and main.text("route", route.id) != route.id:
         raise main.error("route", main.text("route"), f"{route.id}, the route it is planned on")
     points: list[Call | Passing] = [_call(table, route) for table in _tables(fields, "stops")]
@@ -188,6 +188,7 @@ def journey_of(fields: Fields, route: Route | None) -> Journey:
         name=main.name("name"),
         source=str(fields.source),
         points=tuple(sorted(points, key=lambda point: point.position_m)),
+        mode=main.name("mode", ""),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import MISSING, InputError
 from das.domain.files.reading import Fields, bound_of_window, in_si, read_json, train_length_m
 from das.domain.journey import Call, Journey, Passing, Window
@@ -17,7 +18,7 @@ from das.domain.losses import EfficiencyLoss
 from das.domain.plausibility import check_route, check_vehicle
 from das.domain.route import Route, Stop, Stretches, Tunnel
 from das.domain.units import FACTORS
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
 
 INSIST = "correct the file, or convert it to TOML (docs/reference/file-formats.md), which can accept {check}"
 """The end of the error for an implausible value: what to do if the value is meant."""

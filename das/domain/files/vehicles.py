@@ -13,15 +13,16 @@ from typing import Any
 import numpy as np
 
 from das.domain.braking import REACTION_S, SiteBraking
-from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.reading import MOST_BYTES, Fields, in_si, read_text, read_toml, train_length_m
+from das.domain.errors import MISSING, InputError
+from das.domain.files.efforts import ReadEfforts, read_columns, read_efforts
+from das.domain.files.reading import Fields, in_si, read_toml, train_length_m
 from das.domain.files.ttobench import check_tunnel_resistance
 from das.domain.levels import Level
 from das.domain.loss_chain import Auxiliaries, Converter, Gear, LossChain, Motors, Transformer
-from das.domain.losses import EfficiencyLoss, LossMap, LossModel, check_map_size
+from das.domain.losses import MOST_MAP_POINTS, EfficiencyLoss, LossMap, LossModel, check_map_size
 from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, check_vehicle
-from das.domain.units import FACTORS, KMH
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Load, Resistance, ServiceBrake, Vehicle
+from das.domain.units import KMH
+from das.domain.vehicle import BrakePolicy, Load, Resistance, ServiceBrake, Vehicle
 
 SCHEMA_VERSION = 1
 
@@ -34,7 +35,6 @@ _VEHICLE = {
     "auxiliary_power": "power",
     "comfort_power": "power",
 }
-_ENVELOPE = {"max_force": "force", "max_power": "power"}
 _RESISTANCE = {"c0": "force", "c1": "resistance_1", "c2": "resistance_2"}
 _MAP_COLUMNS = {"speed": "speed", "force": "force", "loss": "power"}
 _SITE_BRAKING = {"planning_brake": "acceleration", "reaction": "time", "below_limit": "speed"}
@@ -42,26 +42,34 @@ _SITE_BRAKING = {"planning_brake": "acceleration", "reaction": "time", "below_li
 
 def read_vehicle(path: Path) -> Vehicle:
     """Read a vehicle; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    fields = read_toml(path)
+    return vehicle_of(read_toml(path))
+
+
+def vehicle_of(fields: Fields, insist: str = INSIST % "vehicle") -> Vehicle:
+    """The vehicle that the fields of a file describe; raises as `read_vehicle`.
+
+    `insist` ends the message for an implausible value (see `das.domain.plausibility.check_vehicle`).
+    """
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
         [
-            *("schema_version", "vehicle", "resistance", "tunnel_resistance", "traction"),
+            *("schema_version", "vehicle", "resistance", "tunnel_resistance", "traction", "modes"),
             *("electric_brake", "friction_brake", "brakes", "service_brake", "adhesion", "losses", "loads"),
         ]
     )
-    vehicle = _lossless(fields)  # checks masses, speeds and forces before a loss map is made from them
+    vehicle = _lossless(fields, insist)  # checks masses, speeds and forces before a loss map is made from them
     losses, default = read_losses(fields.table("losses"), vehicle)
     return replace(vehicle, losses=MappingProxyType(losses), default_level=default)
 
 
-def _lossless(fields: Fields) -> Vehicle:
+def _lossless(fields: Fields, insist: str) -> Vehicle:
     """The vehicle without its losses."""
     main = fields.table("vehicle")
-    main.check_keys(["id", "name", "source", ACCEPTED, "rotating_mass_ratio", *main.quantity_keys(_VEHICLE)])
-    electric = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
-    if fields.has("electric_brake"):
-        electric = _envelope(fields.table("electric_brake"))
+    main.check_keys(
+        ["id", "name", "source", ACCEPTED, "rotating_mass_ratio", "default_mode", *main.quantity_keys(_VEHICLE)]
+    )
+    max_speed_mps = main.quantity("max_speed", "speed")
+    efforts = read_efforts(fields, max_speed_mps)
     friction_n = _friction_brake_n(fields)
     areas, coefficients = _tunnel_resistance(fields)
     vehicle = Vehicle(
@@ -71,12 +79,12 @@ def _lossless(fields: Fields) -> Vehicle:
         mass_kg=main.quantity("mass", "mass"),
         rotating_mass_ratio=main.quantity("rotating_mass", "ratio", 0.0),
         train_length_m=train_length_m(main.source, main.quantity("length", "length")),
-        max_speed_mps=main.quantity("max_speed", "speed"),
+        max_speed_mps=max_speed_mps,
         resistance=_resistance(fields.table("resistance")),
-        traction=_envelope(fields.table("traction")),
-        electric_brake=electric,
+        traction=efforts.traction,
+        electric_brake=efforts.electric_brake,
         friction_brake_force_n=friction_n,
-        brake_policy=_brake_policy(fields, electric, friction_n),
+        brake_policy=_brake_policy(fields, efforts, friction_n),
         max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf, unbounded=True),
         max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf, unbounded=True),
         service_brake=_service_brake(fields),
@@ -87,8 +95,10 @@ def _lossless(fields: Fields) -> Vehicle:
         tunnel_resistance_n_per_mps2=coefficients,
         default_level=Level.L0_REG,
         loads=MappingProxyType(_loads(fields)),
+        modes=MappingProxyType(efforts.modes),
+        mode=efforts.mode,
     )
-    return check_vehicle(vehicle, main.names(ACCEPTED, VEHICLE_CHECKS), insist=INSIST % "vehicle")
+    return check_vehicle(vehicle, main.names(ACCEPTED, VEHICLE_CHECKS), insist=insist)
 
 
 def read_loss_chain(path: Path) -> LossChain:
@@ -160,15 +170,8 @@ def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, 
     return check_tunnel_resistance(fields, list(zip(*columns.values(), strict=True)))
 
 
-def _envelope(fields: Fields) -> EffortEnvelope:
-    fields.check_keys(["source", *fields.quantity_keys(_ENVELOPE)])
-    return EffortEnvelope(
-        max_force_n=fields.quantity("max_force", "force"), max_power_w=fields.quantity("max_power", "power")
-    )
-
-
-def _brake_policy(fields: Fields, electric: EffortEnvelope, friction_n: float) -> BrakePolicy:
-    has_electric = electric.max_force_n > 0
+def _brake_policy(fields: Fields, efforts: ReadEfforts, friction_n: float) -> BrakePolicy:
+    has_electric = efforts.electric_brake.max_force_n > 0
     if not fields.has("brakes"):
         if friction_n > 0:
             return BrakePolicy.BLENDED if has_electric else BrakePolicy.FRICTION
@@ -203,7 +206,10 @@ def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
     if kind != "components":
         raise fields.error("kind", kind, "components or csv")
     chain = read_chain(fields)
-    traction_n, brake_n = vehicle.traction.max_force_n, vehicle.electric_brake.max_force_n
+    modes = (vehicle, *vehicle.modes.values())
+    traction_n, brake_n = (
+        max(getattr(one, name).max_force_n for one in modes) for name in ("traction", "electric_brake")
+    )
     with np.errstate(all="ignore"):  # A map with a loss that is no finite number is refused.
         return chain.to_map(f"{fields.source} [losses.l3]", traction_n, brake_n, vehicle.max_speed_mps)
 
@@ -303,35 +309,8 @@ def _clock_numbers(fields: Fields, key: str) -> tuple[float, ...]:
 
 def read_loss_map(path: Path) -> LossMap:
     """Read a loss map; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    lines = list(enumerate(read_text(path, MOST_BYTES).splitlines(), 1))
-    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
-    factors = [_factor(path, header, index, name) for index, name in enumerate(_MAP_COLUMNS)]
-    rows = {line: _row(path, line, text.split(","), factors) for line, text in lines[1:] if text.strip()}
-    if not rows:
-        raise DasError(f"{path}: empty loss map, expected rows of {', '.join(header)}")
+    rows = read_columns(path, "loss map", _MAP_COLUMNS, MOST_MAP_POINTS)
     return _to_map(path, rows)
-
-
-def _factor(path: Path, header: list[str], index: int, name: str) -> float:
-    dimension = _MAP_COLUMNS[name]
-    column = header[index] if index < len(header) else ""
-    unit = column[len(name) + 1 :] if column.startswith(name + "_") else ""
-    if unit not in FACTORS[dimension]:
-        names = " or ".join(f"{name}_{u}" for u in FACTORS[dimension] if u.isidentifier() and u.islower())
-        raise InputError(path, f"column {index + 1}", column, names)
-    return FACTORS[dimension][unit]
-
-
-def _row(path: Path, line: int, row: list[str], factors: list[float]) -> list[float]:
-    if len(row) != len(factors):
-        raise InputError(path, f"line {line}", ",".join(row), f"{len(factors)} numbers")
-    try:
-        values = [float(cell) for cell in row]
-    except ValueError:
-        raise InputError(path, f"line {line}", ",".join(row), f"{len(factors)} numbers") from None
-    if not np.isfinite(values).all():
-        raise InputError(path, f"line {line}", ",".join(row), "finite numbers; leave out points not covered")
-    return [value * factor for value, factor in zip(values, factors, strict=True)]
 
 
 def _to_map(path: Path, rows: dict[int, list[float]]) -> LossMap:

@@ -14,8 +14,10 @@ from das.domain.losses import LossMap
 from das.solver import tolerances as tol
 from das.solver.bound.relaxation import LEAST_POWER_W, Task, acceleration_limits, force_limits, map_rows
 from das.solver.kernels.cell_links import CellEfforts, CellLine, CellTrain, EvenRows
+from das.solver.kernels.forces import ELECTRIC, TRACTION
 from das.solver.kernels.relaxed_program import MapRows, row_hulls
 from das.solver.kernels.speed_cells import Cells, values_ahead, values_behind
+from das.solver.kernels.tuples import TrainParams
 
 Floats = NDArray[np.float64]
 
@@ -143,8 +145,20 @@ def cell_line(task: Task, lambda_w: float) -> CellLine:
             electric_w=max(train.electric_power_w, LEAST_POWER_W) * more,
             least_electric_w=train.electric_power_w * less,
             adhesive_n=train.adhesive_force_n * less,
+            has_curves=train.has_curves,
+            curves_n=_curve_bounds_n(train),
         ),
     )
+
+
+def _curve_bounds_n(train: TrainParams) -> Floats:
+    """Bounds (3, n) of the effort curves at the samples of speed, with some slack (see `CellTrain`)."""
+    traction, electric = train.curves_n[TRACTION], train.curves_n[ELECTRIC]
+    most = [
+        np.maximum.accumulate(row[::-1])[::-1] * (1.0 + SLACK_RATIO) + FORCE_SLACK_N for row in (traction, electric)
+    ]
+    least = np.minimum.accumulate(electric) * (1.0 - SLACK_RATIO) - FORCE_SLACK_N
+    return np.stack([*most, least.clip(min=0.0)])
 
 
 def even_rows(rows: MapRows, loss: LossMap) -> EvenRows:

@@ -15,11 +15,11 @@ from das.solver import tolerances as tol
 from das.solver.bound.cells import ROUNDING_RATIO, Incumbent, tightened_j
 from das.solver.bound.cells import SETTINGS as TIGHT
 from das.solver.bound.relaxation import MapPlanes, Task, acceleration_limits, efficiency_planes, joined, relaxation
-from das.solver.kernels.forces import adhesion_coefficient
+from das.solver.kernels.forces import TRACTION, adhesion_coefficient
 from das.solver.kernels.interior_point import best_bound
 from das.solver.kernels.relaxed_program import FIXED_ROWS, MeanSpeeds, Multipliers, Planes, Program, RelaxedRun
 from das.solver.kernels.roll_out import fastest_roll_out
-from das.solver.kernels.tuples import NO_LIMIT_N, TrainParams
+from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS, NO_LIMIT_N, TrainParams
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
 
@@ -36,7 +36,8 @@ def fastest_is_ahead(task: Task) -> bool:
     train, line = task.section.train, task.line
     if not _never_slips(train) or not _keeps_acceleration(task):
         return False
-    lost = train.traction_force_n**3 / train.traction_power_w**2 + train.c2_n_per_mps2 + line.tunnel_n_per_mps2
+    motors = max(train.traction_force_n**3 / train.traction_power_w**2, _bend_of_curve(train))
+    lost = motors + train.c2_n_per_mps2 + line.tunnel_n_per_mps2
     lost_in_all = line.step_m * lost + (2.0 / 3.0) * abs(train.c1_n_per_mps) * task.allowed_s
     return bool((lost_in_all < train.inertial_mass_kg).all())
 
@@ -47,6 +48,20 @@ def behind_fastest(task: Task) -> Task:
     speeds[0] = task.speeds_mps[0]
     fastest_roll_out(task.line.for_kernels, task.envelope_mps, task.section.train, speeds)
     return replace(task, envelope_mps=np.minimum(task.envelope_mps, speeds))
+
+
+def _bend_of_curve(train: TrainParams) -> float:
+    """The largest change of the force of the traction's effort curve with v²/2 (N/(m²/s²)); 0 without a curve.
+
+    That is the slope of the curve over the speed: infinite where the force changes from standstill on.
+    """
+    if not train.has_curves:
+        return 0.0
+    slope = np.abs(np.diff(train.curves_n[TRACTION])) * CURVE_STEPS_PER_MPS
+    changes = slope > 0.0
+    slower_mps = np.arange(len(slope))[changes] / CURVE_STEPS_PER_MPS
+    with np.errstate(divide="ignore"):
+        return float((slope[changes] / slower_mps).max(initial=0.0))
 
 
 def _never_slips(train: TrainParams) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import NEUTRAL
 from das.solver import tolerances as tol
-from das.solver.kernels.forces import brake_limit, on_supply
+from das.solver.kernels.forces import ELECTRIC, TRACTION, brake_limit, on_supply
 from das.solver.kernels.relaxed_program import (
     Box,
     MapRows,
@@ -27,7 +27,7 @@ from das.solver.kernels.relaxed_program import (
     loss_planes,
     row_hulls,
 )
-from das.solver.kernels.tuples import NO_LIMIT_N
+from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS, NO_LIMIT_N, TrainParams
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
 
@@ -106,6 +106,9 @@ def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
     traction_n, electric_n = force_limits(task)
     traction = _power_cut(task, max(train.traction_power_w, LEAST_POWER_W), resistance.highest_n)
     electric = _power_cut(task, max(train.electric_power_w, LEAST_POWER_W), -resistance.lowest_n)
+    if train.has_curves:
+        traction = _tighter(task, traction, _curve_cut(task, train.curves_n[TRACTION]))
+        electric = _tighter(task, electric, _curve_cut(task, train.curves_n[ELECTRIC]))
     low_w, free = np.zeros_like(high_w), np.ones(len(high_w), np.bool_)
     low_w[[0, -1]], free[[0, -1]] = high_w[[0, -1]], False
     adhesive = train.adhesive_force_n
@@ -197,13 +200,48 @@ def _power_cut(task: Task, power_w: float, resisting_n: Floats) -> _Cut:
     return _Cut(slope, np.where(usable, force - slope * tau, 0.0))
 
 
+def _curve_cut(task: Task, samples_n: Floats) -> _Cut:
+    """The limit of an effort curve at the faster end of an interval, as a limit that is linear in the slowness.
+
+    The faster end is faster than the mean 1/τ, and so the force is at most M(1/τ) with M(v) the largest force of the
+    curve from the speed v on. M(1/τ) rises with τ; the steps from one sample to the next lie above it. A line over
+    their concave hull bounds it: of all sides of the hull, the one that is lowest at the given run.
+    """
+    most_n = np.maximum.accumulate(samples_n[::-1])[::-1]
+    last_mps = (len(most_n) - 1) / CURVE_STEPS_PER_MPS
+    tau = np.append(CURVE_STEPS_PER_MPS / np.arange(1, len(most_n)), 1.0 / (last_mps + 1.0))[::-1].copy()
+    psi = -most_n[::-1][None, :].copy()
+    hull_tau, hull_psi, count = np.empty_like(psi), np.empty_like(psi), np.empty(1, np.int64)
+    row_hulls(tau, psi, np.zeros(1, np.int64), np.array([len(tau) - 1]), hull_tau, hull_psi, count)
+    at_tau, at_n = hull_tau[0, : count[0]], -hull_psi[0, : count[0]]
+    slope = np.append(np.diff(at_n) / np.diff(at_tau), 0.0).clip(min=0.0)
+    offset = at_n - slope * at_tau
+    run_tau = 2.0 / np.maximum(task.speeds_mps[:-1] + task.speeds_mps[1:], tol.CREEP_MPS)
+    lowest = np.argmin(run_tau[:, None] * slope + offset, axis=1)
+    return _Cut(slope[lowest] * (1.0 + LIMIT_SLACK), offset[lowest] + LIMIT_SLACK * np.abs(offset[lowest]))
+
+
+def _tighter(task: Task, one: _Cut, other: _Cut) -> _Cut:
+    """In each interval the cut that is lower at the given run."""
+    tau = 2.0 / np.maximum(task.speeds_mps[:-1] + task.speeds_mps[1:], tol.CREEP_MPS)
+    lower = one.slope * tau + one.offset <= other.slope * tau + other.offset
+    return _Cut(np.where(lower, one.slope, other.slope), np.where(lower, one.offset, other.offset))
+
+
+def least_brake_n(train: TrainParams, fastest_mps: float) -> float:
+    """The least force (N) of all brakes at any speed up to the fastest one."""
+    speeds_mps = [fastest_mps]
+    if train.has_curves:
+        size = int(fastest_mps * CURVE_STEPS_PER_MPS) + 1
+        speeds_mps += [int(np.argmin(train.curves_n[ELECTRIC, :size])) / CURVE_STEPS_PER_MPS]
+    return min(float(brake_limit(v_mps, train, train.friction_force_n)) for v_mps in speeds_mps)
+
+
 def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
     """Largest acceleration of each interval (m/s²); none where a descent is too steep for the brakes to keep it."""
     train = task.section.train
     fastest_mps = float(task.envelope_mps.max()) + tol.SPEED_TOLERANCE_MPS
-    weakest_n = np.array(
-        [brake_limit(fastest_mps, on_supply(train, u), train.friction_force_n) for u in task.line.supply]
-    )
+    weakest_n = np.array([least_brake_n(on_supply(train, u), fastest_mps) for u in task.line.supply])
     kept = -(weakest_n + lowest_n) <= train.max_acceleration_mps2 * train.inertial_mass_kg
     return np.where(kept, train.max_acceleration_mps2 * (1.0 + ROUNDING_RATIO), NO_LIMIT_N)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from das.compiling import compiled, kernel
 from das.solver.kernels.forces import adhesion_coefficient
+from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +38,8 @@ class CellTrain(NamedTuple):
     """Numbers of a train: resistance per speed (N/(m/s)), inertial mass, and powers of motors and electric brake.
 
     The power of the electric brake is at most `electric_w` and at least `least_electric_w`; adhesion under
-    the weight `adhesive_n` (N) can limit it further.
+    the weight `adhesive_n` (N) can limit it further. `curves_n` (3, n), if `has_curves`, bound the efforts at
+    the samples of speed: the largest traction and electric brake from a speed on, the least electric brake up to it.
     """
 
     linear: float
@@ -46,6 +48,8 @@ class CellTrain(NamedTuple):
     electric_w: float
     least_electric_w: float
     adhesive_n: float
+    has_curves: bool
+    curves_n: Floats
 
 
 class CellEfforts(NamedTuple):
@@ -241,7 +245,17 @@ def _efforts(here, faster):
     """Largest traction and electric brake (N) of an interval whose faster end has at least the speed `faster`."""
     speed = max(faster, 1e-3)
     traction = min(here.efforts.traction_n, here.train.traction_w / speed)
-    return traction, min(here.efforts.electric_n, here.train.electric_w / speed)
+    electric = min(here.efforts.electric_n, here.train.electric_w / speed)
+    if here.train.has_curves:
+        i = _sample(faster, here.train)
+        return min(traction, here.train.curves_n[0, i]), min(electric, here.train.curves_n[1, i])
+    return traction, electric
+
+
+@inlined
+def _sample(speed, train):
+    """The last sample of the effort curves that is not faster than a speed."""
+    return min(int(speed * CURVE_STEPS_PER_MPS), train.curves_n.shape[1] - 1)
 
 
 @inlined
@@ -249,6 +263,8 @@ def _least_electric(here, fastest):
     """Least force (N) of the full electric brake in an interval whose faster end has at most the speed `fastest`."""
     train = here.train
     least = min(here.efforts.least_electric_n, train.least_electric_w / max(fastest, 1e-3))
+    if train.has_curves and least > 0.0:
+        least = min(least, train.curves_n[2, min(_sample(fastest, train) + 1, train.curves_n.shape[1] - 1)])
     return min(least, train.adhesive_n * adhesion_coefficient(fastest))
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from das.compiling import kernel
 from das.domain.route import NEUTRAL
-from das.solver.kernels.tuples import NO_LIMIT_N, TrainParams
+from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS, NO_LIMIT_N, PlainTrain, TrainParams
 
+TRACTION, ELECTRIC = 0, 1
+"""Rows of the effort curves in `TrainParams.curves_n`."""
 ADHESION_LEAST, ADHESION_EXTRA, ADHESION_SPEED, ADHESION_OFFSET = 0.161, 7.5, 3.6, 44.0
 """Curtius & Kniffler: friction between wheel and rail is least + extra/(speed·v + offset)."""
 
@@ -41,7 +43,15 @@ def on_supply(p, u):
         p.max_deceleration_mps2,
         max(u, 0.0),
         p.brakes_dissipate,
+        p.has_curves,
+        p.curves_n,
     )
+
+
+@kernel
+def without_curves(p):
+    """The numbers of a train without its effort curves: code for vector instructions gets no array that it ignores."""
+    return PlainTrain(*p[:-2])
 
 
 @kernel
@@ -51,21 +61,32 @@ def adhesion_coefficient(v):
 
 
 @kernel
-def _effort_limit(v, force, power, adhesive_force):
+def curve_limit(row, v, p):
+    """The force of an effort curve at a speed: of traction in row 0, of the electric brake in row 1."""
+    x = v * CURVE_STEPS_PER_MPS
+    i = min(int(x), p.curves_n.shape[1] - 2)
+    low = p.curves_n[row, i]
+    return low + min(x - i, 1.0) * (p.curves_n[row, i + 1] - low)
+
+
+@kernel
+def _effort_limit(row, v, force, power, p):
     limit = force if v * force <= power else power / v
-    if adhesive_force < NO_LIMIT_N:
-        return min(limit, adhesive_force * adhesion_coefficient(v))
+    if p.has_curves:
+        limit = min(limit, curve_limit(row, v, p))
+    if p.adhesive_force_n < NO_LIMIT_N:
+        return min(limit, p.adhesive_force_n * adhesion_coefficient(v))
     return limit
 
 
 @kernel
 def traction_limit(v, p):
-    return _effort_limit(v, p.traction_force_n, p.traction_power_w, p.adhesive_force_n)
+    return _effort_limit(TRACTION, v, p.traction_force_n, p.traction_power_w, p)
 
 
 @kernel
 def electric_limit(v, p):
-    return _effort_limit(v, p.electric_force_n, p.electric_power_w, p.adhesive_force_n)
+    return _effort_limit(ELECTRIC, v, p.electric_force_n, p.electric_power_w, p)
 
 
 @kernel

@@ -8,8 +8,16 @@ import numpy as np
 
 from das.compiling import compiled, kernel
 from das.solver.kernels.arrays import put
-from das.solver.kernels.forces import ADHESION_EXTRA, ADHESION_LEAST, ADHESION_OFFSET, ADHESION_SPEED, on_supply
-from das.solver.kernels.landings import LANDING_STEPS, LANDINGS
+from das.solver.kernels.forces import (
+    ADHESION_EXTRA,
+    ADHESION_LEAST,
+    ADHESION_OFFSET,
+    ADHESION_SPEED,
+    brake_limit,
+    on_supply,
+    without_curves,
+)
+from das.solver.kernels.landings import LANDING_STEPS, LANDINGS, landing_speed, landing_under, step_cost
 from das.solver.kernels.policy_values import grid_speed
 from das.solver.kernels.tuples import NO_LIMIT_N
 from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, SMALLEST_SHARE
@@ -195,14 +203,19 @@ def transitions(first, last, line, bounds, steps, p, c, moves):
     found = np.empty((4, LANDINGS, steps + 1))
     for k in range(first, last):
         h, g, q = line.step_m[k], line.constant_n[k], line.tunnel_n_per_mps2[k]
-        here = on_supply(p, line.supply[k])
+        curved = on_supply(p, line.supply[k])
+        here = without_curves(curved)
         top = envelope[k + 1]
         for j in range(steps + 1):
             speeds[j] = max(grid_speed(floor[k], envelope[k], j, steps), _STANDING_MPS)
         if k == n - 1 and floor[k + 1] >= top:
-            full_effort_landings(1, speeds, h, g, q, here, found[0, 0])
             landing[0, :] = top
-            costs(speeds, landing[:1], h, g, q, here, c, found[0, 1:2], found[1, :1])
+            if p.has_curves:
+                _extremes_on_curves(speeds, h, g, q, curved, found[0])
+                _costs_on_curves(speeds, landing[:1], h, g, q, curved, c, found[0, 1:2], found[1, :1])
+            else:
+                full_effort_landings(1, speeds, h, g, q, here, found[0, 0])
+                costs(speeds, landing[:1], h, g, q, here, c, found[0, 1:2], found[1, :1])
             _pack_last(
                 k - first,
                 grid_speed(floor[k], envelope[k], 0, steps),
@@ -213,8 +226,14 @@ def transitions(first, last, line, bounds, steps, p, c, moves):
                 moves,
             )
             continue
-        _fill_landings(speeds, h, g, q, top, here, landing, found[0])
-        costs(speeds, landing, h, g, q, here, c, found[0], found[1])
+        if p.has_curves:
+            _extremes_on_curves(speeds, h, g, q, curved, found[0])
+            _spread(speeds, top, landing, found[0])
+            _costs_on_curves(speeds, landing, h, g, q, curved, c, found[0], found[1])
+        else:
+            _extremes(speeds, h, g, q, here, found[0])
+            _spread(speeds, top, landing, found[0])
+            costs(speeds, landing, h, g, q, here, c, found[0], found[1])
         if floor[k + 1] < top:
             locations(landing, floor[k + 1], top, float(steps), found[2], found[3], found[1])
         else:
@@ -223,12 +242,8 @@ def transitions(first, last, line, bounds, steps, p, c, moves):
 
 
 @kernel
-def _fill_landings(speeds, h, g, q, top, p, landing, space):
-    """The landings worth trying from each speed (see `das.solver.kernels.landings.landings`): rows of `landing`.
-
-    First `LANDINGS_BRAKE` from the hardest brake on, then `LANDINGS_EFFORT` from full electric brake to full traction,
-    then coasting and holding the speed.
-    """
+def _extremes(speeds, h, g, q, p, space):
+    """Speeds after a step from each speed, as rows: full traction, coasting, full electric brake, all brakes."""
     high, coast, electric, low, force = space[0], space[1], space[2], space[3], space[4]
     full_effort_landings(1, speeds, h, g, q, p, high)
     force[:] = 0.0
@@ -240,6 +255,39 @@ def _fill_landings(speeds, h, g, q, top, p, landing, space):
     if p.friction_force_n > 0.0 or p.brakes_dissipate:
         full_brake_forces(speeds, p, force)
         landings_under(force, speeds, h, g, q, p, low)
+
+
+@kernel
+def _extremes_on_curves(speeds, h, g, q, p, space):
+    """As `_extremes`, one speed after the other: each looks up its forces on the effort curves."""
+    for j in range(speeds.size):
+        v0 = speeds[j]
+        high, coast = landing_speed(v0, h, 1.0, g, q, p), landing_under(0.0, v0, h, g, q, p)
+        electric = coast
+        if not p.brakes_dissipate and p.electric_force_n > 0.0:
+            electric = landing_speed(v0, h, -1.0, g, q, p)
+        low = electric
+        if p.friction_force_n > 0.0 or p.brakes_dissipate:
+            low = landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p)
+        space[0, j], space[1, j], space[2, j], space[3, j] = high, coast, electric, low
+
+
+@kernel
+def _costs_on_curves(speeds, landings, h, g, q, p, c, time_s, energy_j):
+    """As `costs`, one landing after the other."""
+    for i in range(landings.shape[0]):
+        for j in range(speeds.size):
+            time_s[i, j], energy_j[i, j] = step_cost(speeds[j], landings[i, j], h, g, q, p, c)
+
+
+@kernel
+def _spread(speeds, top, landing, space):
+    """The landings worth trying from each speed (see `das.solver.kernels.landings.landings`): rows of `landing`.
+
+    First `LANDINGS_BRAKE` from the hardest brake on, then `LANDINGS_EFFORT` from full electric brake to full traction,
+    then coasting and holding the speed. `space` holds what `_extremes` found.
+    """
+    high, coast, electric, low = space[0], space[1], space[2], space[3]
     for j in range(speeds.size):
         most = min(high[j], top)
         low[j] = min(min(low[j], electric[j]), most)

@@ -235,7 +235,37 @@ def _pair_up(k, tube, line, p, c, pairs):
         pairs.barred[n] = 1.0 if barred else 0.0
         if barred:
             start[n], landing[n] = ANY_SQUARED, ANY_SQUARED
-    to_lines(k, tube, line, p, c, pairs)
+    _cost_of_pairs(k, tube, line, p, c, pairs)
+
+
+@kernel
+def _cost_of_pairs(k, tube, line, p, c, pairs):
+    """Fill in the costs of all pairs from knot k to the next."""
+    if p.has_curves:
+        _to_lines_on_curves(k, tube, line, p, c, pairs)
+    else:
+        to_lines(k, tube, line, p, c, pairs)
+
+
+@kernel
+def _to_lines_on_curves(k, tube, line, p, c, pairs):
+    """As `to_lines`, one pair after the other: each looks up its forces on the effort curves."""
+    i0, i1 = tube.knot[k], tube.knot[k + 1]
+    for n in range(pairs.start.size):
+        away, beyond = pairs.start[n] - tube.squared[i0], pairs.landing[n] - tube.squared[i1]
+        energy, time, least_n, largest_n = 0.0, 0.0, INFEASIBLE, -INFEASIBLE
+        v0 = math.sqrt(pairs.start[n])
+        for i in range(i0, i1):
+            w1 = tube.squared[i + 1] + away + tube.share[i + 1] * (beyond - away)
+            w1 = pairs.landing[n] if i + 1 == i1 else min(max(w1, tube.low[i + 1]), tube.high[i + 1])
+            v1 = math.sqrt(w1)
+            h, g, q = line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i]
+            e, dt, force = _interval(v0, v1, h, g, q, on_supply(p, line.supply[i]), c)
+            energy, time = min(energy + e, INFEASIBLE), time + dt
+            least_n, largest_n = min(least_n, force), max(largest_n, force)
+            v0 = v1
+        pairs.energy_j[n], pairs.time_s[n] = energy, time
+        pairs.least_n[n], pairs.largest_n[n] = least_n, largest_n
 
 
 @kernel
@@ -311,7 +341,7 @@ def tube_roll_out(price, tube, line, p, c, value, v):
             pairs.barred[i] = 1.0 if barred else 0.0
             if barred:
                 pairs.start[i], pairs.landing[i] = ANY_SQUARED, ANY_SQUARED
-        to_lines(k, tube, line, p, c, pairs)
+        _cost_of_pairs(k, tube, line, p, c, pairs)
         for i in range(size):
             if pairs.barred[i] > 0.0:
                 continue

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.effort import SAMPLE_STEP_MPS, EffortEnvelope
 from das.domain.losses import EfficiencyLoss, LossModel
 from das.domain.vehicle import BrakePolicy, Vehicle
 
@@ -20,6 +22,8 @@ class TrainParams(NamedTuple):
     `adhesive_force_n` and `braked_adhesive_force_n` are the weights on the driven and on all axles times the state of
     the rail; times the adhesion coefficient they limit the forces of the motors and of all brakes. `receptivity_ratio`
     is the share of the power fed back that the line takes. `brakes_dissipate` says that no brake feeds back.
+    `has_curves`: the motors also keep to `curves_n` (2, n), the samples of the effort curves of traction and of the
+    electric brake.
     """
 
     inertial_mass_kg: float
@@ -37,6 +41,12 @@ class TrainParams(NamedTuple):
     max_deceleration_mps2: float
     receptivity_ratio: float
     brakes_dissipate: bool
+    has_curves: bool
+    curves_n: NDArray[np.float64]
+
+
+PlainTrain: Any = namedtuple("PlainTrain", TrainParams._fields[:-2])  # type: ignore[misc]
+"""The numbers of a train without effort curves, for the kernels that are compiled into vector instructions."""
 
 
 class LossParams(NamedTuple):
@@ -75,7 +85,20 @@ def train_params(vehicle: Vehicle, brakes: BrakePolicy) -> TrainParams:
         min(vehicle.max_deceleration_mps2, 1e6),
         1.0,
         brakes is BrakePolicy.FRICTION,
+        vehicle.traction.curve is not None or electric.curve is not None,
+        _samples_n(vehicle.traction, electric),
     )
+
+
+CURVE_STEPS_PER_MPS = 1.0 / SAMPLE_STEP_MPS
+"""Samples of an effort curve per speed (s/m)."""
+
+
+def _samples_n(*envelopes: EffortEnvelope) -> NDArray[np.float64]:
+    """The samples (envelopes, n) of the effort curves, with the last one repeated; `NO_LIMIT_N` where there is none."""
+    samples = [np.full(2, NO_LIMIT_N) if one.curve is None else one.curve.samples_n for one in envelopes]
+    longest = max(len(one) for one in samples)
+    return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in samples])
 
 
 def loss_params(loss: LossModel) -> LossParams:

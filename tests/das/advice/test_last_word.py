@@ -24,11 +24,12 @@ from das.advice.wording import words
 from das.cab.leg import Leg
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
+from das.domain.effort import EffortEnvelope
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.route import Zone
 from das.domain.units import KMH
-from das.domain.vehicle import BrakePolicy, EffortEnvelope
+from das.domain.vehicle import BrakePolicy
 from das.estimate.estimate import Estimate
 from das.solver.section import build_section
 from sim.drivers.kinds import DriverKind, Presentation

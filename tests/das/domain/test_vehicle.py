@@ -7,12 +7,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, fit_mean_efficiency
 from das.domain.route import Stretches, Tunnel
-from das.domain.vehicle import BrakePolicy, EffortEnvelope, Resistance, Vehicle
+from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
 from tests.support.making import flat
 
 

@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 from numba.core import caching
 
 from das.compiling import kernel
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import Route
-from das.domain.vehicle import BrakePolicy, EffortEnvelope
+from das.domain.vehicle import BrakePolicy
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section

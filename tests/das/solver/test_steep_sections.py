@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from das.domain.vehicle import EffortEnvelope
+from das.domain.effort import EffortEnvelope
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Fit

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from das.domain.conditions import Conditions
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import Route, Stretches, Tunnel, Zone
-from das.domain.vehicle import EffortEnvelope, Vehicle
+from das.domain.vehicle import Vehicle
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST, Dynamics, Patch, Plant, force, lever, speed
 from tests.support.making import flat, make_route, make_train

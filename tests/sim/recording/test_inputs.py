@@ -11,7 +11,7 @@ from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from das.domain.levels import Level
-from sim.recording.inputs import AttachedFiles
+from sim.recording.inputs import AttachedFiles, vehicle_files
 from tests.sim.world.test_drawn import write_map
 from tests.support.recordings import with_run
 from tests.support.reference_recordings import FOLDER
@@ -64,6 +64,34 @@ def test_a_loss_map_that_is_brought_along_is_put_where_the_vehicle_says(name: st
     at = np.array([1e5]), np.array([20.0])
     planned = load_vehicle("re460-ic").loss_model(Level.L3)
     np.testing.assert_allclose(vehicle.loss_model(Level.L3).loss_w(*at), 1.2 * planned.loss_w(*at), rtol=0.02)
+
+
+def test_effort_curves_are_brought_along_and_put_where_the_vehicle_says(tmp_path: Path) -> None:
+    """Beside a loss map, which is found by its hash and must not take their place."""
+    (tmp_path / "effort.csv").write_text("speed_kmh,force_kn\n0,280\n60,280\n200,100\n")
+    write_map(tmp_path / "own.csv", 1.0)
+    own = with_map("own.csv").decode()
+    own = own.replace("max_force_kn = 300.0\nmax_power_kw = 6100.0\n", 'curve = "effort.csv"\n', 1)
+    (tmp_path / "own.toml").write_text(own)
+    brought = vehicle_files(str(tmp_path / "own.toml"))
+    assert {kind: path.name for kind, path in brought.items()} == {
+        "vehicle": "own.toml",
+        "loss_map": "own.csv",
+        "effort_curve_1": "effort.csv",
+    }
+    files = attached(tmp_path, *((path.name, path.read_bytes()) for path in brought.values()))
+    vehicle, _, _ = files.find("vehicles", "own", load_vehicle)
+    assert vehicle.traction.max_force_n == 280e3
+
+
+@pytest.mark.parametrize("name", ["/etc/hostname", "../../../../../../effort.csv"])
+def test_an_effort_curve_outside_the_private_folder_is_not_opened(name: str, tmp_path: Path) -> None:
+    own = (
+        with_map("own.csv").decode().replace("max_force_kn = 300.0\nmax_power_kw = 6100.0\n", f'curve = "{name}"\n', 1)
+    )
+    files = attached(tmp_path, ("own.toml", own.encode()))
+    with pytest.raises(DasError, match=f"its own.toml names {name}, expected a file in the recording"):
+        files.find("vehicles", "own", load_vehicle)
 
 
 def test_a_path_in_place_of_a_name_is_not_opened(tmp_path: Path) -> None:

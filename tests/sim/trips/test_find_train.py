@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from das.domain.conditions import Conditions
+from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_vehicle
 from das.domain.route import Route
 from das.domain.units import KMH, STANDARD_GRAVITY_MPS2
-from das.domain.vehicle import EffortEnvelope, Vehicle
+from das.domain.vehicle import Vehicle
 from docs.studies.output import DOCS
 from docs.studies.planted_trains import PAGE, TRAINS, drive_rows, planted_drives
 from sim.cli.trips import trip as trip_command

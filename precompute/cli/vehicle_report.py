@@ -1,0 +1,215 @@
+"""A train in words, figures and warnings, and the vehicle file to fill in."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from das.domain.errors import DasError
+from das.domain.performance import performance_of
+from das.domain.plausibility import warnings_of
+from das.domain.units import KM, KMH, KN, KW, TONNE, kmh, kwh
+from das.domain.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+Floats = NDArray[np.float64]
+
+STEPS = 10
+"""Number of speeds above standstill in the table of a train."""
+LEGEND = {
+    "traction, brake": "largest forces of traction and of the electric brake",
+    "resistance": "running resistance on the level",
+    "spare": "acceleration at full traction on the level",
+    "loss": "loss of the traction chain, auxiliaries included, when cruising and at full traction",
+    "cruising": "energy at the current collector per kilometre at constant speed on the level",
+}
+RISES = 0.02
+"""A curve that rises with speed by more than this share of its largest force causes a warning."""
+COARSE_MPS = 30.0 * KMH
+"""Points of an effort curve further apart than this (m/s) cause a warning."""
+
+
+def picked(train: Vehicle, mode: str | None, load: str | None) -> Vehicle:
+    """The train in a mode and in a load state; None leaves it as its file says."""
+    train = train if mode is None else train.in_mode(mode)
+    return train if load is None else train.loaded(load)
+
+
+def facts(train: Vehicle) -> list[str]:
+    """What kind of train it is, in a few lines."""
+    effort = train.traction
+    shape = "force and power" if effort.curve is None else f"an effort curve of {len(effort.curve.speed_mps)} points"
+    lines = [
+        f"{train.name} ({train.id}): {train.mass_kg / TONNE:.4g} t, {train.train_length_m:.4g} m, "
+        f"{kmh(train.max_speed_mps):.4g} km/h",
+        f"traction: {shape}, at most {effort.max_force_n / KN:.4g} kN and {effort.max_power_w / KW:.5g} kW",
+    ]
+    if train.modes:
+        lines.append(f"mode: {train.mode or 'none'}; it has {', '.join(train.modes)}")
+    if train.loads:
+        lines.append(f"loads: {', '.join(train.loads)}")
+    return [*lines, f"losses: level {train.default_level}"]
+
+
+def _speeds(train: Vehicle) -> Floats:
+    """Standstill (as a crawl) and speeds up to the top speed (m/s)."""
+    return np.maximum(np.linspace(0.0, train.max_speed_mps, STEPS + 1), 1e-3)
+
+
+def as_dict(train: Vehicle) -> dict[str, Any]:
+    """The train as JSON: its facts, and its figures at some speeds."""
+    speeds = _speeds(train)
+    return {
+        "id": train.id,
+        "name": train.name,
+        "mass_kg": train.mass_kg,
+        "length_m": train.train_length_m,
+        "max_speed_mps": train.max_speed_mps,
+        "max_force_n": train.traction.max_force_n,
+        "max_power_w": train.traction.max_power_w,
+        "mode": train.mode,
+        "modes": list(train.modes),
+        "loads": list(train.loads),
+        "level": str(train.default_level),
+        "speed_mps": speeds.round(6).tolist(),
+        **{
+            name: [None if np.isnan(x) else float(f"{x:.8g}") for x in values]
+            for name, values in performance_of(train, speeds)._asdict().items()
+        },
+    }
+
+
+def table(train: Vehicle) -> Table:
+    """Forces, acceleration, losses and the energy of cruising at some speeds."""
+    from rich import box
+    from rich.table import Table
+
+    speeds = _speeds(train)
+    found = performance_of(train, speeds)
+    shown = Table(box=box.SIMPLE_HEAD)
+    heads = ("km/h", "traction\nkN", "brake\nkN", "resistance\nkN", "spare\nm/s²", "loss\ncruising kW", "loss\nfull kW")
+    for name in (*heads, "cruising\nkWh/km"):
+        shown.add_column(name, justify="right", no_wrap=True)
+    columns = [
+        *(values / KN for values in (found.traction_n, found.electric_brake_n, found.resistance_n)),
+        found.acceleration_mps2,
+        *(values / KW for values in (found.cruising_loss_w, found.full_traction_loss_w)),
+        np.where(speeds > 0.1, kwh(found.cruising_j_per_m * KM), np.nan),
+    ]
+    for speed, *values in zip(speeds, *columns, strict=True):
+        cells = [f"{x:.3f}" if j in (3, 6) else f"{x:.1f}" for j, x in enumerate(values)]
+        shown.add_row(f"{kmh(speed):.0f}", *("–" if cell == "nan" else cell for cell in cells))
+    return shown
+
+
+def warnings(train: Vehicle) -> list[str]:
+    """A line for everything unusual in a train, in each of its modes."""
+    found = list(warnings_of(train))
+    for name in train.modes:
+        found += [
+            one.replace(": ", f": mode {name}: ", 1) for one in warnings_of(train.in_mode(name)) if one not in found
+        ]
+    for name, one in {"": train, **{name: train.in_mode(name) for name in train.modes}}.items():
+        if name == "" and train.mode:
+            continue
+        place = f"{train.source}: " + (f"mode {name}: " if name else "")
+        found += [place + text for text in _of_efforts(one)]
+    return found
+
+
+def _of_efforts(train: Vehicle) -> list[str]:
+    """What is unusual in the efforts of a train in one mode."""
+    found = []
+    for key, effort in (("traction", train.traction), ("electric_brake", train.electric_brake)):
+        if effort.curve is None:
+            continue
+        speed, force = np.array(effort.curve.speed_mps), np.array(effort.curve.force_n)
+        i = int(np.argmax(np.diff(force)))
+        if key == "traction" and force[i + 1] - force[i] > RISES * force.max():
+            forces = f"from {force[i] / KN:.4g} to {force[i + 1] / KN:.4g} kN"
+            found.append(f"{key}.curve rises {forces} at {kmh(speed[i + 1]):.4g} km/h")
+        moving = np.diff(speed) * (np.diff(force) != 0)
+        i = int(np.argmax(moving))
+        if moving[i] > COARSE_MPS:
+            found.append(f"{key}.curve has no point between {kmh(speed[i]):.4g} and {kmh(speed[i + 1]):.4g} km/h")
+    top_mps = train.max_speed_mps
+    if float(train.traction_effort_n(top_mps)) < float(train.resistance.force_n(top_mps)):
+        speeds = np.linspace(0.0, top_mps, 1000)
+        reached = speeds[train.traction_effort_n(speeds) >= train.resistance.force_n(speeds)]
+        found.append(f"on the level, its traction holds {kmh(reached.max(initial=0.0)):.0f} km/h, not max_speed")
+    try:
+        train.loss_model(train.default_level)
+    except DasError as error:
+        found.append(str(error))
+    return found
+
+
+TEMPLATE = """\
+# A vehicle file to fill in. Every quantity has its unit in its key (mass_t, mass_kg, max_speed_kmh, max_speed_mps, …).
+# What begins with "# " may be left out. docs/reference/file-formats.md explains every key.
+schema_version = 1
+
+[vehicle]
+id = "my-train"
+name = "My train"
+source = "where the figures are from"
+mass_t = 200.0                     # the whole train
+rotating_mass_ratio = 0.06         # rotating parts, as a share of the mass
+length_m = 100.0
+max_speed_kmh = 160.0
+max_deceleration_mps2 = 1.0        # of all brakes together
+# max_acceleration_mps2 = 1.0
+# auxiliary_power_kw = 40.0        # drawn while the train moves
+# default_mode = "25kv"            # if the train has [modes]
+
+[resistance]                       # c0 + c1·v + c2·v² on the level
+c0_kn = 2.5
+c1_kn_per_kmh = 0.01
+c2_kn_per_kmh2 = 0.0006
+
+# The largest traction: force and power (short form) …
+[traction]
+max_force_kn = 150.0
+max_power_kw = 2500.0
+# … or an effort curve, in a CSV file with the columns speed_kmh and force_kn …
+# curve = "effort.csv"
+# … or in this file, linear between its points, from standstill to the top speed.
+# [traction.curve]
+# columns = ["speed_kmh", "force_kn"]
+# rows = [[0, 150], [60, 150], [100, 90], [160, 56]]
+
+[electric_brake]                   # like [traction]; leave it out if there is none
+max_force_kn = 120.0
+max_power_kw = 2500.0
+
+[friction_brake]
+max_force_kn = 200.0
+
+[service_brake]                    # as drivers brake
+deceleration_mps2 = 0.6
+build_up_s = 1.5
+
+# Other efforts under another voltage, on diesel engines or in bad weather; --mode picks one.
+# [modes.25kv]
+# voltage_kv = 25
+# [modes.25kv.traction]
+# curve = "effort-25kv.csv"
+# [modes.leaves]
+# weather = "leaves on the rail"
+# [modes.leaves.traction]
+# max_force_kn = 80.0
+# max_power_kw = 2500.0
+
+# [loads.empty]                    # --load empty
+# mass_t = 160.0
+
+[losses.own]                       # constant efficiencies; see the reference for levels l1, l2 and loss maps (l3)
+traction_efficiency_ratio = 0.86
+brake_efficiency_ratio = 0.86
+idle_kw = 30.0
+"""
+"""The vehicle file that `das-precompute vehicle new` writes."""

@@ -1,0 +1,1 @@
+"""Trains from files of other programs and from tables, as vehicle files of this project."""

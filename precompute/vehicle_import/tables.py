@@ -1,0 +1,231 @@
+"""Trains from tables: efforts as CSV or YAML, Davis' coefficients and the other figures as text with their units."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.efforts import MOST_POINTS
+from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields, read_text
+from das.domain.units import FACTORS
+from das.domain.vehicle import Resistance
+from precompute.vehicle_import.figures import Figures
+from precompute.vehicle_import.quantities import LONGEST, known_unit, quantity, resistance_term
+from precompute.vehicle_import.train import ImportedTrain, Mode, Points
+
+MOST_BYTES = 1_000_000
+MOST_COLUMNS = 50
+"""Largest number of columns of a table: one for the speed, and one for each mode."""
+BRAKE = "brake"
+"""A column of forces whose name begins with this word holds those of the electric brake."""
+_UNIT = re.compile(r"(.*?)[\s_,]*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|\bin\s+(\S+)|_(\w+)|\s(\S+/?\S*))\s*$")
+_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?\s*")
+
+
+def read_csv(path: Path, figures: Figures) -> ImportedTrain:
+    """A train from a CSV table of its efforts and the figures beside it; DasError or InputError if unusable.
+
+    The first column holds speeds, each other one the forces of a mode (or, if there is one, of the train). The header
+    states the units: `speed_kmh,force_kn`, `v [km/h];F [kN]`. A column called brake… holds the electric brake.
+    """
+    rows = _rows(path)
+    header, body = (rows[0][1], rows[1:]) if not _is_number(rows[0][1][0]) else ([], rows)
+    width = len(header or body[0][1])
+    names, units = _columns(path, header, width, figures.units)
+    columns: list[list[float]] = [[] for _ in range(width)]
+    for line, cells in body:
+        if len(cells) != width or not all(map(_is_number, cells)):
+            raise InputError(path, f"line {line}", ",".join(cells), f"{width} numbers")
+        for column, cell, factor in zip(columns, cells, units, strict=True):
+            column.append(float(cell) * factor)
+    speeds, *forces = columns
+    if len(set(names)) < len(names):
+        raise InputError(
+            path, "header", ",".join(names), "a name of its own for each column, which is that of its mode"
+        )
+    curves = {name: tuple(zip(speeds, force, strict=True)) for name, force in zip(names[1:], forces, strict=True)}
+    return _train(path, figures.given(), _modes(path, curves), "option --")
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The rows of a CSV file with their line numbers; the separator is a semicolon, a tab or a comma."""
+    lines = [
+        (number, line)
+        for number, line in enumerate(read_text(path, MOST_BYTES).splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if len(lines) < 2:
+        raise DasError(f"{path}: {len(lines)} rows, expected a header and rows of speed and force")
+    if len(lines) > MOST_POINTS + 1:
+        raise InputError(path, "number of rows", len(lines), f"at most {MOST_POINTS} and a header")
+    separator = next((one for one in ";\t" if one in lines[0][1]), ",")
+    try:
+        split = [(number, next(csv.reader([line], delimiter=separator))) for number, line in lines]
+    except csv.Error as error:
+        raise DasError(f"{path}: not a CSV table ({error})") from None
+    decimal = [(number, [x.strip().replace(",", ".") if separator != "," else x.strip() for x in row])
+               for number, row in split[1:]]  # fmt: skip
+    first = [cell.strip() for cell in split[0][1]]
+    if not 2 <= len(first) <= MOST_COLUMNS:
+        expected = f"2 to {MOST_COLUMNS} columns: the speed, and the force of each mode"
+        raise InputError(path, f"line {split[0][0]}", lines[0][1], expected)
+    return [(split[0][0], first), *decimal]
+
+
+def _is_number(cell: str) -> bool:
+    return len(cell) <= LONGEST and _NUMBER.fullmatch(cell) is not None
+
+
+def _columns(path: Path, header: list[str], width: int, units: str | None) -> tuple[list[str], list[float]]:
+    """The name of each column, and the factor of its unit: of the header, or as the option says."""
+    dimensions = ["speed", *["force"] * (width - 1)]
+    if units is not None:
+        said = [one.strip() for one in units.split(",")]
+        if len(said) != 2 or not known_unit(said[0], "speed") or not known_unit(said[1], "force"):
+            raise DasError(f"--units {units}: expected the units of speed and force, like km/h,kN")
+        split = [(name, said[min(i, 1)]) for i, name in enumerate(header or [f"column {i + 1}" for i in range(width)])]
+    elif not header:
+        raise DasError(f"{path}: no header, so that the units are not known; say --units km/h,kN")
+    else:
+        split = [_name_and_unit(cell) for cell in header]
+    factors = []
+    for i, ((_, unit), dimension) in enumerate(zip(split, dimensions, strict=True)):
+        known_as = known_unit(unit, dimension)
+        if known_as is None:
+            known = "km/h or m/s" if dimension == "speed" else "N, daN or kN"
+            expected = f"a {dimension} with its unit, like [{known}]; or say --units km/h,kN"
+            raise InputError(path, f"header of column {i + 1}", header[i], expected)
+        factors.append(FACTORS[dimension][known_as])
+    return [name.strip() or f"column {i + 1}" for i, (name, _) in enumerate(split)], factors
+
+
+def _name_and_unit(cell: str) -> tuple[str, str]:
+    """A column's name and its unit: "speed_kmh", "F [kN]", "v (km/h)", "force in kN"."""
+    found = _UNIT.fullmatch(cell) if len(cell) <= LONGEST else None
+    if found is None:
+        return cell, cell
+    return found[1], next(part for part in found.groups()[1:] if part is not None)
+
+
+def _modes(path: Path, curves: Mapping[str, Points]) -> dict[str, Mode]:
+    """The modes of a table from its columns of force by name: one traction alone has no name."""
+    brakes = {name: points for name, points in curves.items() if name.lower().startswith(BRAKE)}
+    tractions = {name: points for name, points in curves.items() if name not in brakes}
+    if len(brakes) > 1 or not tractions:
+        raise DasError(f"{path}: expected a column of traction forces for each mode, and at most one of the brake")
+    electric = next(iter(brakes.values()), ())
+    if len(tractions) == 1:
+        return {"": Mode(next(iter(tractions.values())), electric)}
+    return {name: Mode(points, electric) for name, points in tractions.items()}
+
+
+def read_table(source: Fields, figures: Figures) -> ImportedTrain:
+    """A train from a YAML table; options replace figures of the file. InputError for anything unusable.
+
+    Keys: name, mass, length, max_speed, rotating_mass, deceleration, davis (three coefficients), each a text with its
+    unit; effort and, if there is one, electric_brake, with units [km/h, kN] and points. Several modes stand in `modes`,
+    by name.
+    """
+    allowed = {one.name for one in fields(Figures)} - {"units"} | {"effort", "electric_brake", "modes", "source"}
+    source.check_keys(sorted(allowed))
+    given = {**source.data, **figures.given()}
+    if source.has("modes"):
+        table = source.table("modes")
+        modes = {str(name): _mode(Fields.of(table.source, table.data[name], f"modes.{name}.")) for name in table.data}
+    else:
+        modes = {"": _mode(source)}
+    if not modes:
+        raise source.error("modes", "none", "at least one mode")
+    return _train(source.source, given, modes, "")
+
+
+def _mode(fields: Fields) -> Mode:
+    electric = _points(fields.table("electric_brake")) if fields.has("electric_brake") else ()
+    return Mode(_points(fields.table("effort")), electric)
+
+
+def _points(fields: Fields) -> Points:
+    fields.check_keys(["units", "points", "source"])
+    units = fields.data.get("units", MISSING)
+    said = list(zip(units, ("speed", "force"), strict=True)) if isinstance(units, list) and len(units) == 2 else []
+    if not said or any(known_unit(str(unit), dimension) is None for unit, dimension in said):
+        raise fields.error("units", units, "the units of speed and force, like [km/h, kN]")
+    found = []
+    for i, pair in enumerate(fields.rows("points", "a list of pairs of speed and force", MOST_POINTS)):
+        if not isinstance(pair, list) or len(pair) != 2:
+            raise fields.error(f"points[{i}]", pair, "a pair of speed and force")
+        speed, force = (
+            quantity(fields.source, f"{fields.prefix}points[{i}]", _with_unit(x, unit), dimension)
+            for x, unit, dimension in zip(pair, units, ("speed", "force"), strict=True)
+        )
+        found.append((speed, force))
+    return tuple(found)
+
+
+def _with_unit(figure: object, unit: object) -> object:
+    """A number with the unit of its column; anything else as it is."""
+    is_number = isinstance(figure, int | float) and not isinstance(figure, bool) and abs(figure) <= LARGEST
+    return f"{float(figure)} {unit}" if is_number else figure  # type: ignore[arg-type]
+
+
+def _train(path: Path, given: Mapping[str, Any], modes: dict[str, Mode], option: str) -> ImportedTrain:
+    """The train of a table; `option` begins the name of a missing figure in messages."""
+
+    def figure(key: str, dimension: str, default: str | None = None) -> float:
+        value = given.get(key, default)
+        if value is None:
+            raise InputError(
+                path,
+                f"{option}{key.replace('_', '-') if option else key}",
+                MISSING,
+                _EXPECTED.get(key, "a figure with its unit"),
+            )
+        return quantity(path, key, value, dimension)
+
+    mass_kg, name = figure("mass", "mass"), given.get("name", path.stem)
+    if not isinstance(name, str) or not name:
+        raise InputError(path, "name", name, f"a text of at most {MOST_OF_A_NAME} characters")
+    notes = ["the table gives no losses"]
+    if "rotating_mass" not in given:
+        notes.append("the rotating mass is 6 % of the mass, an assumption of a usual size (--rotating-mass)")
+    if "deceleration" not in given:
+        notes.append("the deceleration in service is 0.5 m/s², an assumption of a usual size (--deceleration)")
+    if all(not mode.electric_brake for mode in modes.values()):
+        notes.append("the train has no electric brake: the table gives none")
+    return ImportedTrain(
+        id=name,
+        name=name,
+        source=f"{path.name} (table of efforts)",
+        mass_kg=mass_kg,
+        rotating_mass_ratio=figure("rotating_mass", "ratio", "6 %"),
+        length_m=figure("length", "length"),
+        max_speed_mps=figure("max_speed", "speed"),
+        resistance=_davis(path, given.get("davis", MISSING), mass_kg, f"{option}davis"),
+        modes=modes,
+        deceleration_mps2=abs(figure("deceleration", "acceleration", "0.5 m/s^2")),
+        notes=tuple(notes),
+    )
+
+
+_EXPECTED = {
+    "mass": "the mass of the train with its unit, like 440 t",
+    "length": "its length, like 200 m",
+    "max_speed": "its top speed, like 160 km/h",
+}
+
+
+def _davis(path: Path, value: object, mass_kg: float, key: str) -> Resistance:
+    """Davis' coefficients: a list of three, a table of a, b and c, or one text with commas."""
+    terms = value.split(",") if isinstance(value, str) else value
+    if isinstance(terms, Mapping):
+        terms = [terms.get(one, MISSING) for one in ("a", "b", "c")]
+    if not isinstance(terms, list) or len(terms) != 3:
+        expected = "three coefficients with their units, like 2.4 kN, 0.02 kN/(km/h), 0.0005 kN/(km/h)^2"
+        raise InputError(path, key, value, expected)
+    c0, c1, c2 = (resistance_term(path, f"davis[{i}]", term, i, mass_kg) for i, term in enumerate(terms))
+    return Resistance(c0_n=c0, c1_n_per_mps=c1, c2_n_per_mps2=c2)

@@ -1,0 +1,239 @@
+"""A train from outside, and the vehicle file that says where its figures are from and what was assumed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from das.domain.errors import DasError, seen
+from das.domain.files.load import load_vehicle
+from das.domain.formulary import largest_power_w
+from das.domain.levels import Level
+from das.domain.losses import EfficiencyLoss
+from das.domain.units import KMH, KN, STANDARD_GRAVITY_MPS2, TONNE
+from das.domain.vehicle import Load, Resistance, Vehicle
+
+STEEPEST_RATIO = 0.04
+"""The assumed friction brake reaches the train's deceleration on a descent of up to this gradient."""
+LOSSLESS = "lossless"
+_WORDS_APART = re.compile(r"[\s/]+")
+Points = tuple[tuple[float, float], ...]
+"""The points of an effort curve: speed (m/s) and force (N)."""
+
+
+class Mode(NamedTuple):
+    """The efforts of a train in one mode, as a file from outside gives them."""
+
+    traction: Points
+    electric_brake: Points = ()
+    voltage_v: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportedTrain:
+    """A train as a file from outside describes it, in SI units, without losses.
+
+    `modes` holds its efforts by name, first those of the default mode; a train with one mode may call it "". `notes`
+    say what was assumed, and what the file gives that this project does not use. `empty` is the train without its load,
+    if `mass_kg` includes one.
+    """
+
+    id: str
+    name: str
+    source: str
+    mass_kg: float
+    rotating_mass_ratio: float
+    length_m: float
+    max_speed_mps: float
+    resistance: Resistance
+    modes: Mapping[str, Mode]
+    deceleration_mps2: float
+    notes: tuple[str, ...] = field(default=())
+    empty: Load | None = None
+
+    @property
+    def default(self) -> str:
+        """The mode that the train has if nobody picks one."""
+        return next(iter(self.modes))
+
+    @property
+    def power_w(self) -> float:
+        """The largest power (W) of traction in the default mode."""
+        speeds_mps, forces_n = np.array(self.modes[self.default].traction).T
+        with np.errstate(all="ignore"):  # Speeds that do not rise are refused when the file is read.
+            return largest_power_w(speeds_mps, forces_n)
+
+    def with_electric_brake(self, ratio: float) -> ImportedTrain:
+        """The train with an electric brake of this share of its traction, where it has none of its own."""
+        braked = {
+            name: mode if mode.electric_brake else mode._replace(electric_brake=_times(mode.traction, ratio))
+            for name, mode in self.modes.items()
+        }
+        note = f"the electric brake has {ratio:g} times the force of the traction at each speed (--electric-brake)"
+        return replace(self, modes=braked, notes=(*self.notes, note))
+
+    def up_to_its_speed(self) -> ImportedTrain:
+        """The train with every effort curve from standstill to the top speed, at constant force beyond its ends."""
+        curves = [points for mode in self.modes.values() for points in (mode.traction, mode.electric_brake) if points]
+        first_mps, last_mps = max(points[0][0] for points in curves), min(points[-1][0] for points in curves)
+        notes, held = list(self.notes), "where a curve {}, the force is that of its {} point"
+        if first_mps > 0:
+            notes.append(f"below {first_mps / KMH:.4g} km/h, {held.format('begins', 'first')}")
+        if last_mps < self.max_speed_mps * (1 - 1e-9):
+            notes.append(f"beyond {last_mps / KMH:.4g} km/h, {held.format('ends', 'last')}")
+        modes = {
+            name: mode._replace(
+                traction=_extended(mode.traction, self.max_speed_mps),
+                electric_brake=_extended(mode.electric_brake, self.max_speed_mps),
+            )
+            for name, mode in self.modes.items()
+        }
+        return replace(self, modes=modes, notes=tuple(notes))
+
+
+def _times(points: Points, ratio: float) -> Points:
+    return tuple((speed_mps, ratio * force_n) for speed_mps, force_n in points)
+
+
+def _extended(points: Points, top_mps: float) -> Points:
+    """The points with one at standstill and one at the top speed, if those are missing; each once."""
+    points = tuple(dict.fromkeys(points))
+    before = ((0.0, points[0][1]),) if points and points[0][0] > 0 else ()
+    behind = ((top_mps, points[-1][1]),) if points and points[-1][0] < top_mps * (1 - 1e-9) else ()
+    return (*before, *points, *behind)
+
+
+class NamedLosses(NamedTuple):
+    """The losses that the user names for a train: the lines of their tables, and where they are from."""
+
+    lines: tuple[str, ...]
+    note: str
+
+
+def named_losses(name: str, power_w: float) -> NamedLosses:
+    """The losses that `--losses` names, for a train of a power (W): lossless, an efficiency, or those of a vehicle.
+
+    Of a vehicle, its two efficiencies or its mean efficiency count (levels own, l2 or l1), and the power that it draws
+    without effort is scaled by the power of traction. Raises DasError for any other name.
+    """
+    if name == LOSSLESS:
+        return NamedLosses(("[losses]",), "no losses (--losses lossless): energies are those at the wheel")
+    try:
+        efficiency = float(name)
+    except ValueError:
+        return _losses_of(name, power_w)
+    if not 0 < efficiency <= 1:
+        raise DasError(f"--losses {name}: expected a mean efficiency above 0 and at most 1, lossless, or a vehicle")
+    lines = ("[losses.l1]", f"mean_efficiency_ratio = {efficiency!r}")
+    return NamedLosses(lines, f"the mean efficiency of the traction chain is {efficiency:g} (--losses)")
+
+
+def _losses_of(name: str, power_w: float) -> NamedLosses:
+    try:
+        vehicle = load_vehicle(name)
+    except DasError as error:
+        raise DasError(
+            f"--losses {name}: expected lossless, a mean efficiency like 0.85, or the vehicle whose efficiency the "
+            f"train has ({error})"
+        ) from None
+    level, loss = _constant_efficiency(vehicle)
+    idle_w = loss.idle_w * power_w / vehicle.traction.max_power_w
+    note = (
+        f"efficiency and idle power are those of {vehicle.id} (level {level}), the idle power scaled by the traction's"
+    )
+    driving, braking = 1.0 / (1.0 + loss.traction_ratio), 1.0 - loss.brake_ratio
+    return NamedLosses(
+        (
+            "[losses.own]",
+            f"traction_efficiency_ratio = {driving:.6g}",
+            f"brake_efficiency_ratio = {braking:.6g}",
+            f"idle_kw = {idle_w / KN:.6g}",
+        ),
+        note,
+    )
+
+
+def _constant_efficiency(vehicle: Vehicle) -> tuple[Level, EfficiencyLoss]:
+    for level in (Level.OWN, Level.L2, Level.L1):
+        try:
+            loss = vehicle.loss_model(level)
+        except DasError:
+            continue
+        if isinstance(loss, EfficiencyLoss):
+            return level, loss
+    raise DasError(f"--losses {vehicle.id}: it has no efficiency (levels own, l2 or l1)")
+
+
+def vehicle_text(train: ImportedTrain, losses: NamedLosses, made_by: str, accepted: Sequence[str] = ()) -> str:
+    """The vehicle file of a train: what it was made from and by which command, what was assumed, and its figures."""
+    return "\n".join([*_head(train, losses, made_by), *_body(train, accepted), *losses.lines]) + "\n"
+
+
+def _head(train: ImportedTrain, losses: NamedLosses, made_by: str) -> Iterator[str]:
+    yield seen(f"# {train.name}. Made by {made_by} from {train.source}.")
+    for note in (*train.notes, losses.note):
+        yield seen(f"# Note: {note}.")
+    yield ""
+
+
+def _body(train: ImportedTrain, accepted: Sequence[str]) -> Iterator[str]:
+    yield from (
+        "schema_version = 1",
+        "",
+        "[vehicle]",
+        f"id = {_quoted(_WORDS_APART.sub('-', train.id))}",
+        f"name = {_quoted(train.name)}",
+    )
+    yield f"source = {_quoted(train.source)}"
+    if accepted:
+        yield f"implausible_accepted = [{', '.join(map(_quoted, accepted))}]"
+    if train.default:
+        yield f"default_mode = {_quoted(train.default)}"
+    yield f"mass_t = {_number(train.mass_kg / TONNE)}"
+    yield f"rotating_mass_ratio = {_number(train.rotating_mass_ratio)}"
+    yield f"length_m = {_number(train.length_m)}"
+    yield f"max_speed_kmh = {_number(train.max_speed_mps / KMH)}"
+    yield f"max_deceleration_mps2 = {_number(train.deceleration_mps2)}"
+    yield from ("", "[resistance]", f"c0_n = {_number(train.resistance.c0_n)}")
+    yield f"c1_n_per_mps = {_number(train.resistance.c1_n_per_mps)}"
+    yield f"c2_n_per_mps2 = {_number(train.resistance.c2_n_per_mps2)}"
+    yield ""
+    yield from ("[service_brake]", f"deceleration_mps2 = {_number(train.deceleration_mps2)}", "")
+    inertial_kg = train.mass_kg * (1 + train.rotating_mass_ratio)
+    rubs_n = inertial_kg * train.deceleration_mps2 + train.mass_kg * STANDARD_GRAVITY_MPS2 * STEEPEST_RATIO
+    yield f"[friction_brake]  # assumed: enough for the deceleration on a descent of {STEEPEST_RATIO * 1000:g} ‰"
+    yield from (f"max_force_kn = {_number(rubs_n / KN)}", "")
+    if train.empty is not None:
+        yield from ("[loads.empty]", f"mass_t = {_number(train.empty.mass_kg / TONNE)}")
+        yield from (f"c0_n = {_number(train.empty.c0_n or 0.0)}", "")
+    if list(train.modes) == [""]:
+        yield from _efforts("", train.modes[""])
+        return
+    for name, mode in train.modes.items():
+        prefix = f"modes.{_quoted(name)}"
+        yield f"[{prefix}]"
+        if mode.voltage_v is not None:
+            yield f"voltage_v = {_number(mode.voltage_v)}"
+        yield ""
+        yield from _efforts(f"{prefix}.", mode)
+
+
+def _efforts(prefix: str, mode: Mode) -> Iterator[str]:
+    for table, points in (("traction", mode.traction), ("electric_brake", mode.electric_brake)):
+        if points:
+            yield from (f"[{prefix}{table}.curve]", 'columns = ["speed_kmh", "force_kn"]', "rows = [")
+            yield from (f"  [{_number(v / KMH)}, {_number(f / KN)}]," for v, f in points)
+            yield from ("]", "")
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(seen(text), ensure_ascii=False)
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.10g}"
