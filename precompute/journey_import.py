@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.earth import distances_m, nearest_on_line, steps_m
+from das.domain.earth import distances_m, steps_m
 from das.domain.errors import DasError
 from das.domain.journey import LEAST_SPACING_M, file_clock
 from das.domain.route import Route, Stop
@@ -100,12 +100,21 @@ def _projected(places_deg: Floats, line_deg: Floats, at_m: Floats | None = None)
     at_m = np.concatenate(([0.0], np.cumsum(steps_m(line_deg[:, 0], line_deg[:, 1])))) if at_m is None else at_m
     position_m, off_m = np.full(len(places_deg), math.nan), np.full(len(places_deg), math.inf)
     reached = 0
-    for i, place in enumerate(places_deg):
-        if not math.isnan(place[0]):
-            ahead = (at_m[reached:], line_deg[reached:, 0], line_deg[reached:, 1])
-            position_m[i], off_m[i] = nearest_on_line(ahead, *place)
-            if off_m[i] <= OFF_SHAPE_M:
-                reached = min(int(np.searchsorted(at_m, position_m[i], side="right")) - 1, len(at_m) - 2)
+    for i, (latitude, longitude) in enumerate(places_deg):
+        if math.isnan(latitude):
+            continue
+        per_deg = distances_m(latitude, longitude, [latitude + 1e-3, latitude], [longitude, longitude + 1e-3]) / 1e-3
+        xy = (line_deg[reached:] - (latitude, longitude)) * per_deg
+        step = np.diff(xy, axis=0)
+        length = np.maximum((step**2).sum(axis=1), 1e-9)
+        share = np.clip(-(xy[:-1] * step).sum(axis=1) / length, 0.0, 1.0)
+        away_m = np.hypot(*(xy[:-1] + share[:, None] * step).T)
+        nearest = int(away_m.argmin())
+        off_m[i] = away_m[nearest]
+        first, last = at_m[reached + nearest], at_m[reached + nearest + 1]
+        position_m[i] = first + share[nearest] * (last - first)
+        if off_m[i] <= OFF_SHAPE_M:
+            reached += nearest
     return _Projection(position_m, off_m)
 
 

@@ -29,6 +29,7 @@ MIRRORS: dict[str, str] = {
     "das/estimate/track_filter.py:Track": "a mean of four and the upper half of its covariance",
     "das/solver/kernels/tuples.py:TrainParams": "an argument of the kernels: one figure of the vehicle's file each",
     "sim/drivers/cab.py:AdviceView": "what any presentation may show",
+    "sim/drivers/cab.py:CabView": "what a driver may see: the fields of the message Cab without the advice",
     "sim/drivers/parameters.py:HumanParameters": "the keys of the table [human] of a scenario, one field each",
     "sim/plant/kernels.py:PlantState": "the fields of the message Truth, and an argument of the kernels",
     "sim/plant/kernels.py:TrainNumbers": "an argument of the kernels: one figure of the vehicle's file each",

@@ -47,9 +47,11 @@ class Role(StrEnum):
     CAB = "cab"
     """A listener, which publishes nothing."""
     DRIVER = "driver"
+    DESK = "desk"
+    """A person's cab desk: a driver that also says what was done at the desk."""
 
 
-PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control")}
+PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control"), Role.DESK: ("desk", "driver")}
 """For a role, its publishers in the registry of topics, if their names differ from the name of the role."""
 SUBSCRIBING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 """Zenoh's messages of a subscriber, including the queries for the last message of a latched topic."""
@@ -92,7 +94,7 @@ def keys_of(role: Role, train: str) -> list[str]:
 
 def _may_publish(role: Role, publisher: str) -> bool:
     if role is Role.SIMULATOR:
-        return publisher not in (Role.NODE, Role.RECORDER, Role.DRIVER)
+        return publisher not in (Role.NODE, Role.RECORDER, Role.DRIVER, Role.DESK)
     return publisher in PUBLISHERS.get(role, (role,))
 
 

@@ -1213,6 +1213,27 @@ class Cab(_message.Message):
     PRESENTATION_COACH: Cab.Presentation.ValueType  # 4
     PRESENTATION_DEVIATION: Cab.Presentation.ValueType  # 5
 
+    class _Interlock:
+        ValueType = _typing.NewType("ValueType", _builtins.int)
+        V: _TypeAlias = ValueType  # noqa: Y015
+
+    class _InterlockEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[Cab._Interlock.ValueType], _builtins.type):
+        DESCRIPTOR: _descriptor.EnumDescriptor
+        INTERLOCK_NONE: Cab._Interlock.ValueType  # 0
+        INTERLOCK_SILENCE: Cab._Interlock.ValueType  # 1
+        """the dead-man brake: the driver fell silent; it ends when he is back, the train stands and the lever is not above 0"""
+        INTERLOCK_DOORS: Cab._Interlock.ValueType  # 2
+        """traction is withheld: the train may not depart yet"""
+
+    class Interlock(_Interlock, metaclass=_InterlockEnumTypeWrapper):
+        """What overrules the controller."""
+
+    INTERLOCK_NONE: Cab.Interlock.ValueType  # 0
+    INTERLOCK_SILENCE: Cab.Interlock.ValueType  # 1
+    """the dead-man brake: the driver fell silent; it ends when he is back, the train stands and the lever is not above 0"""
+    INTERLOCK_DOORS: Cab.Interlock.ValueType  # 2
+    """traction is withheld: the train may not depart yet"""
+
     @_typing.final
     class LimitAhead(_message.Message):
         """A speed limit that begins ahead, for the train's head: where it rises, the whole train has left the lower one."""
@@ -1270,6 +1291,19 @@ class Cab(_message.Message):
     HORIZON_FORCE_N_FIELD_NUMBER: _builtins.int
     LIMITS_AHEAD_FIELD_NUMBER: _builtins.int
     REASON_FIELD_NUMBER: _builtins.int
+    INTERLOCK_FIELD_NUMBER: _builtins.int
+    LATE_S_FIELD_NUMBER: _builtins.int
+    GRADIENT_RATIO_FIELD_NUMBER: _builtins.int
+    FORCE_EL_N_FIELD_NUMBER: _builtins.int
+    FORCE_FRICTION_N_FIELD_NUMBER: _builtins.int
+    CAUSE_FIELD_NUMBER: _builtins.int
+    NEXT_CHANGE_M_FIELD_NUMBER: _builtins.int
+    SECOND_MODE_FIELD_NUMBER: _builtins.int
+    SECOND_CHANGE_S_FIELD_NUMBER: _builtins.int
+    SECOND_CHANGE_M_FIELD_NUMBER: _builtins.int
+    SECOND_SPEED_MPS_FIELD_NUMBER: _builtins.int
+    SECOND_EFFORT_RATIO_FIELD_NUMBER: _builtins.int
+    WALL_NS_FIELD_NUMBER: _builtins.int
     time_ns: _builtins.int
     """[ns since 1970, UTC]"""
     presentation: Global___Cab.Presentation.ValueType
@@ -1324,6 +1358,31 @@ class Cab(_message.Message):
     """[m/s] of the coach: the speed to reach or to hold after the next change; NaN: not shown"""
     next_effort_ratio: _builtins.float
     """[ratio] of the coach: the share of the largest effort after it; NaN: not shown"""
+    interlock: Global___Cab.Interlock.ValueType
+    late_s: _builtins.float
+    """[s] late > 0, against the planned run for the timetable; NaN: not known"""
+    gradient_ratio: _builtins.float
+    """[ratio] at the train's head; NaN: not known"""
+    force_el_n: _builtins.float
+    """[N] what the motors give now: traction > 0, electric brake < 0; NaN: not known"""
+    force_friction_n: _builtins.float
+    """[N] what the friction brake gives now, <= 0; NaN: not known"""
+    cause: Global___WithdrawalCause.ValueType
+    """why no advice is given"""
+    next_change_m: _builtins.float
+    """[m] way to the next change; NaN: not shown"""
+    second_mode: Global___Mode.ValueType
+    """of the coach: the change after the next"""
+    second_change_s: _builtins.float
+    """[s]"""
+    second_change_m: _builtins.float
+    """[m]"""
+    second_speed_mps: _builtins.float
+    """[m/s]"""
+    second_effort_ratio: _builtins.float
+    """[ratio]"""
+    wall_ns: _builtins.int
+    """[ns since 1970, UTC] wall clock at which this was sent; 0: the run keeps no pace"""
     @_builtins.property
     def restrictions(self) -> _containers.RepeatedCompositeFieldContainer[Global___Restrictions.Restriction]:
         """temporary ones that the driver keeps to"""
@@ -1380,10 +1439,23 @@ class Cab(_message.Message):
         horizon_force_n: _abc.Iterable[_builtins.float] | None = ...,
         limits_ahead: _abc.Iterable[Global___Cab.LimitAhead] | None = ...,
         reason: Global___Reason | None = ...,
+        interlock: Global___Cab.Interlock.ValueType = ...,
+        late_s: _builtins.float = ...,
+        gradient_ratio: _builtins.float = ...,
+        force_el_n: _builtins.float = ...,
+        force_friction_n: _builtins.float = ...,
+        cause: Global___WithdrawalCause.ValueType = ...,
+        next_change_m: _builtins.float = ...,
+        second_mode: Global___Mode.ValueType = ...,
+        second_change_s: _builtins.float = ...,
+        second_change_m: _builtins.float = ...,
+        second_speed_mps: _builtins.float = ...,
+        second_effort_ratio: _builtins.float = ...,
+        wall_ns: _builtins.int = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["reason", b"reason"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "clock_s", b"clock_s", "departure_s", b"departure_s", "deviation_s", b"deviation_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "friction_ratio", b"friction_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_s", b"next_change_s", "next_effort_ratio", b"next_effort_ratio", "next_mode", b"next_mode", "next_speed_mps", b"next_speed_mps", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["advice_s", b"advice_s", "advised_force_n", b"advised_force_n", "advised_lever_ratio", b"advised_lever_ratio", "advised_speed_mps", b"advised_speed_mps", "arrival_s", b"arrival_s", "cause", b"cause", "clock_s", b"clock_s", "departure_s", b"departure_s", "deviation_s", b"deviation_s", "display_speed_mps", b"display_speed_mps", "due_s", b"due_s", "force_el_n", b"force_el_n", "force_friction_n", b"force_friction_n", "friction_ratio", b"friction_ratio", "gradient_ratio", b"gradient_ratio", "horizon_force_n", b"horizon_force_n", "horizon_speed_mps", b"horizon_speed_mps", "interlock", b"interlock", "late_s", b"late_s", "lever_ratio", b"lever_ratio", "limit_mps", b"limit_mps", "limits_ahead", b"limits_ahead", "look", b"look", "may_depart", b"may_depart", "mode", b"mode", "next_change_m", b"next_change_m", "next_change_s", b"next_change_s", "next_effort_ratio", b"next_effort_ratio", "next_mode", b"next_mode", "next_speed_mps", b"next_speed_mps", "presentation", b"presentation", "reason", b"reason", "restrictions", b"restrictions", "s_m", b"s_m", "second_change_m", b"second_change_m", "second_change_s", b"second_change_s", "second_effort_ratio", b"second_effort_ratio", "second_mode", b"second_mode", "second_speed_mps", b"second_speed_mps", "signal_m", b"signal_m", "speed_mps", b"speed_mps", "stop_m", b"stop_m", "target_way_m", b"target_way_m", "time_ns", b"time_ns", "valid_until_s", b"valid_until_s", "wall_ns", b"wall_ns"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1479,6 +1551,167 @@ class Controls(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType_set) -> _WhichOneofReturnType_set | None: ...
 
 Global___Controls: _TypeAlias = Controls  # noqa: Y015
+
+@_typing.final
+class Action(_message.Message):
+    """A new setting of the controller by a person at the cab desk (sim/<train>/action). The three wall clocks say how long it
+    took from the hand to the bus.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    class _Device:
+        ValueType = _typing.NewType("ValueType", _builtins.int)
+        V: _TypeAlias = ValueType  # noqa: Y015
+
+    class _DeviceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[Action._Device.ValueType], _builtins.type):
+        DESCRIPTOR: _descriptor.EnumDescriptor
+        DEVICE_UNKNOWN: Action._Device.ValueType  # 0
+        DEVICE_KEY: Action._Device.ValueType  # 1
+        DEVICE_KEY_HELD: Action._Device.ValueType  # 2
+        """a key held down repeats"""
+        DEVICE_MOUSE: Action._Device.ValueType  # 3
+        DEVICE_TOUCH: Action._Device.ValueType  # 4
+        DEVICE_PEN: Action._Device.ValueType  # 5
+        DEVICE_WHEEL: Action._Device.ValueType  # 6
+        DEVICE_GAMEPAD: Action._Device.ValueType  # 7
+        DEVICE_DESK: Action._Device.ValueType  # 8
+        """nobody's hand: the desk set the controller to 0 after the person had been away"""
+
+    class Device(_Device, metaclass=_DeviceEnumTypeWrapper): ...
+    DEVICE_UNKNOWN: Action.Device.ValueType  # 0
+    DEVICE_KEY: Action.Device.ValueType  # 1
+    DEVICE_KEY_HELD: Action.Device.ValueType  # 2
+    """a key held down repeats"""
+    DEVICE_MOUSE: Action.Device.ValueType  # 3
+    DEVICE_TOUCH: Action.Device.ValueType  # 4
+    DEVICE_PEN: Action.Device.ValueType  # 5
+    DEVICE_WHEEL: Action.Device.ValueType  # 6
+    DEVICE_GAMEPAD: Action.Device.ValueType  # 7
+    DEVICE_DESK: Action.Device.ValueType  # 8
+    """nobody's hand: the desk set the controller to 0 after the person had been away"""
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    NUMBER_FIELD_NUMBER: _builtins.int
+    DEVICE_FIELD_NUMBER: _builtins.int
+    LEVER_RATIO_FIELD_NUMBER: _builtins.int
+    LOOK_FIELD_NUMBER: _builtins.int
+    BROWSER_NS_FIELD_NUMBER: _builtins.int
+    SERVER_NS_FIELD_NUMBER: _builtins.int
+    BUS_NS_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    """[ns since 1970, UTC] of the run, of the last Cab before it"""
+    number: _builtins.int
+    """[count] from 1; a gap means that a newer setting replaced one within 10 ms"""
+    device: Global___Action.Device.ValueType
+    lever_ratio: _builtins.float
+    """[ratio] the setting"""
+    look: _builtins.int
+    """[count] of the last Cab that the page had drawn"""
+    browser_ns: _builtins.int
+    """[ns since 1970, UTC] wall clock of the browser when the hand moved"""
+    server_ns: _builtins.int
+    """[ns since 1970, UTC] wall clock when the desk heard it"""
+    bus_ns: _builtins.int
+    """[ns since 1970, UTC] wall clock when the desk had put the setting on the bus"""
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        number: _builtins.int = ...,
+        device: Global___Action.Device.ValueType = ...,
+        lever_ratio: _builtins.float = ...,
+        look: _builtins.int = ...,
+        browser_ns: _builtins.int = ...,
+        server_ns: _builtins.int = ...,
+        bus_ns: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["browser_ns", b"browser_ns", "bus_ns", b"bus_ns", "device", b"device", "lever_ratio", b"lever_ratio", "look", b"look", "number", b"number", "server_ns", b"server_ns", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Action: _TypeAlias = Action  # noqa: Y015
+
+@_typing.final
+class Mark(_message.Message):
+    """Something else that happened at the cab desk (sim/<train>/mark)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    class _Kind:
+        ValueType = _typing.NewType("ValueType", _builtins.int)
+        V: _TypeAlias = ValueType  # noqa: Y015
+
+    class _KindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[Mark._Kind.ValueType], _builtins.type):
+        DESCRIPTOR: _descriptor.EnumDescriptor
+        KIND_UNKNOWN: Mark._Kind.ValueType  # 0
+        KIND_MARK: Mark._Kind.ValueType  # 1
+        """the person marked this moment"""
+        KIND_OPENED: Mark._Kind.ValueType  # 2
+        """a page took over the desk"""
+        KIND_GONE: Mark._Kind.ValueType  # 3
+        """the page was closed or the connection to it broke"""
+        KIND_AWAY: Mark._Kind.ValueType  # 4
+        """the page has drawn nothing for 1 s; the desk answers no more looks"""
+        KIND_BACK: Mark._Kind.ValueType  # 5
+        """it draws again"""
+        KIND_SETTING: Mark._Kind.ValueType  # 6
+        """the person changed how the page looks or sounds; the text says what"""
+
+    class Kind(_Kind, metaclass=_KindEnumTypeWrapper): ...
+    KIND_UNKNOWN: Mark.Kind.ValueType  # 0
+    KIND_MARK: Mark.Kind.ValueType  # 1
+    """the person marked this moment"""
+    KIND_OPENED: Mark.Kind.ValueType  # 2
+    """a page took over the desk"""
+    KIND_GONE: Mark.Kind.ValueType  # 3
+    """the page was closed or the connection to it broke"""
+    KIND_AWAY: Mark.Kind.ValueType  # 4
+    """the page has drawn nothing for 1 s; the desk answers no more looks"""
+    KIND_BACK: Mark.Kind.ValueType  # 5
+    """it draws again"""
+    KIND_SETTING: Mark.Kind.ValueType  # 6
+    """the person changed how the page looks or sounds; the text says what"""
+
+    TIME_NS_FIELD_NUMBER: _builtins.int
+    KIND_FIELD_NUMBER: _builtins.int
+    TEXT_FIELD_NUMBER: _builtins.int
+    LOOK_FIELD_NUMBER: _builtins.int
+    BROWSER_NS_FIELD_NUMBER: _builtins.int
+    SERVER_NS_FIELD_NUMBER: _builtins.int
+    BUS_NS_FIELD_NUMBER: _builtins.int
+    time_ns: _builtins.int
+    """[ns since 1970, UTC] of the run, of the last Cab before it"""
+    kind: Global___Mark.Kind.ValueType
+    text: _builtins.str
+    look: _builtins.int
+    """[count] of the last Cab that the page had drawn"""
+    browser_ns: _builtins.int
+    """[ns since 1970, UTC] wall clock of the browser; 0: the browser did not say it"""
+    server_ns: _builtins.int
+    """[ns since 1970, UTC] wall clock of the desk"""
+    bus_ns: _builtins.int
+    """[ns since 1970, UTC] wall clock when it was put on the bus"""
+    def __init__(
+        self,
+        *,
+        time_ns: _builtins.int = ...,
+        kind: Global___Mark.Kind.ValueType = ...,
+        text: _builtins.str = ...,
+        look: _builtins.int = ...,
+        browser_ns: _builtins.int = ...,
+        server_ns: _builtins.int = ...,
+        bus_ns: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["browser_ns", b"browser_ns", "bus_ns", b"bus_ns", "kind", b"kind", "look", b"look", "server_ns", b"server_ns", "text", b"text", "time_ns", b"time_ns"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Mark: _TypeAlias = Mark  # noqa: Y015
 
 @_typing.final
 class Decision(_message.Message):

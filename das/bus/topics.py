@@ -57,6 +57,8 @@ TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, publisher=
 LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, publisher="simulator")
 CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simulator")
 CONTROLS: Final = Topic(name="controls", root="sim", message=das_pb2.Controls, publisher="driver", recorded=False)
+ACTION: Final = Topic(name="action", root="sim", message=das_pb2.Action, publisher="desk")
+MARK: Final = Topic(name="mark", root="sim", message=das_pb2.Mark, publisher="desk")
 DECISION: Final = Topic(name="decision", root="sim", message=das_pb2.Decision, publisher="simulator")
 MEASURES: Final = Topic(name="measures", root="sim", message=das_pb2.Measures, publisher="simulator")
 SAVING: Final = Topic(name="saving", root="sim", message=das_pb2.Saving, publisher="simulator")
@@ -82,6 +84,8 @@ TOPICS: Final = (
     LOCATION,
     CAB,
     CONTROLS,
+    ACTION,
+    MARK,
     DECISION,
     MEASURES,
     SAVING,

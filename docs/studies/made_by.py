@@ -51,6 +51,7 @@ DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
     "python -m docs.studies.own_lines": (*SOLVER, "precompute/route_import"),
     "python -m docs.studies.peers": (*SOLVER, "precompute/tables"),
     "python -m docs.studies.pictures": (*DAY, "sim/bundled", "sim/drive", "sim/review"),
+    "python -m tests.support.desk_pictures": (*DAY, "sim/desk"),
     "python -m docs.studies.planted_trains": (*DAY, "sim/trips"),
     "python -m docs.studies.real_trips": (*SOLVER, "sim/trips", "sim/drive"),
     "python -m docs.studies.sheet": DAY,

@@ -54,8 +54,8 @@ DriverOption = Annotated[
     typer.Option(
         "--driver",
         metavar="DRIVER",
-        help="Who drives: perfect, fast, rms, timetable, human, a class of your own (package.module:Class), or "
-        "external, a process of its own (das-sim drivers explains them).",
+        help="Who drives: perfect, fast, rms, timetable, human, a class of your own (package.module:Class), "
+        "external, a process of its own, or desk, a person in the browser (das-sim drivers explains them).",
     ),
 ]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]

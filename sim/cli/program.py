@@ -64,6 +64,12 @@ ENTRIES: Final = (
         examples=("das-sim run departure-delay --driver human --advice vector --seed 3",),
     ),
     Entry(
+        name="desk",
+        where="sim.cli.desk:desk",
+        summary="Drive a simulated train yourself, in the browser; or look at a drive as its driver saw it.",
+        examples=("das-sim desk", "das-sim desk signal-stop --advice four-mode", "das-sim desk recordings/desk.mcap"),
+    ),
+    Entry(
         name="drive",
         where="sim.cli.run:drive",
         summary="Be the driver of a simulated run, as a separate process on the bus.",

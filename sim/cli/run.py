@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -21,11 +19,18 @@ from das.command_line.options import (
     SeedOption,
     TrainOption,
 )
-from das.command_line.printing import busy, loading_solver, one_line, print_table, progress_bar, say, tell, typed
+from das.command_line.printing import loading_solver, one_line, print_table, say, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
-from das.domain.files.writing import check_writable
-from das.domain.units import KM
+from sim.cli.driving import (
+    DayAsked,
+    RecordingAsked,
+    check_not_an_input,
+    check_run_outputs,
+    drive_recorded,
+    prepared_day,
+    tell_result,
+)
 from sim.cli.options import (
     DEFAULT_DRIVER_AT,
     AdviceOption,
@@ -37,11 +42,11 @@ from sim.cli.options import (
     JourneyOption,
     RunAtOption,
     ScenarioArgument,
-    naming_recorded,
     new_recording,
     removed_if_unused,
 )
 from sim.drivers.kinds import (
+    DESK,
     EXTERNAL,
     DriverKind,
     DriverName,
@@ -61,8 +66,6 @@ from sim.options import (
 
 if TYPE_CHECKING:
     from sim.world.external import ExternalDriver
-    from sim.world.lockstep import Traffic
-    from sim.world.outcome import DayResult, RecordedFigures
     from sim.world.over_bus import How
     from sim.world.scenario import Scenario
     from sim.world.service import Day
@@ -79,6 +82,7 @@ DRIVERS: Final = {
 OUTSIDE: Final = {
     "package.module:Class": "a class of your own, in this process",
     "external": "a process of its own, over the bus",
+    "desk": "a person at the cab desk, in the browser (das-sim desk)",
 }
 """Drivers that users bring (docs/how-to/bring-your-own-driver.md)."""
 
@@ -124,62 +128,50 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
-    _check_outputs(in_process, out, bus, overwrite=overwrite)
     who, factor = named_driver("--driver", driver), speed_factor(speed)
+    if who is DESK:
+        asked = DayAsked(scenario=scenario, journey=journey, seed=seed, level=level, advice=advice, train=train)
+        recorded = RecordingAsked(out=out, overwrite=overwrite, bus=bus, insecure_bus=insecure_bus, as_json=as_json)
+        return _at_desk(asked, recorded, factor, elsewhere=in_process or driver_at is not None)
+    check_run_outputs(in_process, out, bus, overwrite=overwrite)
     listens = _driver_at(who, in_process, bus, driver_at)
     with loading_solver(LATE_KERNELS):
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
         from das.cab.warm_up import warm_up
-        from das.command_line.files import warn_unusual
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
         from sim.world.over_bus import How
         from sim.world.scenario import load_scenario
-        from sim.world.service import make_day, prepare_service
 
         driver_versions(who)
         person = participant_of(who, participant, population)
         files = bus_folder(bus, insecure_bus, check_train_name(train))
         read = _checked(load_scenario(scenario), journey, out)
         warm_up()
-    with busy("solving the sections …"):
-        day = make_day(prepare_service(read, level=level), seed, person)
-        warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
+    day, paced = prepared_day(read, level, seed, person), who is EXTERNAL and factor is not None
     reserved = new_recording("run") if out is None and not in_process else None
-    how = How(
-        driver=who, friction=friction, advice=advice, train=train, command=typed_command(), bus=files,
-        driver_at=listens,
-    )  # fmt: skip
+    how = How(driver=who, friction=friction, advice=advice, train=train, command=typed_command(), bus=files,
+              driver_at=listens, paced=paced)  # fmt: skip
+    made = _external(day, how, factor) if who is EXTERNAL else day.driver(who, friction)
     with removed_if_unused(reserved):
-        _tell(_drive(day, how, out or reserved, factor), as_json)
+        return tell_result(drive_recorded(day, made, how, out or reserved, factor), as_json)
 
 
 def _checked(scenario: Scenario, journey: str | None, out: Path | None) -> Scenario:
     """The scenario with the journey; DasError if the recording would replace a file of either."""
     scenario = scenario if journey is None else scenario.timed_by(journey)
-    _check_not_an_input(out, scenario)
+    check_not_an_input(out, scenario)
     return scenario
 
 
-def _tell(found: DayResult, as_json: bool) -> None:
-    """Print the result of a run."""
-    from sim.world.outcome import print_result
+def _at_desk(asked: DayAsked, recorded: RecordingAsked, speed: float | None, *, elsewhere: bool) -> None:
+    """Let a person drive in the browser; DasError if options say that the driver is `elsewhere`."""
+    from sim.cli.desk import DeskLooks, drive_at_desk
 
-    if as_json:
-        print(json.dumps(found.as_dict()))
-    else:
-        print_result(found)
-
-
-def _check_outputs(in_process: bool, out: Path | None, bus: Path | None, *, overwrite: bool) -> None:
-    """Raise DasError if options that need the bus are given for a run without one, or an output cannot be written."""
-    if in_process and out is not None:
-        raise DasError("--out: a run --in-process records nothing")
-    if in_process and bus is not None:
-        raise DasError("--bus: a run --in-process has no bus")
-    if out is not None:
-        check_writable(out, overwrite=overwrite)
+    if elsewhere:
+        raise DasError("--driver desk: the desk finds its run itself; expected neither --in-process nor --driver-at")
+    drive_at_desk(asked, recorded, speed or 1.0, DeskLooks())
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
@@ -195,58 +187,6 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
     return endpoint or DEFAULT_DRIVER_AT
 
 
-def _check_not_an_input(out: Path | None, scenario: Scenario) -> None:
-    """Raise DasError if the recording would replace a file of the scenario."""
-    from sim.world.service import scenario_files
-
-    for what, path in scenario_files(scenario).items():
-        if out is not None and out.resolve() == path.resolve():
-            raise DasError(f"{out}: the recording to write would replace the {what.replace('_', ' ')} that is read")
-
-
-def _drive(day: Day, how: How, out: Path | None, speed: float | None) -> DayResult:
-    """Run the day: over the bus if there is a recording to write, else in this process."""
-    from sim.world.disturbances import described
-    from sim.world.outcome import DayResult, outcome
-    from sim.world.over_bus import drive_day
-
-    interrupt_on_termination()
-    driver = _external(day, how, speed) if isinstance(how.driver, External) else day.driver(how.driver, how.friction)
-    try:
-        title = f"{day.service.scenario.id}, {how.driver}"
-        first = "starting node and recorder" if out else "driving"
-        with naming_recorded(out), progress_bar(title, first, "km") as progress:
-            pace = _Pace(speed, progress)
-            run, traffic = drive_day(day, driver, how, out, pace.tick)
-    except DasError as error:
-        if out is None or not out.is_file() or out.stat().st_size == 0:
-            raise
-        raise DasError(f"{error}; recorded so far: {out}") from error
-    return DayResult(
-        outcome=outcome(day, run, how.driver),
-        driver=how.driver,
-        friction=how.friction,
-        advice=how.advice,
-        happens=described(day.disturbances),
-        drawn=day.drawn,
-        wall_s=pace.driven_s,
-        recorded=None if out is None or traffic is None else _recorded(out, traffic),
-    )
-
-
-def _recorded(out: Path, traffic: Traffic) -> RecordedFigures:
-    """The figures of a run's recording."""
-    from sim.world.outcome import RecordedFigures
-
-    return RecordedFigures(
-        file=str(out),
-        messages_sent=sum(traffic.sent.values()),
-        messages_recorded=sum(traffic.recorded.values()),
-        messages_lost=traffic.lost,
-        start_s=traffic.start_s,
-    )
-
-
 def _external(day: Day, how: How, speed: float | None) -> ExternalDriver:
     """The external driver, a process of its own; prints the command that starts it."""
     from sim.world.external import ExternalDriver
@@ -256,33 +196,6 @@ def _external(day: Day, how: How, speed: float | None) -> ExternalDriver:
     command = f"{typed('das-sim')} drive {scenario} --train {how.train} {where}"
     print(one_line(f"the run waits for its driver, for example: {command}"), file=sys.stderr)
     return ExternalDriver(day, times_real=speed)
-
-
-class _Pace:
-    """Paces a run at a multiple of real time (None: no waiting), and shows its progress."""
-
-    def __init__(self, speed: float | None, progress: Callable[[float, float], None]) -> None:
-        self._speed, self._progress = speed, progress
-        self._began = self._now = time.perf_counter()
-        self._ticks = 0
-
-    @property
-    def driven_s(self) -> float:
-        """Time (s) since the end of the first tick: node and recorder are still starting before it."""
-        return self._now - self._began
-
-    def tick(self, done_m: float, all_m: float) -> None:
-        """Count one driven second, and wait until it has passed at the wanted pace."""
-        from sim.world.lockstep import sleep_until
-        from sim.world.loop import TICK_S
-
-        if self._ticks == 0:
-            self._began = time.perf_counter()
-        self._ticks += 1
-        if self._speed is not None:
-            sleep_until(self._began + self._ticks * TICK_S / self._speed)
-        self._now = time.perf_counter()
-        self._progress(done_m / KM, all_m / KM)
 
 
 def drivers(as_json: JsonOption = False) -> None:
@@ -328,7 +241,7 @@ def drive(
     """Drive a run from this process; start das-sim run with --driver external before or after it."""
     who = named_driver("--driver", driver)
     if isinstance(who, External):
-        raise DasError("--driver external: this is the external driver; expected who drives in it")
+        raise DasError(f"--driver {who}: this is the external driver; expected who drives in it")
     interrupt_on_termination()
     with loading_solver():
         from das.bus.access import Role

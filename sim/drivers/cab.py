@@ -46,8 +46,9 @@ class AdviceView:
     `display_speed_mps` is the same speed in whole km/h, as it is written on the display. `lever_ratio` is the advised
     effort on the controller's scale (see `sim.plant.plant.lever`). Horizons have steps of 1 s; their first value is 1 s
     after `time_s`. `next_speed_mps` and `next_effort_ratio` are speed and share of the largest effort after the next
-    change. In COACH, `due_s` is the time until the instruction is due, and `target_way_m` the distance to where its
-    speed is reached; `replan_cause` and `replanned_s` are why and when its reference was made, which no display shows.
+    change, `next_change_m` is the way to it, and `second_…` is the change after it. In COACH, `due_s` is the time until
+    the instruction is due, and `target_way_m` the distance to where its speed is reached; `replan_cause` and
+    `replanned_s` are why and when its reference was made, which no display shows.
     In DEVIATION there is only `deviation_s`: how late the train is against the plan for its timetable (early < 0).
 
     Mode DEPART tells a standing train to wait until it is cleared; efforts and horizons are those of a standing train.
@@ -68,6 +69,12 @@ class AdviceView:
     next_change_s: float = math.nan
     next_speed_mps: float = math.nan
     next_effort_ratio: float = math.nan
+    next_change_m: float = math.nan
+    second_mode: int = Regime.NONE
+    second_change_s: float = math.nan
+    second_change_m: float = math.nan
+    second_speed_mps: float = math.nan
+    second_effort_ratio: float = math.nan
     due_s: float = 0.0
     target_way_m: float = math.nan
     reason: Reason = NO_REASON
@@ -98,6 +105,7 @@ class AdviceView:
             horizon_speed_mps=(),
             horizon_force_n=(),
             next_mode=Regime.NONE,
+            second_mode=Regime.NONE,
         )
 
     def foreseen_mps(self, now_s: float) -> float:
@@ -114,7 +122,8 @@ class CabView(NamedTuple):
     `s_m` is the position by the marks of the line, `speed_mps` and `limit_mps` are those displayed. `stop_m` is the
     next timetabled stop, due at `arrival_s`. From `departure_s` on the train may leave, if it `may_depart` (doors
     closed, signal clear). `signal_m` is the next signal at danger in sight (inf: none). `advice` is None if none is
-    shown.
+    shown; `cause` is then why none is given, by its number on the bus. `late_s` is how late the train is against the
+    plan, `gradient_ratio` that of the line at the train's head, and `force_…_n` what motors and friction brake give.
     """
 
     time_s: float
@@ -128,6 +137,11 @@ class CabView(NamedTuple):
     signal_m: float = math.inf
     restrictions: tuple[Restriction, ...] = ()
     advice: AdviceView | None = None
+    cause: int = 0
+    late_s: float = math.nan
+    gradient_ratio: float = math.nan
+    force_el_n: float = math.nan
+    force_friction_n: float = math.nan
 
     @property
     def halt_m(self) -> float:

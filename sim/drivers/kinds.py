@@ -35,9 +35,12 @@ class External(StrEnum):
     """A driver that is a process of its own and drives over the bus."""
 
     EXTERNAL = "external"
+    DESK = "desk"
+    """A person at the cab desk, in a browser."""
 
 
 EXTERNAL: Final = External.EXTERNAL
+DESK: Final = External.DESK
 DriverName = DriverKind | OwnClass | External
 """The drivers that a command line can name for a run."""
 _OWN_CLASS = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
@@ -47,11 +50,11 @@ def named_driver(option: str, text: str) -> DriverName:
     """The driver that a text names; `option` begins the message of the DasError for any other text."""
     if text in list(DriverKind):
         return DriverKind(text)
-    if text == EXTERNAL:
-        return EXTERNAL
+    if text in list(External):
+        return External(text)
     match = _OWN_CLASS.fullmatch(text)
     if match is None:
-        known = ", ".join([*DriverKind, EXTERNAL])
+        known = ", ".join([*DriverKind, *External])
         raise DasError(f"{option} {text}: expected one of {known}, or a class of your own as package.module:Class")
     return OwnClass(module=match[1], name=match[2])
 

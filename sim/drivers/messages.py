@@ -26,23 +26,31 @@ _FIELDS: Final = {
     "lever_ratio": "advised_lever_ratio",
     "force_n": "advised_force_n",
     **{name: name for name in ("valid_until_s", "display_speed_mps", "next_change_s", "next_speed_mps")},
-    **{name: name for name in ("next_effort_ratio", "due_s", "target_way_m", "deviation_s")},
+    **{name: name for name in ("next_effort_ratio", "due_s", "target_way_m", "deviation_s", "next_change_m")},
+    **{name: name for name in ("second_change_s", "second_change_m", "second_speed_mps", "second_effort_ratio")},
 }
 """The figures of `AdviceView` with their names in the message, which has NaN for them while nothing is shown."""
-_MODES: Final = ("mode", "next_mode")
+_MODES: Final = ("mode", "next_mode", "second_mode")
 """The modes of `AdviceView`; the message has them under the same names."""
+
+
+_SEEN: Final = ("late_s", "gradient_ratio", "force_el_n", "force_friction_n", "cause")
+"""Fields of `CabView` that the message has under the same names, where an external driver is asked."""
 
 
 class CabLook(NamedTuple):
     """A look of the driver: its time (ns since 1970), the cab, the command in force, and the number of the look.
 
-    The number is 0 if the look does not ask an external driver.
+    The number is 0 if the look does not ask an external driver. `interlock` is what overrules the controller, by its
+    number on the bus; `wall_ns` is the wall clock (ns since 1970), 0 where the run keeps no pace.
     """
 
     time_ns: int
     cab: CabView
     command: Command
     number: int = 0
+    interlock: int = 0
+    wall_ns: int = 0
 
 
 def cab_message(look: CabLook, line: LineKnowledge) -> Message:
@@ -64,6 +72,9 @@ def cab_message(look: CabLook, line: LineKnowledge) -> Message:
         arrival_s=cab.arrival_s,
         may_depart=cab.may_depart,
         restrictions=map(encode_restriction, cab.restrictions),
+        interlock=das_pb2.Cab.Interlock.ValueType(look.interlock),
+        wall_ns=look.wall_ns,
+        **({name: getattr(cab, name) for name in _SEEN} if asked else {}),
         **_advice_fields(cab.shown, horizons=asked),
     )
     if asked:
@@ -85,6 +96,7 @@ def cab_view(message: Any) -> CabView:
         signal_m=math.inf if math.isnan(message.signal_m) else message.signal_m,
         restrictions=tuple(decode_restriction(one, Restriction) for one in message.restrictions),
         advice=_advice_view(message),
+        **({name: getattr(message, name) for name in _SEEN} if message.look else {}),
     )
 
 

@@ -98,7 +98,9 @@ class Screen:
             horizon_force_n=view.horizon_force_n[:seconds],
         )
         if view.next_change_s > settings.preview_s:
-            view = replace(view, next_mode=int(Regime.NONE), next_change_s=math.nan)
+            view = replace(view, next_mode=int(Regime.NONE), next_change_s=math.nan, next_change_m=math.nan)
+        if view.second_change_s > settings.preview_s:
+            view = replace(view, second_mode=int(Regime.NONE))
         return view
 
 

@@ -65,8 +65,9 @@ class Calls:
         """
         if self.waits:
             if after.speed_mps > 0:
+                early = "" if before.time_s >= self._ready_s() else ", before it was cleared"
                 self.departures.append(before)
-                return self._said("departed", self.section, before.time_s, self.timetable.departure_ns)
+                return self._said("departed", self.section, before.time_s, self.timetable.departure_ns) + early
         elif not self.finished and after.speed_mps <= 0 and self.stop_m - after.s_m <= AT_STOP_M:
             stop, due_ns = self.section + 1, self.timetable.arrival_ns
             self.arrivals.append(after)

@@ -5,15 +5,19 @@ At every look, the simulation sends the cab and the driver answers. If the drive
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.message import Message
 
 from das.bus import das_pb2
 from das.bus.session import Bus
 from das.bus.topics import CAB, CONTROL, CONTROLS, LOG
+from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from sim.drivers.cab import CabView, Driver
 from sim.drivers.drivers import make_driver
@@ -24,28 +28,48 @@ from sim.plant.kernels import Command
 from sim.plant.plant import COAST, lever
 from sim.world.lockstep import Lockstep, happened
 from sim.world.loop import LOOK_S
+from sim.world.scenario import EarlyDeparture
 from sim.world.service import Day
 
-SILENT_S: Final = 2.0
-"""A driver who has not answered for this long (s) is taken to be gone."""
+
+@dataclass(frozen=True, kw_only=True)
+class Patience:
+    """How long a run waits for its driver (s).
+
+    After `silent_s` without an answer the dead-man brake is applied. A run waits `awaited_s` for its driver before it
+    begins, and `given_up_s` for one that is gone, once the dead-man brake has stopped the train; then it ends.
+    """
+
+    silent_s: float = 2.0
+    given_up_s: float = 30.0
+    awaited_s: float = 120.0
+
+
+AT_THE_DESK: Final = Patience(given_up_s=600.0, awaited_s=math.inf)
+"""A person reads before a run begins, and may come back after a break."""
 
 
 class DeadMan:
-    """The dead-man brake: applied after `SILENT_S` without an answer of the driver.
+    """The dead-man brake: applied after a silence of the driver.
 
-    It is released when the driver answers again and the train stands, not in the middle of braking.
+    It is released when the driver answers again, the train stands, and the controller asks for no traction; never in
+    the middle of braking, and never into a pull.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, silent_s: float = Patience.silent_s) -> None:
+        self._limit_s = silent_s
         self.silent_s = 0.0
         """Time (s) since the last answer."""
         self.braking = False
         """Whether the brake is applied."""
 
-    def answered(self, *, standing: bool) -> str | None:
-        """Take note of an answer; returns a sentence if the brake is released, else None."""
+    def answered(self, *, standing: bool, pulls: bool = False) -> str | None:
+        """Take note of an answer; returns a sentence if the brake is released, else None.
+
+        `pulls`: the controller asks for traction.
+        """
         self.silent_s = 0.0
-        if not self.braking or not standing:
+        if not self.braking or not standing or pulls:
             return None
         self.braking = False
         return "the external driver answers again: the dead-man brake is released"
@@ -53,63 +77,93 @@ class DeadMan:
     def silent(self, span_s: float) -> str | None:
         """Take note of a time (s) without an answer; returns a sentence if the brake is applied, else None."""
         self.silent_s += span_s
-        if self.braking or self.silent_s < SILENT_S - 1e-9:
+        if self.braking or self.silent_s < self._limit_s - 1e-9:
             return None
         self.braking = True
-        return f"the external driver has been silent for {SILENT_S:.0f} s: the dead-man brake is applied"
+        return f"the external driver has been silent for {self._limit_s:.0f} s: the dead-man brake is applied"
 
 
-AWAITED_S: Final = 120.0
-"""A run waits this long (s) for its driver before it begins."""
-GIVEN_UP_S: Final = 30.0
-"""When the dead-man brake has stopped the train, the run waits this long (s) for the driver and then ends."""
 LEAST_LISTENING: Final = 0.5
 """When the run keeps a pace, the driver has at least this share of the time of a look to answer."""
+SLIPS_SAID_S: Final = 1.0
+"""A run that slips says so whenever it has lost this much more (s)."""
 BRAKES: Final = lever(-1.0)
+
+
+class Pace:
+    """When looks are due in a run that keeps a pace: a run that is late slips, and never hurries to catch up.
+
+    `look_s` is the time of a look by `clock` (s), which may be any clock that does not go back.
+    """
+
+    def __init__(self, look_s: float, clock: Callable[[], float]) -> None:
+        self._look_s, self._clock = look_s, clock
+        self._due_s = clock()
+        self._slipped_s = self._said_s = 0.0
+
+    def left_s(self) -> float:
+        """The time (s) until the next look; to be called once for each look."""
+        self._due_s += self._look_s
+        now_s = self._clock()
+        late_s = now_s + LEAST_LISTENING * self._look_s - self._due_s
+        if late_s > 0:
+            self._slipped_s += late_s
+            self._due_s += late_s
+        return self._due_s - now_s
+
+    def slipped(self) -> str | None:
+        """A sentence if the run has lost noticeably more time than it last said, else None."""
+        if self._slipped_s - self._said_s < SLIPS_SAID_S:
+            return None
+        self._said_s = self._slipped_s
+        return f"the run could not keep its pace: it is {self._slipped_s:.1f} s behind so far"
 
 
 class ExternalDriver:
     """Asks a process on the bus for the controller's setting, five times per second of the run.
 
     Without `times_real` (as fast as possible) the run waits for each answer, so that its result does not depend on the
-    speed of the machine. With `times_real`, a look lasts as long as the pace allows, and the newest answer counts.
-    `clock` (s) may be any clock that does not go back. If the driver is silent, `DeadMan` brakes the train.
+    speed of the machine. With `times_real`, this driver alone keeps the pace of the run: a look lasts as long as the
+    pace allows, and the newest answer counts. `clocks` are injected. If the driver is silent, `DeadMan` brakes the
+    train; there is no advice meanwhile.
     """
 
     def __init__(
-        self, day: Day, *, times_real: float | None = None, clock: Callable[[], float] = time.monotonic
+        self, day: Day, *, times_real: float | None = None, patience: Patience | None = None, clocks: Clocks = WALL
     ) -> None:
-        self._day, self._clock = day, clock
+        self._day, self._clocks, self._patience = day, clocks, patience or Patience()
         self._look_s = None if times_real is None else LOOK_S / times_real
         self._lockstep: Lockstep | None = None
-        self._dead_man = DeadMan()
+        self._pace: Pace | None = None
+        self._dead_man = DeadMan(self._patience.silent_s)
         self._command = COAST
         self._look, self._heard_look = 0, 0
-        self._due = 0.0
+        self._heard_s = 0.0
         self._crowded = False
 
     def begin(self, lockstep: Lockstep) -> None:
-        """Wait until the driver has published something; DasError if it does not within `AWAITED_S`."""
-        answers = lockstep.answers
-        if not lockstep.hear(lambda: answers.controls is not None, AWAITED_S):
-            raise DasError(
-                f"--driver external: no driver has published sim/{lockstep.processes.train}/controls "
-                f"in {AWAITED_S:.0f} s"
-            )
-        self._lockstep, self._due = lockstep, self._clock()
+        """Wait until the driver has published something; DasError if it does not in time."""
+        answers, awaited_s = lockstep.answers, self._patience.awaited_s
+        plant, stop_m = self._day.plant, self._day.service.stops[0].position_m
+        plant.advance(plant.at(stop_m), COAST, LOOK_S)  # loads the compiled code, for which no look must wait
+        if not lockstep.hear(lambda: answers.controls is not None, awaited_s):
+            key = CONTROLS.key(lockstep.processes.train)
+            raise DasError(f"--driver external: no driver has published {key} in {awaited_s:.0f} s")
+        self._lockstep, self._heard_s = lockstep, self._clocks.seconds()
+        if self._look_s is not None:
+            self._pace = Pace(self._look_s, self._clocks.seconds)
 
     def command(self, cab: CabView) -> Command:
         """The driver's answer to this look, or full braking while the dead-man brake is applied."""
         assert self._lockstep is not None
         self._look += 1
         now_ns = self._day.service.moment_ns(cab.time_s)
-        look = CabLook(now_ns, cab, self._command, self._look)
-        self._lockstep.send(CAB, cab_message(look, self._day.service.line))
+        self._lockstep.send(CAB, self._message(now_ns, cab))
         answer = self._answer(self._lockstep, cab)
         if answer is not None:
-            told = self._dead_man.answered(standing=cab.speed_mps <= 0)
+            told = self._dead_man.answered(standing=cab.speed_mps <= 0, pulls=answer.lever_ratio > 0)
         else:
-            told = self._dead_man.silent(SILENT_S if self._look_s is None else LOOK_S)
+            told = self._dead_man.silent(self._patience.silent_s if self._pace is None else LOOK_S)
         self._tell(now_ns, told)
         if self._dead_man.braking:
             self._lockstep.answers.driver = ""  # the driver may have been started anew
@@ -118,39 +172,55 @@ class ExternalDriver:
             self._command = command_of(answer, cab.time_s)
         return self._command
 
+    def _message(self, now_ns: int, cab: CabView) -> Message:
+        """The cab of this look. While the dead-man brake holds, it shows no advice: nobody is there to follow it."""
+        overruled = das_pb2.Cab.INTERLOCK_NONE
+        if self._dead_man.braking:
+            cab, overruled = cab._replace(advice=None), das_pb2.Cab.INTERLOCK_SILENCE
+        elif not cab.may_depart and self._day.service.scenario.early_departure is EarlyDeparture.WITHHELD:
+            overruled = das_pb2.Cab.INTERLOCK_DOORS
+        wall_ns = 0 if self._pace is None else self._clocks.now_ns()
+        look = CabLook(now_ns, cab, self._command, self._look, overruled, wall_ns)
+        return cab_message(look, self._day.service.line)
+
     def _tell(self, now_ns: int, told: str | None) -> None:
         """Record what happened; also record, once, that another process tries to drive as well."""
         assert self._lockstep is not None
+        other = None
         if self._lockstep.answers.other_drivers and not self._crowded:
             self._crowded = True
             other = "another process answers as well; the first one drives"
-            self._lockstep.send(LOG, happened(now_ns, other, Log.WARNING))
-        if told is not None:
-            self._lockstep.send(LOG, happened(now_ns, told, Log.WARNING))
+        for text in (other, told, self._pace and self._pace.slipped()):
+            if text:
+                self._lockstep.send(LOG, happened(now_ns, text, Log.WARNING))
 
     def _answer(self, lockstep: Lockstep, cab: CabView) -> Any | None:
         """The answer to this look; None if none comes in time, DasError if the driver is gone for good."""
-        answers = lockstep.answers
-        if self._dead_man.braking and cab.speed_mps <= 0:
-            if not lockstep.hear(lambda: answers.answered(self._look), GIVEN_UP_S):
-                raise DasError(
-                    f"--driver external: the driver is gone, and the dead-man brake has stopped the train "
-                    f"({cab.s_m:.0f} m, {cab.time_s:.0f} s after the departure)"
-                )
-            self._due = self._clock()
-        elif self._look_s is None:
-            patience_s = SILENT_S if self._look > 1 else GIVEN_UP_S  # a first answer may need code to be loaded
-            lockstep.hear(lambda: answers.answered(self._look), 0.0 if self._dead_man.braking else patience_s)
+        answers, least = lockstep.answers, self._look
+        if self._pace is not None:
+            lockstep.hear(lambda: False, self._pace.left_s())
+            least = self._heard_look + 1
+        elif self._dead_man.braking and cab.speed_mps <= 0:
+            lockstep.hear(lambda: answers.answered(self._look), self._patience.given_up_s)
         else:
-            # A run that fell behind its pace catches up, but still listens at every look.
-            self._due += self._look_s
-            lockstep.hear(lambda: False, max(self._due - self._clock(), LEAST_LISTENING * self._look_s))
+            # A first answer may need code to be loaded.
+            patience_s = self._patience.silent_s if self._look > 1 else self._patience.given_up_s
+            lockstep.hear(lambda: answers.answered(self._look), 0.0 if self._dead_man.braking else patience_s)
         controls = answers.controls
-        least = self._look if self._look_s is None else self._heard_look + 1
         if controls is None or not least <= controls.look <= self._look:
+            self._check_there(cab)
             return None
-        self._heard_look = controls.look
+        self._heard_look, self._heard_s = controls.look, self._clocks.seconds()
         return controls
+
+    def _check_there(self, cab: CabView) -> None:
+        """Raise DasError if the dead-man brake has stopped the train and the driver has been away for too long."""
+        away_s = self._clocks.seconds() - self._heard_s
+        if self._dead_man.braking and cab.speed_mps <= 0 and away_s >= self._patience.given_up_s:
+            raise DasError(
+                f"--driver external: the driver is gone, and the dead-man brake has stopped the train "
+                f"({cab.s_m:.0f} m, {cab.time_s:.0f} s after the departure)"
+            )
 
 
 HEARD = (CAB, CONTROL)

@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,9 +41,20 @@ STOP_TIMEOUT_S = 30.0
 
 
 class Process:
-    """A child process that runs one of our modules; use with `with`. Its output goes to a file; errors quote it."""
+    """A child process that runs one of our modules; use with `with`. Its output goes to a file; errors quote it.
 
-    def __init__(self, name: str, module: str, arguments: Sequence[str]) -> None:
+    `given` are environment variables that it has besides ours; `door` is a file descriptor that it inherits (−1: none).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        module: str,
+        arguments: Sequence[str],
+        *,
+        given: Mapping[str, str] | None = None,
+        door: int = -1,
+    ) -> None:
         self.name = name
         self._log = tempfile.NamedTemporaryFile(prefix=f"{name}-", suffix=".log", delete=False)  # noqa: SIM115
         # A session of its own: Ctrl-C comes to us alone, and we stop the children in order.
@@ -53,6 +64,8 @@ class Process:
             stdout=self._log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
+            env={**os.environ, **(given or {})},
+            pass_fds=() if door < 0 else (door,),
         )
 
     def __enter__(self) -> Process:
@@ -102,6 +115,8 @@ class Processes:
 
     `driver_at` is the endpoint at which an external driver finds the simulator; None where there is no such driver.
     With a bus folder the endpoint is in the bus file, and any text in `driver_at` says that there is such a driver.
+    `recorder_at` is the recorder's endpoint (None: a free port), for a driver that also says what is only recorded.
+    With `paced` the simulation keeps a pace and waits for nobody.
     """
 
     train: str
@@ -112,6 +127,8 @@ class Processes:
     attachments: tuple[Path, ...] = ()
     bus: BusFolder | None = None
     driver_at: str | None = None
+    recorder_at: str | None = None
+    paced: bool = False
 
 
 class Stations:
@@ -122,6 +139,8 @@ class Stations:
         self._ports = [endpoint(port) for port in free_ports(3)]
         if processes.driver_at is not None:
             self._ports[0] = processes.driver_at
+        if processes.recorder_at is not None:
+            self._ports[1] = processes.recorder_at
 
     def open_bus(self) -> Bus:
         """Open the simulator's own session, which receives the messages of node, recorder and an external driver."""
@@ -293,14 +312,20 @@ class Lockstep:
         self.traffic.start_s = time.perf_counter() - began
 
     def restart_node(self) -> None:
-        """Kill the node, start it anew, and wait until it has accepted the journey, which the bus keeps, again."""
-        # No message may be lost by the kill, because how many are lost would depend on the machine.
-        self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
+        """Kill the node, start it anew, and wait until it has accepted the journey, which the bus keeps, again.
+
+        At a pace there is no wait: there is no advice until the new node gives some.
+        """
+        paced = self.processes.paced
+        if not paced:
+            # No message may be lost by the kill, because how many are lost would depend on the machine.
+            self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
         self._node.__exit__(None, None, None)
         self.answers.node_state = NodeState.STARTING
         self._node = self._stations.start_node()
-        self._until_taken()
+        if not paced:
+            self._until_taken()
 
     def tell(self, value: Heard) -> None:
         """Send the node one of its inputs."""
@@ -323,9 +348,22 @@ class Lockstep:
         self._count(answers.advice)
         return answers.advice
 
+    def request(self, now_ns: int, tick: int) -> None:
+        """Ask the node for the advice of a tick without waiting for it; `newest` returns it when it has come."""
+        self._asked_tick = tick
+        self._ask(now_ns, tick)
+
+    def newest(self) -> Any | None:
+        """The newest advice that has come since the last call; None if none has."""
+        advice, self.answers.advice = self.answers.advice, None
+        if advice is not None:
+            self._count(advice)
+        return advice
+
     def finish(self, now_ns: int) -> None:
         """Tell node and recorder that the run is over, wait until everything is written, and stop both."""
-        self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last tick")
+        if not self.hear(self._all_written, ANSWER_TIMEOUT_S) and not self.processes.paced:
+            raise DasError(f"waited {ANSWER_TIMEOUT_S:.0f} s for the recorder to write the last tick")
         answers, last = self.answers, self._asked_tick + 1
         self._ask(now_ns, last, finish=True)
         self._until(

@@ -28,6 +28,7 @@ from sim.drivers.screen import Screen, ScreenSettings
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
 from sim.world.paper import PaperSheet
+from sim.world.scenario import EarlyDeparture
 from sim.world.service import Day, Service
 from sim.world.surroundings import Surroundings
 
@@ -61,8 +62,14 @@ class Told(NamedTuple):
 class Link(Protocol):
     """The connection to the on-board system and to the recording."""
 
-    def exchange(self, tick: Tick) -> Any:
-        """The advice for a tick (`das.advice.advice.Advice` or the bus's message)."""
+    def exchange(self, tick: Tick) -> Any | None:
+        """The advice for a tick (`das.advice.advice.Advice` or the bus's message).
+
+        None from a link that does not wait for it, because the run keeps a pace: `newest` has it later.
+        """
+
+    def newest(self) -> Any | None:
+        """The newest advice that has come since the last call; None if none has, or if `exchange` returns it."""
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Record what the on-board system does not receive."""
@@ -120,6 +127,13 @@ class Run:
     decisions: tuple[DriverEvent, ...] = ()
 
 
+class OnDisplay(NamedTuple):
+    """What is on the driver's display; without advice (None), why there is none, by its number on the bus."""
+
+    view: AdviceView | None = None
+    cause: int = 0
+
+
 class _Watches(NamedTuple):
     """What looks at the advice of a run: at what the driver is shown, and at the coach's instructions."""
 
@@ -148,7 +162,7 @@ class World:
         self.day, self.driver, self.presentation, self.link = day, driver, presentation, link
         self._around = Surroundings(day)
         self._events: list[str] = []
-        self._view: AdviceView | None = None
+        self._shown = OnDisplay()
         self._command: Command = COAST
         self._counts, self._watches = Counts(), _Watches(ShownWatch(), InstructionWatch())
         self._told = 0
@@ -187,18 +201,29 @@ class World:
         """Simulate one second: the advice of this tick, then the driver's looks."""
         around, now_ns = self._around, self.day.service.moment_ns(state.time_s)
         self._events += around.news.update(state)
-        self._advise(tick, now_ns, state)
+        answered = self._advise(tick, now_ns, state)
         events, self._events = tuple(self._events), []
-        cab = around.cab(state, self._view)
+        cab = around.cab(state, *self._shown)
         view = cab.shown
         self._watches.shown.look(state.time_s, state.speed_mps, None if view is None else Shown.of(view))
         self.link.tell(now_ns, Told(state, cab, self._command, events, self._decided()))
         for _ in range(round(TICK_S / LOOK_S)):
-            self._command = self.driver.command(around.cab(state, self._view))
+            if (later := self.link.newest()) is not None:
+                answered = self._take(later, state, now_ns)
+            cab = around.cab(state, *self._shown)
+            self._command = self._let_through(cab, self.driver.command(cab))
             after = self.day.plant.advance(state, self._command, LOOK_S)
             self._events += around.follow(state, after, LOOK_S)
             state = after
+        if not answered:
+            self._counts = self._counts.plus(None)
         return state
+
+    def _let_through(self, cab: CabView, command: Command) -> Command:
+        """The driver's command; no effort for a standing train that may not depart, if the scenario withholds it."""
+        if cab.may_depart or cab.speed_mps > 0:
+            return command
+        return COAST if self.day.service.scenario.early_departure is EarlyDeparture.WITHHELD else command
 
     def _decided(self) -> tuple[DriverEvent, ...]:
         """What the driver did or decided since the last call."""
@@ -206,22 +231,28 @@ class World:
         self._told = len(kept)
         return tuple(kept[told:])
 
-    def _advise(self, tick: int, now_ns: int, state: PlantState) -> None:
-        """Ask for advice and show it, unless the node is down or cut off."""
+    def _advise(self, tick: int, now_ns: int, state: PlantState) -> bool:
+        """Ask for advice and show it, unless the node is down or cut off; returns whether there was advice at once."""
         around = self._around
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):
             self._events.append("the node is killed and started anew")
             self.link.restart()
         if around.news.cut_off(state.time_s):
-            self._counts = self._counts.plus(None)
             self._show(state, now_ns, None)
-            return
+            return False
         told = [*measured, *around.operators(tick, now_ns, state)]
-        advice = self.link.exchange(Tick(tick, now_ns, tuple(told)))
+        return self._take(self.link.exchange(Tick(tick, now_ns, tuple(told))), state, now_ns)
+
+    def _take(self, advice: Any | None, state: PlantState, now_ns: int) -> bool:
+        """Count and show advice that has come, and return True; False without any (None)."""
+        if advice is None:
+            self._show(state, now_ns, None)
+            return False
         self._counts = self._counts.plus(advice)
         self._watches.instructions.look(advice, state.force_el_n + state.force_friction_n)
         self._show(state, now_ns, advice)
+        return True
 
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
         """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
@@ -239,7 +270,8 @@ class World:
                 deviation_s=around.compared_s(state),
             )
         )
-        self._view = self._display.screen.show(view, state.time_s, stands=state.speed_mps <= 0)
+        on_screen = self._display.screen.show(view, state.time_s, stands=state.speed_mps <= 0)
+        self._shown = OnDisplay(on_screen, int(advice.cause) if view is None and advice is not None else 0)
 
 
 TRAIN = "train"
@@ -286,6 +318,9 @@ class InProcess:
         self._judged_ns = tick.now_ns
         assert isinstance(advice, Advice)
         return advice
+
+    def newest(self) -> None:
+        """Return None: `exchange` has returned all advice."""
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Nothing is recorded in this process."""

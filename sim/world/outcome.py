@@ -15,7 +15,7 @@ from das.command_line.printing import print_table, tell, typed
 from das.domain.braking import ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.trajectory import PART_WORDS, EnergyBalance
-from das.domain.units import kmh, kwh
+from das.domain.units import NS, kmh, kwh
 from das.solver.front import Front
 from das.solver.section import build_section, with_braking
 from das.solver.solution import Solution
@@ -90,6 +90,8 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
     return kept[key]
 
 
+EARLY_S: Final = 0.5
+"""A departure that is earlier than this (s) is said to be early."""
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
 """The ways in which energy is lost for good, comfort systems included, as in the paper's figure.
 
@@ -424,6 +426,8 @@ def _notes(result: DayResult) -> list[str]:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
     beyond = (call for call in found.drive.calls if call.missed_m > AT_STOP_M)
     notes += [f"the train came to stand {call.missed_m:.0f} m beyond {call.name}" for call in beyond]
+    early = ((call.name, (call.due_departure_ns - call.departed_ns) * NS) for call in found.drive.calls[:-1])
+    notes += [f"the train left {name} {early_s:.1f} s before its time" for name, early_s in early if early_s > EARLY_S]
     if violations.signals_passed:
         beyond_m = violations.beyond_signal_m
         notes.append(f"signals passed at danger: {violations.signals_passed}, by up to {beyond_m:.0f} m")

@@ -44,14 +44,22 @@ class OverBus:
 
     def __init__(self, day: Day, lockstep: Lockstep, *, shows_cab: bool = True) -> None:
         self._day, self._lockstep, self._shows_cab = day, lockstep, shows_cab
+        self._paced = lockstep.processes.paced
 
-    def exchange(self, tick: Tick) -> Any:
-        """Send the node its inputs of a tick and wait for its advice."""
+    def exchange(self, tick: Tick) -> Any | None:
+        """Send the node its inputs of a tick and wait for its advice; at a pace, do not wait and return None."""
         for heard in tick.told:
             self._lockstep.tell(heard)
             if isinstance(heard, PositionHeard):
                 self._locate(tick.now_ns, heard.fix.s_m)
+        if self._paced:
+            self._lockstep.request(tick.now_ns, tick.number)
+            return None
         return self._lockstep.ask(tick.now_ns, tick.number)
+
+    def newest(self) -> Any | None:
+        """At a pace, the newest advice that has come since the last call; otherwise None."""
+        return self._lockstep.newest() if self._paced else None
 
     def _locate(self, now_ns: int, s_m: float) -> None:
         """Record the place of the train on the map, if the route has a map."""
@@ -79,7 +87,8 @@ class OverBus:
 class How:
     """How a day is driven, as its recording states.
 
-    `bus` is the folder of bus files (None: free ports of this machine), `driver_at` an external driver's endpoint.
+    `bus` is the folder of bus files (None: free ports of this machine), `driver_at` an external driver's endpoint, and
+    `recorder_at` the recorder's if it must be known. With `paced` the run keeps a pace and waits for nobody.
     """
 
     driver: DriverName
@@ -89,6 +98,8 @@ class How:
     command: str
     bus: BusFolder | None = None
     driver_at: str | None = None
+    recorder_at: str | None = None
+    paced: bool = False
     screen: ScreenSettings = field(default_factory=ScreenSettings)
     metadata: Mapping[str, str] = field(default_factory=dict)
     """What else the recording states about the run, for example what a what-if changed."""
@@ -159,6 +170,8 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
         attachments=tuple(files.values()),
         bus=how.bus,
         driver_at=how.driver_at,
+        recorder_at=how.recorder_at,
+        paced=how.paced,
     )
 
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, replace
 from dataclasses import fields as fields_of
 from datetime import UTC, datetime, timedelta
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,15 @@ class Sensors:
     force_noise_ratio: float | None = None
 
 
+class EarlyDeparture(StrEnum):
+    """What happens when a driver sets traction before the train may depart."""
+
+    WITHHELD = "withheld"
+    """Traction is withheld, as by an interlock of the doors."""
+    COUNTED = "counted"
+    """The train leaves, and the run says that it left early."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
     """The days that can be simulated: each seed draws one, with its driver from `human`.
@@ -90,6 +100,7 @@ class Scenario:
     `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map` is the file of the
     losses (L3) with which the advice is planned in place of the vehicle's own; `point_mass` plans a train of no length.
     `journey` gives stops, dwells, passings and times; its clock shows 0 at midnight before the departure.
+    `early_departure` says what happens when a driver sets traction before the train may depart.
     """
 
     id: str
@@ -114,6 +125,7 @@ class Scenario:
     loss_map: Path | None = None
     point_mass: bool = False
     journey: str | None = None
+    early_departure: EarlyDeparture = EarlyDeparture.WITHHELD
 
     def timed_by(self, journey: str) -> Scenario:
         """The same scenario with the stops and times of a journey (its bundled name, or its file)."""
@@ -144,7 +156,7 @@ def read_scenario(path: Path) -> Scenario:
     main.check_keys(KEYS)
     timetable = fields.optional_table("timetable")
     own_times = timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})
-    timetable.check_keys(["departure", *own_times])
+    timetable.check_keys(["departure", "early_departure", *own_times])
     if main.has("journey"):
         _refuse_beside_journey(main, ("from", "to", "calls"))
         _refuse_beside_journey(timetable, own_times)
@@ -171,6 +183,11 @@ def read_scenario(path: Path) -> Scenario:
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
         point_mass=main.flag("point_mass", False),
         journey=beside(path.parent, main.text("journey")) if main.has("journey") else None,
+        early_departure=(
+            timetable.choice("early_departure", EarlyDeparture)
+            if timetable.has("early_departure")
+            else EarlyDeparture.WITHHELD
+        ),
     )
 
 

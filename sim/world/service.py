@@ -147,7 +147,6 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         timetables = _timetables(scenario, fronts)
         way = ServedPoints(stops=stops, dwells_s=(scenario.dwell_s,) * len(stops))
     else:
-        _check_mode(scenario, journey, vehicle)
         zero_ns = _midnight_ns(scenario, route)
         timetables = _planned_timetables(journey, zero_ns, route, vehicle, level, point_mass=scenario.point_mass)
         way = ServedPoints(
@@ -277,13 +276,6 @@ def _journey(scenario: Scenario, route: Route) -> Journey:
     if not 0 <= journey.calls[0].departure.earliest_s <= last_s <= LATEST_TIME_S:
         raise DasError(f"{journey.source}: times: expected times from midnight, 0 to {LATEST_TIME_S / 3600:g} h")
     return journey
-
-
-def _check_mode(scenario: Scenario, journey: Journey, vehicle: Vehicle) -> None:
-    """Raise DasError if the train does not run in the mode that the journey names."""
-    if journey.mode and vehicle.mode != journey.mode:
-        has = f"load = {journey.mode!r}, the mode that {journey.source} names"
-        raise DasError(f"{scenario.source}: scenario.load = {scenario.load!r}: expected {has}")
 
 
 def _midnight_ns(scenario: Scenario, route: Route) -> int:

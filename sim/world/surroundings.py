@@ -53,8 +53,8 @@ class Surroundings:
         self._service = day.service
         self.news, self.calls = DayNews(day), Calls(day)
         self._localisation, self._train_control = SimulatedLocalisation(day), TrainControl(day)
-        self._limits = _LimitSteps(day.service.line.limits_mps)
-        self._line_limits = _LimitSteps(day.service.line.line_limits_mps)
+        self._line = _LineSteps(day)
+        self._late_s = math.nan
         self._watch = Watch(day.plant.vehicle.train_length_m)
         self._compared_s, self._deviation_s = -math.inf, math.nan
         # Without restrictions the node is sent an empty list, because it must not advise before it has a list.
@@ -68,6 +68,7 @@ class Surroundings:
     def measure(self, state: PlantState) -> list[Heard]:
         """What the train's sensors measure in a state; to be called once a tick, even if nobody receives it."""
         fix, effort = self._localisation.measure(state), self._train_control.measure(state)
+        self._late_s = self._delay_s(state)
         measured: list[Heard] = [] if fix is None else [PositionHeard(fix=fix)]
         return measured if effort is None else [*measured, EffortHeard(effort=effort)]
 
@@ -97,14 +98,14 @@ class Surroundings:
         late_s = state.time_s - departure_s - float(np.interp(state.s_m, run.s_m, run.t_s))
         return max(late_s, 0.0) if calls.waits else late_s
 
-    def cab(self, state: PlantState, shown: AdviceView | None) -> CabView:
-        """What the driver sees in a state, with the advice on the display (None: no advice)."""
+    def cab(self, state: PlantState, shown: AdviceView | None, cause: int = 0) -> CabView:
+        """What the driver sees in a state, with the advice on the display (None: no advice, because of `cause`)."""
         calls, news, timetable = self.calls, self.news, self.calls.timetable
         return CabView(
             state.time_s,
             state.s_m,
             state.speed_mps,
-            self._limits.at(state.s_m),
+            self._line.limit.at(state.s_m),
             calls.stop_m,
             self._service.clock_s(timetable.departure_ns),
             self._service.clock_s(timetable.arrival_ns),
@@ -112,6 +113,11 @@ class Surroundings:
             news.signal_m,
             news.shown,
             shown,
+            cause,
+            self._late_s,
+            self._line.gradient.at(state.s_m),
+            state.force_el_n,
+            state.force_friction_n,
         )
 
     def follow(self, before: PlantState, after: PlantState, span_s: float) -> list[str]:
@@ -121,21 +127,30 @@ class Surroundings:
             after,
             span_s,
             signal_m=self.news.signal_m,
-            limit_mps=self._line_limits.at(after.s_m),
+            limit_mps=self._line.over_train.at(after.s_m),
             temporary=self.news.holding(after.time_s),
         )
         return violated if called is None else [called, *violated]
 
 
-class _LimitSteps:
-    """A limit (m/s) by the position of the train's head, fast to look up."""
+class _Steps:
+    """A quantity in steps (a limit in m/s, a gradient) by the position of the train's head, fast to look up."""
 
-    def __init__(self, limits: Stretches) -> None:
-        self._at_m: list[float] = limits.start_m.tolist()
-        self._limit_mps: list[float] = limits.value.tolist()
+    def __init__(self, stretches: Stretches) -> None:
+        self._at_m: list[float] = stretches.start_m.tolist()
+        self._value: list[float] = stretches.value.tolist()
 
     def at(self, s_m: float) -> float:
-        return self._limit_mps[max(bisect_right(self._at_m, s_m) - 1, 0)]
+        return self._value[max(bisect_right(self._at_m, s_m) - 1, 0)]
+
+
+class _LineSteps:
+    """Limit for the head, limit of the line over the whole train, and gradient, by the position of the head."""
+
+    def __init__(self, day: Day) -> None:
+        line = day.service.line
+        self.limit, self.over_train = _Steps(line.limits_mps), _Steps(line.line_limits_mps)
+        self.gradient = _Steps(day.service.route.gradients_ratio)
 
 
 NODE_DOWN_S = 2.0

@@ -56,6 +56,10 @@ class Hostile:
             told.append(replace(self._restrictions, time_ns=tick.now_ns))
         return self._link.exchange(tick._replace(told=tuple(told)))
 
+    def newest(self) -> Any | None:
+        """Advice that came later."""
+        return self._link.newest()
+
     def tell(self, now_ns: int, told: Told) -> None:
         """Pass on what is only recorded."""
         self._link.tell(now_ns, told)

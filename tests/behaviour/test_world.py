@@ -377,7 +377,7 @@ def test_the_list_of_scenarios(folder: Path) -> None:
         (["nothing"], "nothing: not a bundled scenario"),
         (
             ["clear-day", "--driver", "nobody"],
-            "--driver nobody: expected one of perfect, fast, rms, timetable, human, external, or a class of your own",
+            "--driver nobody: expected one of perfect, fast, rms, timetable, human, external, desk, or a class of your",
         ),
         (
             ["clear-day", "--advice", "all"],

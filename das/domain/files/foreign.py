@@ -14,8 +14,7 @@ from das.domain.errors import DasError
 MOST_BYTES: Final = 1_000_000
 """How much of a file is looked at (bytes)."""
 _JOURNEYS: Final = "das-precompute journey import {path} --trip ID -o journey.toml"
-_ROUTES: Final = "das-precompute route import {path} --from STATION --to STATION -o route.toml"
-_PATHS: Final = "das-precompute route import {path} -o route.toml"
+_ROUTES: Final = "das-precompute route import {path} -o route.toml"
 _VEHICLES: Final = "das-precompute vehicle import {path} -o vehicle.toml"
 _TRIPS: Final = "das-sim trip {path} --route ROUTE --vehicle VEHICLE"
 
@@ -48,7 +47,7 @@ _TEXT: Final = (
         ForeignFormat("one table of a GTFS feed (import the zip)"),
     ),
     (r"railtoolkit\.org/schema/rolling-stock", ForeignFormat("rolling stock of railtoolkit", _VEHICLES)),
-    (r"railtoolkit\.org/schema/", ForeignFormat("a line of railtoolkit", _PATHS)),
+    (r"railtoolkit\.org/schema/", ForeignFormat("a railtoolkit file")),
 )
 _OURS: Final = re.compile(r"^\[(route|vehicle|journey|scenario)\]\s*(?:#.*)?$", re.MULTILINE)
 

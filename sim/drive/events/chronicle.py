@@ -239,6 +239,7 @@ def events_of(
         *pause_events(recording, trip),
         *deviation_events(recording, trip),
         *_notes(recording, trip),
+        *_marked_moments(recording, trip),
     )
     return with_marks(found)
 
@@ -264,6 +265,14 @@ def as_rows(events: Iterable[DriveEvent], clock: DriveClock) -> list[dict[str, A
 def _is_nan(value: object) -> bool:
     """Whether a value is NaN, which JSON does not know."""
     return isinstance(value, float) and math.isnan(value)
+
+
+def _marked_moments(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
+    """The moments that the person at a cab desk marked, as notes."""
+    for mark in (entry.message for entry in recording.of(topics.MARK)):
+        if mark.kind == mark.KIND_MARK:
+            text, at_m = "marked by the driver", place_m(trip, mark.time_ns)
+            yield DriveEvent(time_ns=mark.time_ns, kind=EventKind.NOTE, text=text, s_m=at_m)
 
 
 def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:

@@ -46,6 +46,8 @@ class CoachPresenter(Presenter):
             next_change_s=following.in_s if following is not None else math.nan,
             next_speed_mps=following.speed_mps if following is not None else math.nan,
             next_effort_ratio=following.effort_ratio if following is not None else math.nan,
+            next_change_m=following.way_m if following is not None and not departs else math.nan,
+            **_second(coach.following[1] if len(coach.following) > 1 and not departs else None),
             due_s=coach.now.in_s,
             target_way_m=coach.target_m,
             reason=Reason.read(coach.reason),
@@ -77,6 +79,19 @@ class CoachPresenter(Presenter):
 
     def follower(self) -> CoachFollower:
         return CoachFollower()
+
+
+def _second(change: Any | None) -> dict[str, Any]:
+    """The change after the next, as the display shows it; empty without one."""
+    if change is None:
+        return {}
+    return {
+        "second_mode": int(change.mode),
+        "second_change_s": change.in_s,
+        "second_change_m": change.way_m,
+        "second_speed_mps": change.speed_mps,
+        "second_effort_ratio": change.effort_ratio,
+    }
 
 
 def _effort_steps(view: AdviceView) -> int:

@@ -35,6 +35,7 @@ class VectorPresenter(Presenter):
             horizon_force_n=tuple(advice.horizon_force_n),
             next_mode=int(advice.next_mode),
             next_change_s=advice.next_change_s,
+            next_change_m=advice.next_change_m,
             next_speed_mps=advice.departure_speed_mps if departs else math.nan,
             next_effort_ratio=advice.departure_force_ratio if departs else math.nan,
         )

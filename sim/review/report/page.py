@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any, Final, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from das import __version__
+from das.bus import topics
 from das.bus.recording import recording_of
 from das.domain.errors import DasError
 from das.domain.units import kwh
@@ -96,6 +98,7 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
         "left_out": tables.left_out(drive),
         "advice": tables.advice_rows(drive),
         "bookmarks": tables.bookmark_rows(drive),
+        "at_desk": f"das-sim desk {quote(drive.recording.path.name)}" if drive.recording.of(topics.CAB) else "",
         "health": subject.checked,
         "inputs": tables.input_rows(drive),
         "images": _images(drive),

@@ -20,7 +20,7 @@ from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import DriverKind, External, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
 from sim.recording.opening import WHAT_IF
@@ -41,6 +41,8 @@ DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.RMS: "a driver who keeps a reduced maximum speed",
     DriverKind.TIMETABLE: "a driver who keeps the timetable",
     DriverKind.HUMAN: "a simulated human",
+    External.EXTERNAL: "a driver of its own process",
+    External.DESK: "a person at the cab desk",
 }
 TOLD_S: Final = 3.0
 """The sentences leave out changes of the lateness by less than this (s)."""

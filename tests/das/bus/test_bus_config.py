@@ -150,15 +150,18 @@ def may_say(topic: Topic) -> list[Role]:
 
 
 def test_every_topic_has_one_role_that_may_say_it_and_the_simulator_says_what_the_world_does() -> None:
-    assert all(len(set(may_say(topic)) - {Role.SIMULATOR}) <= 1 for topic in TOPICS)
+    others = {topic.name: set(may_say(topic)) - {Role.SIMULATOR} for topic in TOPICS}
+    assert others.pop("controls") == {Role.DRIVER, Role.DESK}
+    assert all(len(roles) <= 1 for roles in others.values())
     said = {role: {topic.name for topic in TOPICS if role in may_say(topic)} for role in Role}
     assert said[Role.SENSORS] == {"position", "effort"}
     assert said[Role.OPERATOR] == {"journey", "restriction", "target", "delay"}
     assert said[Role.SIMULATOR] >= said[Role.SENSORS] | said[Role.OPERATOR]
-    by_us = said[Role.NODE] | said[Role.RECORDER] | said[Role.DRIVER]
+    by_us = said[Role.NODE] | said[Role.RECORDER] | said[Role.DRIVER] | said[Role.DESK]
     assert said[Role.SIMULATOR] == {topic.name for topic in TOPICS} - by_us
     assert keys_of(Role.CAB, "T1") == []
     assert keys_of(Role.DRIVER, "T1") == ["sim/T1/controls"]
+    assert keys_of(Role.DESK, "T1") == ["sim/T1/controls", "sim/T1/action", "sim/T1/mark"]
     assert keys_of(Role.NODE, "T1") == [
         f"das/T1/{name}" for name in ("advice", "plan", "estimate", "status", "status/@adv/**", "event")
     ]

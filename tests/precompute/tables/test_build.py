@@ -13,7 +13,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 
@@ -123,13 +122,6 @@ def test_the_hash_changes_with_what_counts(tmp_path: Path) -> None:
     assert len({base, *changed}) == 6
 
 
-def test_a_plan_may_have_the_stops_of_a_journey(tmp_path: Path) -> None:
-    journey = '[[routes]]\nroute = "zurich-luzern"\njourney = "zurich-luzern"\n'
-    plan = read_plan(plan_file(tmp_path, HEAD + journey + TRAIN))
-    stops = [stop.position_m for stop in load_route("zurich-luzern").stops]
-    assert [(job.course.start_m, job.course.end_m) for job in plan.jobs] == list(pairwise(stops))
-
-
 BAD_PLANS: dict[str, tuple[str, str]] = {
     "no schema": (ROUTE + TRAIN, "schema_version is missing: expected 1"),
     "unknown key": (BASE + "[table]\n", "table = {}: expected one of the keys"),
@@ -144,18 +136,6 @@ BAD_PLANS: dict[str, tuple[str, str]] = {
     "one stop": (HEAD + ROUTE + 'stops = ["A"]\n' + TRAIN, "expected at least two stops"),
     "stops backwards": (HEAD + ROUTE + 'stops = ["B", "A"]\n' + TRAIN, "stops = 'A': expected a stop after 'B'"),
     "stop twice": (HEAD + ROUTE + 'stops = ["A", "A"]\n' + TRAIN, "expected a list of different texts"),
-    "journey and stops": (
-        HEAD + '[[routes]]\nroute = "zurich-luzern"\njourney = "zurich-luzern"\nstops = []\n' + TRAIN,
-        r"stops = \[\]: expected none beside journey",
-    ),
-    "journey both ways": (
-        HEAD + '[[routes]]\nroute = "zurich-luzern"\njourney = "zurich-luzern"\nreverse = "both"\n' + TRAIN,
-        r"reverse = 'both': expected none beside journey",
-    ),
-    "journey of another route": (
-        HEAD + ROUTE + 'journey = "zurich-luzern"\n' + TRAIN,
-        r"journey.route = 'zurich-luzern'",
-    ),
     "unknown vehicle": (HEAD + ROUTE + TRAIN.replace("re460-ic", "x"), r"trains\[0\].vehicle = 'x'"),
     "unknown load": (BASE + 'loads = ["x"]\n', r"trains\[0\].loads = 'x': .*no load"),
     "unknown level": (BASE + 'levels = ["l9"]\n', r"trains\[0\].levels = 'l9': expected one of"),

@@ -6,8 +6,11 @@ import json
 import os
 import subprocess
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +21,7 @@ from das.bus import das_pb2
 from das.bus.recording import read_recording
 from das.bus.session import endpoint, free_ports
 from das.bus.topics import CAB, CONTROLS, LOG, Topic
+from das.domain.clocks import Clocks
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from sim.drive.stability import recorded_stability
@@ -26,7 +30,7 @@ from sim.drivers.kinds import EXTERNAL, DriverKind, Presentation
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, force, lever, speed
-from sim.world.external import AWAITED_S, SILENT_S, DeadMan, ExternalDriver
+from sim.world.external import DeadMan, ExternalDriver, Patience
 from sim.world.lockstep import Answers
 from sim.world.loop import InProcess, World
 from sim.world.over_bus import DayRun, How, drive_day
@@ -101,9 +105,9 @@ def day_of(folder: Path, name: str, seed: int = 3) -> Day:
     return make_day(service_of(folder / name), seed)
 
 
-def driven(day: Day, place: str, out: Path, shown: Presentation) -> DayRun:
+def driven(day: Day, place: str, out: Path, shown: Presentation, patience: Patience | None = None) -> DayRun:
     how = How(driver=EXTERNAL, advice=shown, train="T1", command="test", driver_at=place)
-    return drive_day(day, ExternalDriver(day), how, out)
+    return drive_day(day, ExternalDriver(day, patience=patience), how, out)
 
 
 @pytest.mark.processes
@@ -194,48 +198,59 @@ def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
 @pytest.mark.more
 @pytest.mark.processes
 @pytest.mark.slow
-def test_a_driver_that_is_gone_ends_the_run_with_its_recording(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sim.world.external.GIVEN_UP_S", 1.0)
+def test_a_driver_that_is_gone_ends_the_run_with_its_recording(folder: Path, tmp_path: Path) -> None:
     day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
     with process(folder, "silent.py", place, "400", "99999"), pytest.raises(DasError) as raised:
-        driven(day, place, tmp_path / "g.mcap", Presentation.NONE)
+        driven(day, place, tmp_path / "g.mcap", Presentation.NONE, Patience(given_up_s=1.0))
     assert "the driver is gone, and the dead-man brake has stopped the train" in str(raised.value)
     assert read_recording(tmp_path / "g.mcap").of(LOG)
 
 
 class Prompt:
-    """In place of a lockstep with a driver who answers at once but for some looks, whenever there is time to listen."""
+    """In place of a lockstep with a driver who answers at once but for some looks, whenever there is time to listen.
 
-    def __init__(self, silent: range = range(0)) -> None:
-        self._silent = silent
+    He pulls, but in the looks `eased` he sets the lever to 0.
+    """
+
+    def __init__(self, silent: range = range(0), eased: range = range(0)) -> None:
+        self._silent, self._eased = silent, eased
         self.answers, self.processes = Answers(), None
         self.logs: list[str] = []
+        self.cabs: list[Any] = []
         self.now_s = 0.0
         self._look = 0
 
     def send(self, topic: Topic, message: Any) -> None:
         if topic is CAB:
             self._look = message.look
+            self.cabs.append(message)
         else:
             self.logs.append(message.message)
 
     def hear(self, done: Callable[[], bool], timeout_s: float) -> bool:
         if timeout_s > 0 and self._look not in self._silent:
-            self.answers.take(CONTROLS, das_pb2.Controls(look=self._look, lever_ratio=0.25), "driver")
+            ratio = 0.0 if self._look in self._eased else 0.25
+            self.answers.take(CONTROLS, das_pb2.Controls(look=self._look, lever_ratio=ratio), "driver")
         self.now_s += timeout_s
         return done()
 
 
 def at_pace(folder: Path, lockstep: Prompt, times_real: float, late_s: float = 0.0) -> list[Command]:
     """What 200 looks of a run at a pace come to; the run falls behind its pace by `late_s` before the first."""
-    driver = ExternalDriver(day_of(folder, "flat.toml"), times_real=times_real, clock=lambda: lockstep.now_s)
+    driver = paced_driver(folder, lockstep, times_real)
+    lockstep.now_s += late_s
+    return [driver.command(MOVING._replace(time_s=0.2 * look)) for look in range(200)]
+
+
+def paced_driver(folder: Path, lockstep: Prompt, times_real: float, patience: Patience | None = None) -> ExternalDriver:
+    clocks = Clocks(now_ns=lambda: round(lockstep.now_s * 1e9), seconds=lambda: lockstep.now_s)
+    driver = ExternalDriver(day_of(folder, "flat.toml"), times_real=times_real, clocks=clocks, patience=patience)
     lockstep.answers.take(CONTROLS, das_pb2.Controls(), "driver")
     driver.begin(lockstep)  # type: ignore[arg-type]
-    lockstep.now_s += late_s
-    cab = CabView(0.0, 0.0, 10.0, 38.8, 6000.0, 0.0, 234.0)
-    return [driver.command(cab._replace(time_s=0.2 * look)) for look in range(200)]
+    return driver
+
+
+MOVING = CabView(0.0, 0.0, 10.0, 38.8, 6000.0, 0.0, 234.0)
 
 
 @pytest.mark.parametrize(("looks", "braked"), [(9, 0), (10, 141), (40, 141)])
@@ -248,15 +263,30 @@ def test_at_a_pace_silence_is_counted_by_the_clock_of_the_run(folder: Path, look
     assert len(lockstep.logs) == (1 if braked else 0)
 
 
-def test_a_run_that_fell_behind_its_pace_still_listens_to_its_driver(folder: Path) -> None:
-    """The node took 10 s to start anew: 50 looks are late at once, and the driver is not silent for any of them."""
+def test_a_run_that_fell_behind_its_pace_slips_and_says_so(folder: Path) -> None:
+    """10 s are lost at once: every look still lasts 0.2 s, nobody is silent, and the recording says what was lost."""
     lockstep = Prompt()
     assert set(at_pace(folder, lockstep, 1.0, late_s=10.0)) == {lever(0.25)}
+    assert lockstep.logs == ["the run could not keep its pace: it is 9.9 s behind so far"]
+    sent_s = [cab.wall_ns * 1e-9 for cab in lockstep.cabs]
+    gaps_s = [after - before for before, after in pairwise(sent_s)]
+    assert gaps_s[0] == pytest.approx(0.1)  # half a look to listen in, as the least
+    assert gaps_s[1:] == pytest.approx([0.2] * 198)
+
+
+def test_a_little_lateness_is_made_up_within_the_next_look(folder: Path) -> None:
+    """What takes 50 ms after every look does not move the looks: they stay 0.2 s apart by an absolute schedule."""
+    lockstep = Prompt()
+    driver, sent_s = paced_driver(folder, lockstep, 1.0), []
+    for look in range(50):
+        lockstep.now_s += 0.05
+        sent_s.append(lockstep.now_s)
+        driver.command(MOVING._replace(time_s=0.2 * look))
+    assert [after - before for before, after in pairwise(sent_s)] == pytest.approx([0.2] * 49)
     assert lockstep.logs == []
-    assert lockstep.now_s == pytest.approx(AWAITED_S + 200 * 0.2, abs=0.2)  # it has caught up
 
 
-def test_the_dead_man_brake_is_applied_after_2_s_and_released_at_a_stand() -> None:
+def test_the_dead_man_brake_is_applied_after_2_s_and_released_at_a_stand_without_traction() -> None:
     dead_man = DeadMan()
     assert [dead_man.silent(0.2) for _ in range(9)] == [None] * 9
     assert dead_man.answered(standing=False) is None
@@ -264,17 +294,54 @@ def test_the_dead_man_brake_is_applied_after_2_s_and_released_at_a_stand() -> No
     assert [text is not None for text in told] == [False] * 9 + [True] + [False] * 2
     assert dead_man.braking
     assert dead_man.answered(standing=False) is None
+    assert dead_man.answered(standing=True, pulls=True) is None
     assert dead_man.braking
     assert "released" in (dead_man.answered(standing=True) or "")
     assert not dead_man.braking
-    assert dead_man.silent(SILENT_S) is not None
+    assert dead_man.silent(Patience.silent_s) is not None
+
+
+def test_the_cab_says_that_the_dead_man_brake_holds_until_the_lever_is_at_0(folder: Path) -> None:
+    """After 15 silent looks the driver pulls again; the brake holds, without advice, until he eases the lever."""
+    lockstep = Prompt(range(51, 66), eased=range(150, 152))
+    driver = paced_driver(folder, lockstep, 1.0)
+    shown = replace(ADVICE, valid_until_s=1e9)
+    commands = []
+    for look in range(1, 171):
+        cab = MOVING._replace(time_s=0.2 * look, speed_mps=0.0 if look > 100 else 10.0, advice=shown)
+        commands.append(driver.command(cab))
+    held = [cab.look for cab in lockstep.cabs if cab.interlock == das_pb2.Cab.INTERLOCK_SILENCE]
+    assert held == list(range(61, 151))
+    assert [cab.look for cab in lockstep.cabs if not cab.presentation] == held
+    assert {*commands[60:149]} == {lever(-1.0)}
+    assert commands[149:151] == [lever(0.0)] * 2
+    assert commands[151:] == [lever(0.25)] * 19
+
+
+def test_at_a_pace_the_clock_goes_on_while_the_driver_is_away_until_the_run_gives_up(folder: Path) -> None:
+    lockstep = Prompt(range(11, 9999))
+    driver = paced_driver(folder, lockstep, 1.0, Patience(given_up_s=20.0))
+    cabs = (MOVING._replace(time_s=0.2 * look, speed_mps=0.0) for look in range(1, 9999))
+    with pytest.raises(DasError, match="the driver is gone"):
+        deque(map(driver.command, cabs))
+    assert len(lockstep.cabs) == pytest.approx(10 + 20 * 5, abs=1)
+
+
+@pytest.mark.parametrize(("may_depart", "interlock"), [(True, 0), (False, das_pb2.Cab.INTERLOCK_DOORS)])
+def test_the_cab_says_that_traction_is_withheld_before_the_departure(
+    folder: Path, may_depart: bool, interlock: int
+) -> None:
+    lockstep = Prompt()
+    paced_driver(folder, lockstep, 1.0).command(MOVING._replace(speed_mps=0.0, may_depart=may_depart))
+    assert lockstep.cabs[0].interlock == interlock
 
 
 ADVICE = AdviceView(
     time_s=0.1 + 0.2, valid_until_s=3.3, presentation=Presentation.VECTOR, mode=2, speed_mps=1 / 3,
     display_speed_mps=0.3, lever_ratio=-0.123, force_n=-1e4 / 7, horizon_speed_mps=(0.1, 0.2),
     horizon_force_n=(1.0, 2.0), next_mode=4, next_change_s=7.7, next_speed_mps=9.1,
-    next_effort_ratio=0.6, due_s=0.3, target_way_m=12.1,
+    next_effort_ratio=0.6, next_change_m=44.4, second_mode=5, second_change_s=9.9, second_change_m=88.8,
+    second_speed_mps=3.3, second_effort_ratio=-0.4, due_s=0.3, target_way_m=12.1,
     reason=Reason(code=ReasonCode.STOP, stop="B"),
     deviation_s=-4.4,
 )  # fmt: skip
@@ -285,8 +352,9 @@ ADVICE = AdviceView(
 def test_a_cab_comes_back_from_the_bus_as_it_was_sent(folder: Path, advice: AdviceView | None, signal_m: float) -> None:
     line = day_of(folder, "flat.toml").service.line
     cab = CabView(
-        0.1 + 0.2, 1 / 3, 2 / 3, 38.8, 6000.0, -0.1, 234.5, False, signal_m, (Restriction(1.1, 2.2, 3.3),), advice
-    )
+        0.1 + 0.2, 1 / 3, 2 / 3, 38.8, 6000.0, -0.1, 234.5, False, signal_m, (Restriction(1.1, 2.2, 3.3),), advice,
+        7, 1.25, 0.004, 1e4 / 3, -2.0,
+    )  # fmt: skip
     sent = cab_message(CabLook(1, cab, COAST, 5), line)
     assert cab_view(das_pb2.Cab.FromString(sent.SerializeToString())) == cab
 

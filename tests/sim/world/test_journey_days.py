@@ -186,11 +186,6 @@ def test_a_scenario_that_contradicts_its_journey_is_refused(tmp_path: Path, chan
         (('"24:06:00"', '"24:03:50"'), r"arrival at End .* is \d+\.\d s too tight", InfeasibleError),
         (('"23:58:00"', '"99:58:00"'), r"expected at least 359920 s, because of the earliest", InputError),
         (('"flat-6km"', '"other"'), r"journey.route = 'other': expected flat-6km", InputError),
-        (
-            ('"flat-6km"', '"flat-6km"\nmode = "15kv"'),
-            r"scenario.load = None: expected load = '15kv', the mode",
-            DasError,
-        ),
     ],
 )
 def test_a_journey_that_cannot_be_simulated_is_refused(

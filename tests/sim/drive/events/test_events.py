@@ -244,3 +244,10 @@ def test_the_commands_list_events_and_keep_notes_beside_the_recording(tmp_path: 
 def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, args: tuple[str, ...], message: str) -> None:
     write_recording(tmp_path / "day.mcap", seconds=120)
     assert message in refusal(*args, cwd=tmp_path)
+
+
+def test_a_moment_that_the_driver_marked_at_the_desk_is_a_bookmark() -> None:
+    marks = [(das_pb2.Mark.KIND_OPENED, 1.0), (das_pb2.Mark.KIND_MARK, 42.0), (das_pb2.Mark.KIND_SETTING, 50.0)]
+    sent = ((topics.MARK, das_pb2.Mark(time_ns=at_ns(t), kind=kind)) for kind, t in marks)
+    found = Filter(bookmarks=True, kinds=(EventKind.NOTE,)).choose(Drive(source=drive(*sent)).events)
+    assert [(one.time_ns, one.text) for one in found] == [(at_ns(42.0), "marked by the driver")]

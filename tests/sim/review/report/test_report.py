@@ -216,6 +216,13 @@ def test_a_bookmark_says_what_was_driven_and_shown_and_how_the_advice_changed_ar
     assert tables.left_out(found).startswith(f"{counted - len(listed)} changes of the advice elsewhere")
 
 
+def test_the_page_names_the_command_that_shows_the_drive_as_its_driver_saw_it() -> None:
+    assert "<code>das-sim desk fast.mcap</code>" in page([fast()], None, "")
+    messages = {name: said for name, said in fast().drive.recording.messages.items() if name != "cab"}
+    without = other(replace(fast().drive.recording, messages=messages))
+    assert "das-sim desk" not in page([fast()._replace(drive=without)], None, "")
+
+
 def test_the_page_needs_nothing_besides_itself() -> None:
     html = page([fast()], None, "")
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html)

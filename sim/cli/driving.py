@@ -1,0 +1,160 @@
+"""How run and desk drive a day: what they check before, the recorded drive itself, and its result."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from das.command_line.printing import busy, progress_bar
+from das.command_line.process import interrupt_on_termination
+from das.domain.errors import DasError
+from das.domain.files.writing import check_writable
+from das.domain.levels import Level
+from das.domain.units import KM
+from sim.cli.options import naming_recorded
+from sim.drivers.kinds import Presentation
+
+if TYPE_CHECKING:
+    from sim.drivers.cab import Driver
+    from sim.drivers.parameters import Participant
+    from sim.world.lockstep import Traffic
+    from sim.world.outcome import DayResult, RecordedFigures
+    from sim.world.over_bus import How
+    from sim.world.scenario import Scenario
+    from sim.world.service import Day
+
+
+@dataclass(frozen=True, kw_only=True)
+class DayAsked:
+    """The day that a command line asks for."""
+
+    scenario: str
+    seed: int
+    level: Level | None
+    advice: Presentation
+    train: str
+    journey: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingAsked:
+    """Where a command line wants a run to be recorded, over which bus, and how its result is told."""
+
+    out: Path | None
+    overwrite: bool
+    bus: Path | None
+    insecure_bus: bool
+    as_json: bool
+
+
+def check_run_outputs(in_process: bool, out: Path | None, bus: Path | None, *, overwrite: bool) -> None:
+    """Raise DasError if options that need the bus are given for a run without one, or an output cannot be written."""
+    if in_process and out is not None:
+        raise DasError("--out: a run --in-process records nothing")
+    if in_process and bus is not None:
+        raise DasError("--bus: a run --in-process has no bus")
+    if out is not None:
+        check_writable(out, overwrite=overwrite)
+
+
+def check_not_an_input(out: Path | None, scenario: Scenario) -> None:
+    """Raise DasError if the recording would replace a file of the scenario."""
+    from sim.world.service import scenario_files
+
+    for what, path in scenario_files(scenario).items():
+        if out is not None and out.resolve() == path.resolve():
+            raise DasError(f"{out}: the recording to write would replace the {what.replace('_', ' ')} that is read")
+
+
+def prepared_day(read: Scenario, level: Level | None, seed: int, person: Participant | None = None) -> Day:
+    """The day of a seed, with its sections solved; warns of what is unusual about line and train."""
+    from das.command_line.files import warn_unusual
+    from sim.world.service import make_day, prepare_service
+
+    with busy("solving the sections …"):
+        day = make_day(prepare_service(read, level=level), seed, person)
+        warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
+    return day
+
+
+def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: float | None) -> DayResult:
+    """Run the day: over the bus if there is a recording to write, else in this process."""
+    from sim.world.disturbances import described
+    from sim.world.outcome import DayResult, outcome
+    from sim.world.over_bus import drive_day
+
+    interrupt_on_termination()
+    try:
+        title = f"{day.service.scenario.id}, {how.driver}"
+        first = "starting node and recorder" if out else "driving"
+        with naming_recorded(out), progress_bar(title, first, "km") as progress:
+            pace = _Pace(None if how.paced else speed, progress)  # at a pace, the external driver alone keeps it
+            run, traffic = drive_day(day, driver, how, out, pace.tick)
+    except DasError as error:
+        if out is None or not out.is_file() or out.stat().st_size == 0:
+            raise
+        raise DasError(f"{error}; recorded so far: {out}") from error
+    return DayResult(
+        outcome=outcome(day, run, how.driver),
+        driver=how.driver,
+        friction=how.friction,
+        advice=how.advice,
+        happens=described(day.disturbances),
+        drawn=day.drawn,
+        wall_s=pace.driven_s,
+        recorded=None if out is None or traffic is None else _recorded(out, traffic),
+    )
+
+
+def _recorded(out: Path, traffic: Traffic) -> RecordedFigures:
+    """The figures of a run's recording."""
+    from sim.world.outcome import RecordedFigures
+
+    return RecordedFigures(
+        file=str(out),
+        messages_sent=sum(traffic.sent.values()),
+        messages_recorded=sum(traffic.recorded.values()),
+        messages_lost=traffic.lost,
+        start_s=traffic.start_s,
+    )
+
+
+class _Pace:
+    """Paces a run at a multiple of real time (None: no waiting), and shows its progress."""
+
+    def __init__(self, speed: float | None, progress: Callable[[float, float], None]) -> None:
+        self._speed, self._progress = speed, progress
+        self._began = self._now = time.perf_counter()
+        self._ticks = 0
+
+    @property
+    def driven_s(self) -> float:
+        """Time (s) since the end of the first tick: node and recorder are still starting before it."""
+        return self._now - self._began
+
+    def tick(self, done_m: float, all_m: float) -> None:
+        """Count one driven second, and wait until it has passed at the wanted pace."""
+        from sim.world.lockstep import sleep_until
+        from sim.world.loop import TICK_S
+
+        if self._ticks == 0:
+            self._began = time.perf_counter()
+        self._ticks += 1
+        if self._speed is not None:
+            sleep_until(self._began + self._ticks * TICK_S / self._speed)
+        self._now = time.perf_counter()
+        self._progress(done_m / KM, all_m / KM)
+
+
+def tell_result(found: DayResult, as_json: bool) -> None:
+    """Print the result of a run."""
+    from sim.world.outcome import print_result
+
+    if as_json:
+        print(json.dumps(found.as_dict()))
+    else:
+        print_result(found)

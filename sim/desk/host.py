@@ -1,0 +1,90 @@
+"""The desk's server as seen from the run: started, started again if it is killed, and stopped.
+
+The run itself holds the listening socket, which the server inherits. The address is good before the server answers, and
+stays good when a new server takes the place of one that was killed.
+"""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import threading
+import time
+from types import TracebackType
+from typing import Final
+
+import msgspec
+
+from das.command_line.printing import warn
+from das.domain.errors import DasError
+from sim.desk.messages import GIVEN, DeskGiven, given_text
+from sim.world.lockstep import Process
+
+LOOK_S: Final = 0.5
+"""The run looks this often (s) whether the server is still there."""
+STARTS_S: Final = 10.0
+"""A server that ends sooner than this (s) after its start was not killed: something is wrong with it."""
+MOST_FAILURES: Final = 3
+
+
+def listening(port: int) -> socket.socket:
+    """A socket that listens on 127.0.0.1 at a port (0: any free one); DasError if the port is taken."""
+    door = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        door.bind(("127.0.0.1", port))
+        door.listen()
+    except OSError as error:
+        door.close()
+        raise DasError(f"--port {port}: cannot listen at 127.0.0.1 ({error.strerror})") from error
+    return door
+
+
+def new_token() -> str:
+    """A token that nobody guesses."""
+    return secrets.token_urlsafe(24)
+
+
+def address_of(door: socket.socket, token: str) -> str:
+    """The address to open."""
+    return f"http://127.0.0.1:{door.getsockname()[1]}/?token={token}"
+
+
+class DeskHost:
+    """Keeps the server of a desk running; use with `with`. `address` is where to open it."""
+
+    def __init__(self, given: DeskGiven, door: socket.socket) -> None:
+        self._given, self._door = given, door
+        self.address = address_of(door, given.token)
+        self._over, self._failures = threading.Event(), 0
+
+    def __enter__(self) -> DeskHost:
+        self._start()
+        self._watch = threading.Thread(target=self._keep, name="desk", daemon=True)
+        self._watch.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._over.set()
+        self._watch.join()
+        self._child.__exit__()
+        self._door.close()
+
+    def _start(self) -> None:
+        told = {GIVEN: given_text(msgspec.structs.replace(self._given, door=self._door.fileno()))}
+        self._child = Process("desk", "sim.desk", (), given=told, door=self._door.fileno())
+        self._started_s = time.monotonic()
+
+    def _keep(self) -> None:
+        """Start the server again if it is killed, unless it never works."""
+        while not self._over.wait(LOOK_S):
+            try:
+                self._child.check()
+            except DasError as error:
+                self._failures = self._failures + 1 if time.monotonic() - self._started_s < STARTS_S else 1
+                if self._failures > MOST_FAILURES:
+                    warn(f"{error}; the desk does not start: end the run with Ctrl-C")
+                    return
+                warn(f"{error}; it is started again")
+                self._child.__exit__()
+                self._start()

@@ -1,0 +1,58 @@
+"""The server of a run's desk, a child process of the run: reads line and train, and answers until it is stopped."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import sys
+
+from das.command_line.process import interrupt_on_termination
+from das.domain.errors import DasError
+from sim.desk.line import line_of, presentations, train_of, utc_offset_min
+from sim.desk.messages import GIVEN, DeskGiven, given_of
+from sim.desk.server import Desk, server_of
+from sim.world.scenario import load_scenario
+from sim.world.service import lay_out
+
+PARENT_LOOK_S = 1.0
+"""The server looks this often (s) whether its parent is still there."""
+
+
+def main() -> None:
+    """Serve the desk."""
+    interrupt_on_termination()
+    try:
+        given = given_of(os.environ.pop(GIVEN, ""))
+        asyncio.run(_serve(given))
+    except DasError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(0)
+
+
+async def _serve(given: DeskGiven) -> None:
+    scenario = load_scenario(given.scenario)
+    scenario = scenario if given.journey is None else scenario.timed_by(given.journey)
+    route, vehicle, stops = lay_out(scenario)
+    still = {
+        "title": scenario.title, "language": given.language, "notches": given.notches,
+        "punctuality": given.punctuality, "line": line_of(route, stops), "train": train_of(vehicle),
+        "presentations": presentations(), "utc_offset_min": utc_offset_min(route, scenario.departure_ns),
+    }  # fmt: skip
+    desk = Desk(given, still, route)
+    watching = asyncio.create_task(_end_with_parent(int(sys.argv[sys.argv.index("--with-parent") + 1])))
+    try:
+        door = socket.socket(fileno=given.door)
+        await server_of(desk.routes(), door.getsockname()[1], given.token).serve(sockets=[door])
+    finally:
+        desk.peer.close()
+        watching.cancel()
+
+
+async def _end_with_parent(parent: int) -> None:
+    """End this process when its parent has ended."""
+    while os.getppid() == parent:
+        await asyncio.sleep(PARENT_LOOK_S)
+    os._exit(0)

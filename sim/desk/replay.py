@@ -1,0 +1,90 @@
+"""A recorded drive on the desk's page, as its driver saw it: at any speed, with the review's bookmarks."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from das.bus import topics
+from das.domain.errors import DasError
+from das.domain.units import NS
+from sim.desk.guard import HEADERS
+from sim.desk.line import line_of, presentations, train_of, utc_offset_min
+from sim.desk.messages import VERSION, encoded
+from sim.desk.server import Outbox, cab_of, page_routes, server_of
+from sim.drive.drive import Drive
+from sim.drive.events.event import bookmarks
+
+
+class Replay:
+    """The page's view of a recorded drive, from the time `at` of its clock on (default: from its beginning).
+
+    Raises DasError for a recording without a cab, and for one whose line or train is not known.
+    """
+
+    def __init__(self, drive: Drive, language: str, *, at: str | None = None) -> None:
+        path = drive.recording.path
+        self.cabs = [entry.message for entry in drive.recording.of(topics.CAB)]
+        """The messages Cab, in order."""
+        if not self.cabs:
+            raise DasError(f"{path}: shows no cab: expected a recording of das-sim run, desk or what-if")
+        inputs = drive.inputs
+        self._route, first_ns = inputs.route, int(self.cabs[0].time_ns)
+        self._start_s = 0.0 if at is None else (drive.clock.moment_ns(at) - first_ns) * NS
+        served = {call.name for call in drive.calls}
+        stops = [stop for stop in inputs.route.stops if not served or stop.name in served]
+        self.hello: dict[str, Any] = {
+            "t": "hello", "v": VERSION, "phase": "replay", "title": path.name, "language": language, "notches": 10,
+            "punctuality": True, "line": line_of(inputs.route, stops), "train": train_of(inputs.vehicle),
+            "presentations": presentations(), "utc_offset_min": utc_offset_min(inputs.route, first_ns),
+            "lever": 0.0, "seq": 0,
+        }  # fmt: skip
+        self.bookmarks = _bookmarks(drive, first_ns)
+        """The events worth a look: seconds from the first cab, and words."""
+
+    def drive_text(self) -> str:
+        """All that the page plays, as JSON."""
+        shown = [cab_of(cab, self._route) for cab in self.cabs]
+        return encoded({"cabs": shown, "bookmarks": self.bookmarks, "start_s": self._start_s})
+
+    def routes(self) -> list[BaseRoute]:
+        """What can be asked for."""
+        text = self.drive_text()
+
+        async def drive(_request: Request) -> Response:
+            return Response(text, media_type="application/json", headers=HEADERS)
+
+        return [WebSocketRoute("/desk", self._connect), Route("/drive.json", drive), *page_routes()]
+
+    async def _connect(self, socket: WebSocket) -> None:
+        await socket.accept()
+        box = Outbox(socket)
+        box.put(self.hello)
+        sending = asyncio.create_task(box.send())
+        try:
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+                async for _ in socket.iter_text():
+                    pass  # the page says that it draws; nobody waits for that here
+        finally:
+            sending.cancel()
+
+
+def _bookmarks(drive: Drive, first_ns: int) -> list[dict[str, Any]]:
+    """The bookmarks of the review; none for a recording that is too short or too broken to have events."""
+    try:
+        events = bookmarks(drive.events)
+    except DasError:
+        return []
+    return [{"at_s": (one.time_ns - first_ns) * NS, "text": one.text, "mark": one.mark or "note"} for one in events]
+
+
+def play(replay: Replay, door: Any, token: str) -> None:
+    """Serve the page until Ctrl-C."""
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(server_of(replay.routes(), door.getsockname()[1], token).serve(sockets=[door]))

@@ -1,0 +1,193 @@
+"""The desk's server: one page at a time drives, and what the bus says goes to it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import uvicorn
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from sim.desk import peer as on_bus
+from sim.desk.guard import HEADERS, app_of
+from sim.desk.line import cab_fields, reasons
+from sim.desk.messages import LARGEST_BYTES, VERSION, DeskGiven, FrameDrawn, Lever, Marked, Ready, encoded, heard
+from sim.desk.peer import Peer
+from sim.drivers.messages import recorded_view
+
+PAGE: Final = Path(__file__).parent / "page"
+FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_file()}
+"""The files of the page by name; nothing else can be asked for."""
+BEAT_S: Final = 0.5
+"""The page hears something at least this often (s)."""
+MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
+"""A page that sends more messages than this is cut off; our own page sends at most 60 a second."""
+BAD, TAKEN, FLOOD = 4400, 4409, 4429
+"""Codes with which a socket is closed: what came is no message of the page, a newer page drives, too many messages."""
+
+
+class Outbox:
+    """What waits to be sent to a page. A newer cab replaces one that waits; everything else keeps its order."""
+
+    def __init__(self, socket: WebSocket) -> None:
+        self._socket, self._waiting = socket, list[dict[str, Any]]()
+        self._news, self._last = asyncio.Event(), 0
+
+    def put(self, message: dict[str, Any], *, last: int = 0) -> None:
+        """Add a message; `last` is the code with which the socket is closed after it (0: it stays open)."""
+        if message["t"] == "cab":
+            self._waiting = [one for one in self._waiting if one["t"] != "cab"]
+        self._waiting.append(message)
+        self._last = self._last or last
+        self._news.set()
+
+    async def send(self) -> None:
+        """Send until the socket closes."""
+        while self._waiting or not self._last:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), BEAT_S)
+            self._news.clear()
+            batch, self._waiting = self._waiting, []
+            for message in batch or [{"t": "beat"}]:
+                await self._socket.send_text(encoded(message))
+        await self._socket.close(self._last)
+
+
+class Allowance:
+    """How many messages a page may still send; it fills up with time (s)."""
+
+    def __init__(self, now_s: float) -> None:
+        self._left, self._at_s = MOST_AT_ONCE, now_s
+
+    def spend(self, now_s: float) -> bool:
+        """Count one message; False if there are too many."""
+        self._left = min(self._left + (now_s - self._at_s) * MOST_PER_S, MOST_AT_ONCE) - 1
+        self._at_s = now_s
+        return self._left >= 0
+
+
+class Desk:
+    """A person's desk in a run: what the page is told, and what it does. `still` is what never changes (`hello`).
+
+    The phases: welcome, preparing (the person is ready, the run has not begun), driving, over. A server that takes the
+    place of one that was killed finds a run that has begun, and is driving at once.
+    """
+
+    def __init__(self, given: DeskGiven, still: dict[str, Any], route: Any) -> None:
+        self._still, self._route = still, route
+        self._phase = "welcome"
+        self._box: Outbox | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self.peer = Peer(given, self._tell)
+        self.peer.begin()
+
+    def routes(self) -> list[BaseRoute]:
+        """What can be asked for."""
+        return [WebSocketRoute("/desk", self._connect), *page_routes()]
+
+    def _enter(self, phase: str) -> None:
+        self._phase = phase
+        self._put({"t": "phase", "phase": phase})
+
+    def _put(self, message: dict[str, Any]) -> None:
+        if self._box is not None:
+            self._box.put(message)
+
+    def _tell(self, what: str, value: Any) -> None:
+        """Take what the bus says, in the bus's thread."""
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._take, what, value)
+
+    def _take(self, what: str, value: Any) -> None:
+        if what == "over":
+            self._enter("over")
+        elif what == "log":
+            self._put({"t": "log", "text": value})
+        else:
+            if self._phase != "driving":
+                self._enter("driving")
+            self._put(cab_of(value, self._route) | {"seq": self.peer.state[1]})
+
+    async def _connect(self, socket: WebSocket) -> None:
+        self._loop = asyncio.get_running_loop()
+        await socket.accept()
+        box, before = Outbox(socket), self._box
+        if before is not None:  # the newer page drives: after a reload, the old page may still seem to be there
+            before.put({"t": "phase", "phase": "taken"}, last=TAKEN)
+        self.peer.settle()
+        self._box = box
+        ratio, number = self.peer.state
+        box.put({"t": "hello", "v": VERSION, **self._still, "phase": self._phase, "lever": ratio, "seq": number})
+        self.peer.mark(on_bus.OPENED)
+        sender = asyncio.create_task(box.send())
+        try:
+            await self._listen(socket, box)
+        finally:
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError, RuntimeError, WebSocketDisconnect):
+                await sender
+            if self._box is box:
+                self._box = None
+                self.peer.mark(on_bus.GONE)
+
+    async def _listen(self, socket: WebSocket, box: Outbox) -> None:
+        """Take what the page says until it goes, says nonsense, or says too much."""
+        assert self._loop is not None
+        allowance = Allowance(self._loop.time())
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            async for text in socket.iter_text():
+                said = heard(text)
+                if said is None or not allowance.spend(self._loop.time()):
+                    await socket.close(BAD if said is None else FLOOD)
+                    return
+                if box is self._box:
+                    self._on_page(said)
+
+    def _on_page(self, said: Any) -> None:
+        if isinstance(said, Lever):
+            if self._phase == "driving" and self.peer.lever(said):
+                self._flush()
+        elif isinstance(said, FrameDrawn):
+            self.peer.drawn()
+        elif isinstance(said, Ready):
+            if self._phase == "welcome":
+                self._enter("preparing")
+                self.peer.announce()
+        elif isinstance(said, Marked):
+            self.peer.mark(on_bus.SETTING if said.text else on_bus.MARKED, said)
+
+    def _flush(self) -> None:
+        """Put the newest setting on the bus, now or when the one before it has settled."""
+        if self._loop is not None and not self.peer.flush():
+            self._loop.call_later(on_bus.SETTLES_S, self._flush)
+
+
+def cab_of(message: Any, route: Any) -> dict[str, Any]:
+    """The message with which the page is told a Cab: every field as it is recorded, and the reason in words."""
+    return {"t": "cab", "cab": cab_fields(message), "why": reasons(recorded_view(message), route)}
+
+
+def page_routes() -> list[BaseRoute]:
+    """The files of the page."""
+
+    async def page(request: Request) -> Response:
+        path = FILES.get(request.path_params.get("name", "desk.html"))
+        return Response(status_code=404, headers=HEADERS) if path is None else FileResponse(path, headers=HEADERS)
+
+    return [Route("/", page), Route("/{name}", page)]
+
+
+def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Server:
+    """The server of these routes; its `serve(sockets=[…])` answers until the process is told to stop."""
+    config = uvicorn.Config(
+        app_of(routes, port, token), log_level="warning", access_log=False, ws="websockets-sansio",
+        ws_max_size=LARGEST_BYTES, ws_ping_interval=5, ws_ping_timeout=10, ws_per_message_deflate=False,
+        server_header=False, timeout_graceful_shutdown=1, lifespan="off",
+    )  # fmt: skip
+    return uvicorn.Server(config)

@@ -1,0 +1,109 @@
+"""A recorded drive on the page of the desk: every cab as it was recorded, with the bookmarks of the review."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+import pytest
+
+pytest.importorskip("starlette", reason="the extra desk is not installed")
+
+from das.domain.errors import DasError
+from sim.desk.host import listening
+from sim.desk.replay import Replay
+from sim.desk.server import server_of
+from sim.drive.drive import Drive
+from sim.drive.events.event import bookmarks
+from sim.drivers.kinds import DriverKind
+from tests.support.desk_page import DeskPage, chromium, picture
+from tests.support.desk_server import TOKEN, Visitor
+from tests.support.flat_days import flat_day, signal_at
+from tests.support.hand_recorded import in_memory, truth
+from tests.support.making import refusal
+from tests.support.recorded_days import inputs_of_day, recorded_day
+
+
+@cache
+def drive() -> Drive:
+    """A drive with a signal at danger on the way, and no late driver."""
+    day = flat_day(signal_at(3000.0, 900.0))
+    return Drive(source=recorded_day(day, day.driver(DriverKind.HUMAN)), given=inputs_of_day(day))
+
+
+@contextmanager
+def played(**options: str) -> Iterator[Visitor]:
+    """The page of the drive at a server in this process."""
+    with listening(0) as door:
+        server = server_of(Replay(drive(), "en", **options).routes(), door.getsockname()[1], TOKEN)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [door]}, daemon=True)
+        thread.start()
+        try:
+            yield Visitor(door.getsockname()[1])
+        finally:
+            server.should_exit = True
+            thread.join(20)
+
+
+def test_every_cab_is_played_as_it_was_recorded_with_the_bookmarks_of_the_review() -> None:
+    with played(at="1:00") as visitor:
+        assert visitor.ask("/drive.json").status == 403
+        told = json.loads(visitor.ask("/drive.json", Cookie=visitor.cookie).read())
+    recorded = [entry.message for entry in drive().recording.of("cab")]
+    assert [item["cab"]["s_m"] for item in told["cabs"]] == [cab.s_m for cab in recorded]
+    marks = bookmarks(drive().events)
+    assert [item["text"] for item in told["bookmarks"]] == [one.text for one in marks]
+    assert "signal at danger" in {item["mark"] for item in told["bookmarks"]}
+    first_ns = recorded[0].time_ns
+    assert [item["at_s"] for item in told["bookmarks"]] == pytest.approx([(x.time_ns - first_ns) * 1e-9 for x in marks])
+    assert told["start_s"] == pytest.approx(60.0 + 10.0, abs=1.0)  # the first cab is 10 s before the departure
+
+
+def test_a_recording_without_a_cab_is_refused() -> None:
+    with pytest.raises(DasError, match="shows no cab"):
+        Replay(Drive(source=in_memory(truth(0.0, 0.0, 0.0))), "en")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("clear-day", "--speed", "max"), "a person needs a pace"),
+        (("clear-day", "--at", "1:00"), "expected a recording"),
+        (("none.mcap",), "none.mcap: cannot be read"),
+        (("none.mcap", "--out", "x.mcap"), "nothing is recorded"),
+        (("nowhere",), "nowhere: not a bundled scenario"),
+    ],
+)
+def test_what_the_desk_cannot_show_is_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, arguments: tuple[str, ...], said: str
+) -> None:
+    assert said in refusal("desk", *arguments, "--no-open", cwd=tmp_path_factory.mktemp("refused"))
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_the_keyboard_plays_stops_and_jumps_from_bookmark_to_bookmark() -> None:
+    with played() as visitor, chromium() as browser:
+        page = DeskPage(
+            browser.new_context(viewport={"width": 1280, "height": 720}), f"http://{visitor.host}/?token={TOKEN}"
+        )
+        page.phase("replay")
+        page.until(lambda state: "speed" in state, "the first cab")
+        page.page.keyboard.press("]")
+        mark = bookmarks(drive().events)[0]
+        page.until(lambda _: mark.text in page.text("event"), "the first bookmark")
+        picture(page, "replay")
+        for _ in range(3):
+            page.page.keyboard.press("p")
+        assert page.text("pace") == "10 ×"
+        way = float(page.state["way"])
+        page.page.keyboard.press("Space")
+        page.until(lambda state: float(state["way"]) < way - 50, "ten times real time")
+        page.page.keyboard.press("Space")
+        still = page.state["way"]
+        page.page.wait_for_timeout(500)
+        assert page.state["way"] == still
+        assert page.errors == []

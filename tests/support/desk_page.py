@@ -1,0 +1,159 @@
+"""The cab desk in Chromium: opens it, drives by keyboard with only what is on the page, and runs `das-sim desk`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from das.command_line.pdf import browser
+from das.domain.errors import DasError
+from tests.support.making import REPOSITORY
+
+FLAT_DAY: Final = REPOSITORY / "sim" / "experiment" / "studies" / "days" / "flat-6km.toml"
+STRONGEST_MPS2: Final = 1.62
+"""Deceleration of the train of `FLAT_DAY` with the lever at full brake: a person finds that out in a minute."""
+SETTLED_MS: Final = 250
+STATE: Final = "({...document.body.dataset})"
+
+
+@contextmanager
+def chromium(**options: Any) -> Iterator[Any]:
+    """A browser; skips the test, and says why, where playwright or Chromium is missing."""
+    api = pytest.importorskip("playwright.sync_api", reason="needs playwright (pip install playwright)")
+    try:
+        program = browser()
+    except DasError as error:
+        pytest.skip(f"needs Debian's Chromium: {error}")
+    with api.sync_playwright() as tool:
+        opened = tool.chromium.launch(executable_path=program, args=["--no-sandbox"], **options)
+        try:
+            yield opened
+        finally:
+            opened.close()
+
+
+class DeskPage:
+    """A page at the desk: its state as it states it, and the keys that a person presses. `errors` must stay empty."""
+
+    def __init__(self, context: Any, address: str) -> None:
+        self.page = context.new_page()
+        self.errors: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("dialog", lambda dialog: self.errors.append(dialog.message))
+        self.page.goto(address)
+        self.lever = 0
+
+    @property
+    def state(self) -> dict[str, str]:
+        """The state that the page states: look, speed, limit, advice, mode, way, lever, …"""
+        found: dict[str, str] = self.page.evaluate(STATE)
+        return found
+
+    def text(self, node: str) -> str:
+        """The text of an element by its id."""
+        return str(self.page.evaluate(f"document.getElementById('{node}').textContent"))
+
+    def until(self, done: Callable[[dict[str, str]], bool], what: str, for_s: float = 60.0) -> dict[str, str]:
+        """Wait until the page's state is as wanted."""
+        end = time.monotonic() + for_s
+        while time.monotonic() < end:
+            state = self.state
+            if done(state):
+                return state
+            self.page.wait_for_timeout(40)
+        raise AssertionError(f"waited {for_s:.0f} s for {what}: {self.state}")
+
+    def phase(self, name: str, for_s: float = 120.0) -> dict[str, str]:
+        """Wait for a phase."""
+        return self.until(lambda state: state["phase"] == name, f"the phase {name}", for_s)
+
+    def begin(self) -> None:
+        """Say by keyboard that one is ready, and wait until the run has begun."""
+        self.phase("welcome")
+        self.page.keyboard.press("Enter")
+        self.phase("driving")
+        self.until(lambda state: "speed" in state, "the first cab")
+
+    def set(self, notch: int) -> None:
+        """Press keys until the lever is at a notch (−10 … 10)."""
+        while self.lever != max(min(notch, 10), -10):
+            way = 1 if notch > self.lever else -1
+            self.page.keyboard.press("ArrowUp" if way > 0 else "ArrowDown")
+            self.lever += way
+
+    def drive(self, look: Callable[[dict[str, str]], None], for_s: float = 600.0) -> None:
+        """Drive to the end of the run with what the page shows; `look` is given every state that is looked at."""
+        end, last = time.monotonic() + for_s, ""
+        while time.monotonic() < end:
+            state = self.state
+            if state["phase"] != "driving":
+                return
+            if state["look"] != last:
+                last = state["look"]
+                look(state)
+                self.set(_wanted(state, self.lever))
+            self.page.wait_for_timeout(30)
+        raise AssertionError(f"did not arrive in {for_s:.0f} s: {self.state}")
+
+
+def picture(page: DeskPage, name: str) -> None:
+    """Write the picture of a page if somebody wants to look at it."""
+    if folder := os.environ.get("DAS_DESK_PICTURES"):
+        page.page.wait_for_timeout(350)
+        page.page.screenshot(path=Path(folder) / f"{name}.png")
+
+
+def _wanted(state: dict[str, str], lever: int) -> int:
+    """Where a person sets the lever: by the advice, by the limit, and by eye for the last metres."""
+    speed, limit, way, due = (float(state[name]) for name in ("speed", "limit", "way", "due"))
+    mode = state["mode"]
+    advised = float(state["advice"]) if state["advice"] else None
+    effort = round(float(state["effort"]) * 10) if state["effort"] else None
+    if state["may"] != "true" or mode == "braked":
+        return 0
+    if speed == 0:
+        return (10 if way > 3000 else 2) if way > 10 else 0
+    if way <= 0.5:
+        return -10
+    want = lever
+    if mode == "traction" and due < 0.6:
+        want = 10 if effort is None else max(effort, 1)
+    elif mode == "brake" and due < 0.6:
+        want = -3 if effort is None else effort
+    elif mode == "coast" and due < 0.6:
+        want = 0
+    elif mode == "hold" and advised is not None:
+        want = round(min(max((advised - speed) * 0.8, -5), 8))
+    elif mode == "none":
+        want = 5 if speed < min(limit, 100) - 5 and way > 1500 else 0
+    if way < 700 and (advised is None or advised < 1):
+        need = (speed / 3.6) ** 2 / (2 * max(way - 4, 1)) / STRONGEST_MPS2 * 10
+        want = -round(need) if need > 3 else min(lever, 0)
+    return min(want, -2) if speed > limit - 1 else want
+
+
+@contextmanager
+def desk_command(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`das-sim desk` as a user starts it, with the address that it prints."""
+    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    child = subprocess.Popen(
+        [sys.executable, "-m", "sim.cli", "desk", *arguments, "--no-open"], cwd=folder, text=True,
+        env={**os.environ, "PYTHONPATH": paths}, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        assert child.stdout is not None
+        address = child.stdout.readline().strip()
+        assert address.startswith("http://127.0.0.1:"), child.communicate()[1]
+        yield child, address
+    finally:
+        if child.poll() is None:
+            child.terminate()
+        child.communicate(timeout=60)

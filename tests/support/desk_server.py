@@ -1,0 +1,159 @@
+"""A desk's server in this process with a made-up bus, and what tests ask of it over HTTP and a socket."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from typing import Any
+from unittest.mock import patch
+
+from google.protobuf.message import Message
+from websockets.sync.client import ClientConnection, connect
+
+from das.bus import das_pb2
+from das.bus.topics import CAB, CONTROL, Received, Topic
+from das.domain.route import Route, Stop
+from das.domain.vehicle import Vehicle
+from sim.desk.host import listening
+from sim.desk.line import line_of, presentations, train_of
+from sim.desk.messages import DeskGiven
+from sim.desk.server import Desk, server_of
+from tests.support.making import flat, make_train
+
+TOKEN = "a-token-of-tests"
+WAITS_S = 20.0
+Line = tuple[Route, Vehicle, tuple[Stop, ...]]
+
+
+class MadeUpBus:
+    """In place of `das.bus.session.Bus`: a test says what comes (`cab`, `finish`), and sees what the desk publishes."""
+
+    latest: MadeUpBus
+
+    def __init__(self, train: str, **_: Any) -> None:
+        self.said: list[tuple[str, Any]] = []
+        self._coming: list[Received] = []
+        self._look = 0
+        MadeUpBus.latest = self
+
+    def __enter__(self) -> MadeUpBus:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def receive(self, timeout_s: float) -> Received | None:
+        if not self._coming:
+            time.sleep(0.005)
+            return None
+        return self._coming.pop(0)
+
+    def publish(self, topic: Topic, message: Message) -> None:
+        kept = type(message)()
+        kept.CopyFrom(message)
+        self.said.append((topic.name, kept))
+
+    def of(self, name: str) -> list[Any]:
+        """The messages of a topic that the desk has published."""
+        return [message for topic, message in list(self.said) if topic == name]
+
+    def cab(self, like: Any = None, **fields: Any) -> int:
+        """Let a Cab come, `like` another one or of these fields; returns the number of its look."""
+        self._look += 1
+        cab = das_pb2.Cab(time_ns=self._look, stop_m=6000.0, signal_m=float("nan"), **fields)
+        if like is not None:
+            cab.CopyFrom(like)
+        cab.look = self._look
+        self._coming.append(Received(CAB, "", cab))
+        return self._look
+
+    def finish(self) -> None:
+        """Let the run be over."""
+        self._coming.append(Received(CONTROL, "", das_pb2.Control(command=das_pb2.Control.COMMAND_FINISH)))
+
+
+class Visitor:
+    """A browser of a test at the server of a port; `stall(seconds)` keeps the server from answering for a while."""
+
+    def __init__(self, port: int, stall: Callable[[float], object] = time.sleep) -> None:
+        self.port, self.host, self.stall = port, f"127.0.0.1:{port}", stall
+
+    def ask(self, path: str, method: str = "GET", **headers: str) -> http.client.HTTPResponse:
+        """The answer to a request; without a header Host it names the server's own host."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=WAITS_S)
+        connection.putrequest(method, path, skip_host=True)
+        for name, value in {"Host": self.host, **{k.replace("_", "-"): v for k, v in headers.items()}}.items():
+            connection.putheader(name, value)
+        connection.endheaders()
+        return connection.getresponse()
+
+    @property
+    def cookie(self) -> str:
+        """The cookie that the token brings."""
+        return str(self.ask(f"/?token={TOKEN}").headers["Set-Cookie"]).partition(";")[0]
+
+    def open(self, **headers: Any) -> AbstractContextManager[ClientConnection]:
+        """A socket of our own page; `Origin` and `Cookie` replace its own."""
+        given = {"Cookie": self.cookie, **headers}
+        origin: Any = given.pop("Origin", f"http://{self.host}")
+        address = f"ws://{self.host}/desk"
+        opened: AbstractContextManager[ClientConnection]
+        opened = connect(address, origin=origin, additional_headers=given, compression=None)
+        return opened
+
+
+def until(done: Callable[[], Any], what: str) -> Any:
+    """Wait until something holds and return it."""
+    end = time.monotonic() + WAITS_S
+    while time.monotonic() < end:
+        if found := done():
+            return found
+        time.sleep(0.005)
+    raise AssertionError(f"waited {WAITS_S:.0f} s for {what}")
+
+
+def next_of(socket: ClientConnection, kind: str) -> dict[str, Any]:
+    """The next message of a kind that the page is sent."""
+    while True:
+        message: dict[str, Any] = json.loads(socket.recv(timeout=WAITS_S))
+        if message["t"] == kind:
+            return message
+
+
+def say(socket: ClientConnection, kind: str, **fields: Any) -> None:
+    """Send a message as the page does."""
+    socket.send(json.dumps({"t": kind, **fields}))
+
+
+@contextmanager
+def desk_server(title: str = "", line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]:
+    """A server whose run is ours to make up, by default on 6 flat km."""
+    door = listening(0)
+    route, vehicle, stops = line or (flat(6000.0), make_train(), flat(6000.0).stops)
+    still = {
+        "title": title, "language": "en", "notches": 10, "punctuality": True, "line": line_of(route, stops),
+        "train": train_of(vehicle), "presentations": presentations(), "utc_offset_min": 60,
+    }  # fmt: skip
+    given = DeskGiven(door=-1, token=TOKEN, scenario="", train="T1", language="en")
+    loop = asyncio.new_event_loop()
+    with patch("sim.desk.peer.Bus", MadeUpBus):
+        desk = Desk(given, still, route)
+        until(lambda: desk.peer.joined, "the made-up bus")
+        server = server_of(desk.routes(), door.getsockname()[1], TOKEN)
+        thread = threading.Thread(target=lambda: loop.run_until_complete(server.serve(sockets=[door])), daemon=True)
+        thread.start()
+        try:
+            stall = partial(loop.call_soon_threadsafe, time.sleep)
+            yield Visitor(door.getsockname()[1], stall), MadeUpBus.latest
+        finally:
+            desk.peer.close()
+            server.should_exit = True
+            thread.join(WAITS_S)
+            loop.close()
+            door.close()
