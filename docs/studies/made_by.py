@@ -76,6 +76,7 @@ MINUTES: Final[dict[str, float]] = {
     "python -m docs.studies.real_trips": 0.5,
     "python -m docs.studies.own_lines": 1,
     "python -m docs.studies.sheet": 3,
+    "python -m tests.support.desk_pictures": 5,
     "python -m docs.studies.display": 5,
     "python -m docs.studies.own_braking": 13,
     "python -m docs.studies.habits": 8,

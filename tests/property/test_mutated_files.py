@@ -102,7 +102,7 @@ def _route(path: Path) -> None:
         build_section(route, VEHICLE, start_m=stops[0].position_m, end_m=stops[1].position_m)
 
 
-def _imported(path: Path, folder: Path) -> None:
+def _imported_line(path: Path, folder: Path) -> None:
     """Import a map, a table or altitudes; what was imported can be written and read back."""
     maps = path.suffix in (".json", ".geojson")
     heights = path.read_bytes()[:9].startswith(b"latitude")
@@ -148,7 +148,7 @@ def _kinds(folder: Path, section: Section) -> list[Kind]:
         ("imported journey", imported, _imported),
         ("plan", plan, read_plan),
         ("scenario", REPOSITORY / "sim" / "world" / "scenarios" / "train-ahead.toml", read_scenario),
-        *((f"import of {name}", folder / name, lambda path: _imported(path, folder)) for name in maps),
+        *((f"import of {name}", folder / name, lambda path: _imported_line(path, folder)) for name in maps),
         ("manifest", sealed, manifest),
         ("resealed manifest", sealed, lambda path: _resealed(path, table, sealed, section)),
     ]

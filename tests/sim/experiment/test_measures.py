@@ -30,7 +30,7 @@ OF_THE_COACH = {
     *("shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
     "promises_kept_ratio",
 }
-NO_MEASURES = {"scenario", "seed", "level", "stops", "not_comparable", "over_limit_kmh"}
+NO_MEASURES = {"scenario", "seed", "level", "stops", "passings", "not_comparable", "over_limit_kmh"}
 """What a run gives that is no measure; a study has the last as `over_limit_mps`."""
 
 

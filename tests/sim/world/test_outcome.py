@@ -24,7 +24,7 @@ from sim.world.service import Day, Service, make_day, prepare_service
 from tests.support.flat_days import service_of
 
 KEYS = [
-    *("scenario", "seed", "level", "late_s", "stops", "running_time_s"),
+    *("scenario", "seed", "level", "late_s", "stops", "passings", "running_time_s"),
     *("energy_kwh", "energy_optimum_kwh", "above_optimum_kwh", "above_optimum_ratio", "not_comparable"),
     *("energy_at_stops_kwh", "energy_planned_kwh"),
     *("energy_blending_kwh", "energy_profile_kwh", "energy_own_braking_kwh"),
