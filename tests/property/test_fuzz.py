@@ -230,5 +230,11 @@ def test_every_topic_the_node_hears_is_fuzzed() -> None:
     """The fuzzer would prove nothing of a topic that it never sends."""
     world = World(1)
     assert {world.lie()[0].name for _ in range(1_000)} == {topic.name for topic in HEARD}
-    assert {topic.publisher for topic in TOPICS if topic not in HEARD} <= {"node", "recorder", "simulator", "driver", "desk"}
+    assert {topic.publisher for topic in TOPICS if topic not in HEARD} <= {
+        "node",
+        "recorder",
+        "simulator",
+        "driver",
+        "desk",
+    }
     assert STATUS not in HEARD
