@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -235,7 +236,8 @@ def _file(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
     stops = placement.stops
     first, last = stops[0].stop, stops[-1].stop
     yield f"# Made by: {tidy(command)}"
-    yield from (f"# {tidy(note)[:140]}." for note in notes(trip, placement, times))
+    for note in notes(trip, placement, times):
+        yield from (f"# {tidy(line)}" for line in textwrap.wrap(f"{note}.", 110))
     yield "# Times count from midnight of the service day (24:10:00 is ten past midnight)."
     yield "# Keys: docs/reference/file-formats.md. departure: not before; departure_latest and arrival: not after."
     yield "schema_version = 1"
