@@ -66,7 +66,7 @@ def test_a_trip_of_a_feed_becomes_a_journey_without_a_route(folder: Path) -> Non
     assert (done.returncode, done.stderr) == (0, "")
     assert "note: 1 of 2 stops on the way have arrival = departure: assumed dwell 30 s" in done.stdout
     assert "written: j.toml: S1 n101 Zell: Altdorf Station – Zell Station, 04:28, 4 stops, 15.0 km" in done.stdout
-    assert "plan it: das-precompute journey j.toml ROUTE VEHICLE" in done.stdout
+    assert "das-precompute journey j.toml ROUTE VEHICLE" in done.stdout
     assert len(load_journey(folder / "j.toml", None).calls) == 4
 
 
