@@ -52,7 +52,7 @@ def start_beside(module: str) -> None:
     program = f"from das.command_line.process import start; start({module!r})"
     with contextlib.suppress(OSError):
         child = subprocess.Popen(
-            [sys.executable, "-c", program],
+            [sys.executable, "-P", "-c", program],  # -P: modules in the user's folder are not ours
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -15,8 +15,11 @@ from das.solver.state import fastest
 from das.solver.warm_up import tiny_route
 
 TRAIN = "re460-ic"
+"""A bundled train with a loss map, which its bound needs."""
 PRICE_W = 1e5
+"""Any price of time will do."""
 SLOWER_RATIO = 1.2
+"""The run to bound and to refine has this many times the least time."""
 
 
 def main() -> None:

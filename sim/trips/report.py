@@ -322,12 +322,7 @@ def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
     axis.plot(run.s_m / KM, trip.route.limits_mps.at(run.s_m) / KMH, color=LIMIT, linewidth=1, label="limit")
     if section is not None:
         name, fastest_mps = f"fastest run of {section.vehicle.id}", section.fastest_run.speed_mps
-        axis.plot(
-            section.node_m / KM,
-            fastest_mps / KMH,
-            **BEST,
-            label=name,
-        )
+        axis.plot(section.node_m / KM, fastest_mps / KMH, **BEST, label=name)
     axis.plot(run.s_m / KM, run.speed_mps / KMH, color=LIGHT.of[Meaning.DRIVEN], label="smooth run")
     for which, colour, label in (
         (~matched.dropout, INK, "measured"),
@@ -360,11 +355,10 @@ def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
     """
     at_km = driven.trajectory.s_m / KM
     together_n = driven.trajectory.force_el_n + driven.trajectory.force_friction_n
-    motors = {"fill": True, "color": LIGHT.of[Meaning.DRIVEN], "label": "motors"}
-    axis.stairs(driven.trajectory.force_el_n / KN, at_km, baseline=0, **motors)
-    if driven.trajectory.force_friction_n.any():
-        friction = {"color": MODES["friction brake"], "label": "friction brake"}
-        axis.stairs(driven.trajectory.force_friction_n / KN, at_km, baseline=0, **friction)
+    motors_kn, friction_kn = driven.trajectory.force_el_n / KN, driven.trajectory.force_friction_n / KN
+    axis.stairs(motors_kn, at_km, baseline=0, fill=True, color=LIGHT.of[Meaning.DRIVEN], label="motors")
+    if friction_kn.any():
+        axis.stairs(friction_kn, at_km, baseline=0, color=MODES["friction brake"], label="friction brake")
     for largest_n, label in ((driven.traction_n, "largest of this vehicle"), (-driven.brakes_n, None)):
         axis.plot(at_km[:-1], largest_n / KN, **BEST, label=label)
     if driven.beyond.any():

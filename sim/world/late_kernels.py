@@ -27,6 +27,7 @@ from das.solver.warm_up import tiny_route, tiny_vehicle
 from sim.plant.plant import COAST, Plant
 
 PRICE_W = 1e5
+"""Any price of time will do."""
 
 
 def main() -> None:

@@ -214,8 +214,9 @@ class Coach:
         for at_m, limit_mps in zip(*falling_limits(section.route), strict=True):
             leads_m = holds_m if shown.now.speed_mps <= limit_mps + SPEED_STEP_MPS else slows_m
             near = state.s_m < at_m <= min(leads_m + BESIDE_M, state.s_m + NEAR_M)
-            other = shown.now.mode in BRAKES and limit_mps > shown.now.speed_mps + TARGET_STEP_MPS
-            if not near or limit_mps >= from_mps or other:  # A brake to the stop is not for a board on the way.
+            # A brake to the stop is not for a board on the way.
+            is_passed = shown.now.mode in BRAKES and limit_mps > shown.now.speed_mps + TARGET_STEP_MPS
+            if not near or limit_mps >= from_mps or is_passed:
                 continue
             passed_mps = float(np.interp(at_m, section.node_m, kept.forecast.speeds_mps))
             if passed_mps > limit_mps - BINDS_MPS:

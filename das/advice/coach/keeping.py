@@ -153,9 +153,9 @@ class Keeper:
             return kept
         if self._asked is not None and not self._asked.serves(must, goal):
             self._give_up()
+        quiet = (state.now_ns - changed_ns) * NS < self._settings.keeping.quiet_s
         if self._asked is None:
             doubted = must is ReplanCause.NONE
-            quiet = (state.now_ns - changed_ns) * NS < self._settings.keeping.quiet_s
             cause = self._doubt(kept, state, goal) if doubted and kept and not quiet else must
             if cause is ReplanCause.NONE:
                 return kept
@@ -163,7 +163,7 @@ class Keeper:
                 self._doubted_ns = state.now_ns
                 return kept
             self._asked = self._ask(cause, kept, state, goal, doubted=doubted)
-        if not self._asked.answer.done():
+        if not self._asked.answer.done() or (self._asked.doubted and quiet):
             return kept
         asked, self._asked = self._asked, None
         return self._answered(asked, kept, state, goal)

@@ -299,6 +299,30 @@ def test_while_a_reference_is_being_made_the_one_before_stands() -> None:
     assert later.forecast.time_s == pytest.approx(again.time_s, abs=1e-9)
 
 
+def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> None:
+    """It was asked for before the instruction changed, and is ready just after."""
+    worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
+    keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT, worker)
+    start = TrainState(0, section_of(LINE).start_m, 0.0)
+    keeper.keep(start, goal)
+    worker.finish()
+    first = keeper.keep(start, goal)
+    assert first is not None
+    train = Keeping(first.reference.schedule, first.forecast, 0.0, start.s_m)
+    keeper.keep(train.at(5), goal)
+    worker.finish()
+    moving = keeper.keep(train.at(6), goal)
+    assert moving is not None
+    train = Keeping(moving.reference.schedule, moving.forecast, 6.0, train.at(6).s_m)
+    keeper.keep(train.at(100, behind_s=-25.0), goal)
+    assert len(worker.waiting) == 1
+    worker.finish()
+    for second, cause in ((101, ReplanCause.START), (109, ReplanCause.START), (110, ReplanCause.EARLY)):
+        kept = keeper.keep(train.at(second, behind_s=-25.0), goal, changed_ns=ns(100))
+        assert kept is not None
+        assert kept.reference.replan.cause is cause
+
+
 def test_a_reference_that_could_not_be_made_in_the_background_is_asked_for_again() -> None:
     worker, goal = PatientWorker(), goal_of(LINE, BUFFER)
     keeper = Keeper(section_of(LINE), coach_front(LINE), DEFAULT, worker)
