@@ -283,32 +283,35 @@ def _length_m(tables: Sequence[LineTable], stops: Sequence[Stop]) -> float:
     return max(sum(row) for table in tables for wanted in columns for row in table.rows(*wanted))
 
 
+def _the_one_with(tables: Sequence[LineTable], what: str, *quantities: str) -> LineTable | None:
+    """The table that has one of these columns; None if none has, DasError if several have."""
+    having = [table for table in tables if any(map(table.has, quantities))]
+    if len(having) > 1:
+        raise DasError(f"{having[0].path}, {having[1].path}: both have {what}, expected one table of them")
+    return having[0] if having else None
+
+
 def _steps(tables: Sequence[LineTable], quantity: str, length_m: float) -> Stretches | None:
     """A quantity that holds from a row to the next, of the one table that has it; None if none has."""
-    having = [table for table in tables if table.has(quantity)]
-    if not having:
+    table = _the_one_with(tables, f"{quantity}s", quantity)
+    if table is None:
         return None
-    if len(having) > 1:
-        raise DasError(f"{having[0].path}, {having[1].path}: both have {quantity}s, expected one table of them")
-    rows = having[0].rows("position", quantity)
+    rows = table.rows("position", quantity)
     if not rows or rows[0][0] > 0:
         first = f"{rows[0][0] / KM:g} km" if rows else "none"
-        raise InputError(having[0].path, f"first position of {quantity}", first, "0 km, so that the line is covered")
+        raise InputError(table.path, f"first position of {quantity}", first, "0 km, so that the line is covered")
     return stretches([row[0] for row in rows], [row[1] for row in rows], length_m)
 
 
 def _curves(tables: Sequence[LineTable], length_m: float) -> Stretches | None:
-    for table in tables:
-        if table.has("radius_start", "radius_end"):
-            rows = [list(row) for row in table.rows("position", "radius_start", "radius_end")]
-        elif table.has("radius"):
-            rows = [[at_m, radius, radius] for at_m, radius in table.rows("position", "radius")]
-        else:
-            continue
-        rows = rows if rows and rows[0][0] == 0 else [[0.0, np.inf, np.inf], *rows]
-        inside = [row for row in rows if row[0] < length_m]
-        return curvature_stretches(str(table.path), inside)
-    return None
+    table = _the_one_with(tables, "curves", "radius", "radius_start", "radius_end")
+    if table is None:
+        return None
+    ends = ("radius_start", "radius_end") if table.has("radius_start", "radius_end") else ("radius", "radius")
+    if not table.has(*ends):
+        raise DasError(f"{table.path}: a curve has radius_start_m and radius_end_m, or radius_m")
+    rows = [list(row) for row in table.rows("position", *ends) if row[0] < length_m]
+    return curvature_stretches(str(table.path), rows if rows and rows[0][0] == 0 else [[0.0, np.inf, np.inf], *rows])
 
 
 def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
@@ -316,15 +319,19 @@ def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
     found: dict[str, tuple[Zone, ...]] = {}
     for table in (one for one in tables if one.has("length")):
         stem = table.path.stem.casefold()
+        zones: tuple[Zone, ...]
         if table.has("cross_section"):
-            rows = table.rows("position", "length", "cross_section")
-            found["tunnels"] = tuple(Tunnel(start_m=a, length_m=b, area_m2=c) for a, b, c in rows)
+            key, rows = "tunnels", table.rows("position", "length", "cross_section")
+            zones = tuple(Tunnel(start_m=a, length_m=b, area_m2=c) for a, b, c in rows)
         elif "neutral" in stem or "regeneration" in stem:
             key = "neutral_sections" if "neutral" in stem else "no_regeneration"
-            found[key] = tuple(Zone(start_m=a, length_m=b) for a, b in table.rows("position", "length"))
+            zones = tuple(Zone(start_m=a, length_m=b) for a, b in table.rows("position", "length"))
         else:
             expected = "cross_section_m2 as well (tunnels), or a name of the file with neutral or no_regeneration in it"
             raise DasError(f"{table.path}: positions with lengths, expected {expected}")
+        if key in found:
+            raise DasError(f"{table.path}: the second table of {key}, expected one")
+        found[key] = zones
     return found
 
 

@@ -86,6 +86,12 @@ def test_curves_tunnels_and_neutral_sections(tmp_path: Path) -> None:
     ]  # fmt: skip
     with pytest.raises(DasError, match="positions with lengths, expected cross_section_m2 as well"):
         line(tmp_path, {"limits.csv": LIMITS, "zones.csv": "position_km,length_m\n3,80\n"}, flat=True)
+    for again, message in (("curves.csv", "both have curves"), ("tunnels.csv", "the second table of tunnels")):
+        with pytest.raises(DasError, match=message):
+            line(tmp_path, {**files, f"more-{again}": files[again]}, flat=True)
+    half = "position_km,radius_start_m\n1,500\n"
+    with pytest.raises(DasError, match="a curve has radius_start_m and radius_end_m, or radius_m"):
+        line(tmp_path, {"limits.csv": LIMITS, "curves.csv": half}, flat=True)
 
 
 def test_a_polyline_alone_gives_the_length_and_places(tmp_path: Path) -> None:
