@@ -13,6 +13,8 @@ EQUATOR_RADIUS_M: Final = 6_378_137.0
 """Semi-major axis of the ellipsoid WGS 84 (m)."""
 ECCENTRICITY_SQUARED: Final = 6.694_379_990_14e-3
 """Square of the first eccentricity of the ellipsoid WGS 84."""
+MEAN_RADIUS_M: Final = 6_371_008.8
+"""Mean radius of the Earth (m, IUGG)."""
 
 
 def distances_m(
@@ -24,10 +26,7 @@ def distances_m(
     mean latitude φ, which is exact to 10⁻⁵ at mid latitudes; beyond it the great circle on a sphere of radius N
     (haversine), exact to 0.6 %.
     """
-    south, north = (
-        np.radians(np.asarray(latitude_deg, dtype=float)),
-        np.radians(np.asarray(to_latitude_deg, dtype=float)),
-    )
+    south, north = (np.radians(np.asarray(x, dtype=float)) for x in (latitude_deg, to_latitude_deg))
     turn = np.asarray(to_longitude_deg, dtype=float) - np.asarray(longitude_deg, dtype=float)
     east = np.radians((turn + 180.0) % 360.0 - 180.0)
     middle = 0.5 * (south + north)
@@ -54,12 +53,28 @@ def nearest_on_line(
     the plane that touches the Earth at the place, so that distances of some kilometres and more are only rough.
     """
     at_m, latitude, longitude = line
-    north_m = float(distances_m(latitude_deg - 0.005, longitude_deg, latitude_deg + 0.005, longitude_deg)) / 0.01
-    east_m = float(distances_m(latitude_deg, longitude_deg - 0.005, latitude_deg, longitude_deg + 0.005)) / 0.01
-    x, y = (longitude - longitude_deg) * east_m, (latitude - latitude_deg) * north_m
-    dx, dy = np.diff(x), np.diff(y)
-    square = np.maximum(dx**2 + dy**2, 1e-12)  # a doubled vertex has length 0: any share of it is the same point
-    share = np.clip(-(x[:-1] * dx + y[:-1] * dy) / square, 0.0, 1.0)
-    away_m = np.hypot(x[:-1] + share * dx, y[:-1] + share * dy)
+    x, y = plane_m(latitude, longitude, (latitude_deg, longitude_deg))
+    share, away_m = nearest_on_segments(x[:-1], y[:-1], np.diff(x), np.diff(y))
     i = int(away_m.argmin())
     return float(at_m[i] + share[i] * (at_m[i + 1] - at_m[i])), float(away_m[i])
+
+
+def plane_m(latitude_deg: Floats, longitude_deg: Floats, place: tuple[float, float]) -> tuple[Floats, Floats]:
+    """East and north (m) of a place (latitude, longitude; deg) in the plane that touches the Earth there."""
+    latitude, longitude = place
+    north_m = float(distances_m(latitude - 0.005, longitude, latitude + 0.005, longitude)) / 0.01
+    east_m = float(distances_m(latitude, longitude - 0.005, latitude, longitude + 0.005)) / 0.01
+    return (longitude_deg - longitude) * east_m, (latitude_deg - latitude) * north_m
+
+
+def nearest_on_segments(
+    x: Floats, y: Floats, dx: Floats, dy: Floats, lowest: ArrayLike = 0.0, highest: ArrayLike = 1.0
+) -> tuple[Floats, Floats]:
+    """Where segments from (x, y) to (x + dx, y + dy) are nearest to the origin of a plane: share and distance.
+
+    The share of a segment's length is kept from `lowest` to `highest`. All arrays broadcast; the distance has the unit
+    of the coordinates.
+    """
+    square = np.maximum(dx**2 + dy**2, 1e-12)  # a doubled vertex has length 0: any share of it is the same point
+    share = np.clip(-(x * dx + y * dy) / square, lowest, highest)
+    return share, np.hypot(x + share * dx, y + share * dy)

@@ -24,16 +24,12 @@ INSIST = f'if it is meant, say {ACCEPTED} = ["{{check}}"] in [%s]'
 """The end of the error for an implausible value: what to do if the value is meant; `%s` is the table of the file."""
 SPEEDS = 200
 """Number of speeds, from standstill to the top speed, at which efforts are checked."""
-
-
 NOISE_OVER_M = 2000.0
 """Altitudes are called noisy by what vanishes when they are smoothed over this length (m)."""
 NOISE_CLIMB_RATIO = 0.003
 """Climb per length that vanishes on a noisy line. Noise of 1 m every 100 m gives 0.0055, real lines below 0.002."""
-FLAT = (
-    "no altitudes: energies are those of a flat line; on four real sections they were 1 to 29 % too low "
-    "(docs/explanation/own-lines.md)"
-)
+FLAT_ERROR = "energies are those of a flat line; on four real sections they were 1 to 29 % too low"
+FLAT = f"no altitudes: {FLAT_ERROR} (docs/explanation/own-lines.md)"
 FEW_POINTS = (
     "altitudes of a few points: with those of the stops alone, energies of four real sections were up to 11 % too low, "
     "most where a summit was missing"
@@ -201,14 +197,19 @@ def check_route(route: Route, accepted: Collection[str] = (), *, insist: str) ->
 
 
 def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
-    """A line for each unusual value of a train or line: file, key, value and the usual range.
+    """The unusual values of a train or line; of a line also how wrong energies may be.
 
-    Of a line also how wrong energies may be, unless its altitudes are as good as known.
+    The latter is left out if the altitudes are as good as known.
     """
-    found = [one.in_words() for one in (_of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing))]
-    if isinstance(thing, Route) and thing.altitudes is not Altitudes.SMOOTHED:
-        found += filter(None, [energy_range(thing)])
-    return tuple(f"{thing.source}: {text}" for text in found)
+    if isinstance(thing, Vehicle) or thing.altitudes is Altitudes.SMOOTHED or not (energy := energy_range(thing)):
+        return unusual_in(thing)
+    return (*unusual_in(thing), f"{thing.source}: {energy}")
+
+
+def unusual_in(thing: Vehicle | Route) -> tuple[str, ...]:
+    """A line for each unusual value of a train or line: file, key, value and the usual range."""
+    found = _of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing)
+    return tuple(f"{thing.source}: {one.in_words()}" for one in found)
 
 
 def energy_range(route: Route) -> str:

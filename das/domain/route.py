@@ -64,6 +64,11 @@ class Stretches:
         self.start_m.setflags(write=False)
         self.value.setflags(write=False)
 
+    @classmethod
+    def constant(cls, value: float) -> Stretches:
+        """The same value on the whole line."""
+        return cls(start_m=np.zeros(1), value=np.array([value]))
+
     def at(self, position_m: ArrayLike) -> Floats:
         """Value at each position; the first and the last value go on beyond the ends."""
         i = np.searchsorted(self.start_m, np.asarray(position_m, dtype=float), side="right") - 1
@@ -115,11 +120,6 @@ class Tunnel(Zone):
 _Zone = TypeVar("_Zone", bound=Zone)
 
 
-def full_receptivity() -> Stretches:
-    """The receptivity of a line that takes all power fed back."""
-    return Stretches(start_m=np.zeros(1), value=np.ones(1))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Route(Summary):
     """A line from position 0 to `length_m`.
@@ -141,9 +141,9 @@ class Route(Summary):
     stops: tuple[Stop, ...]
     limits_mps: Stretches
     gradients_ratio: Stretches
-    curvature_per_m: Stretches
+    curvature_per_m: Stretches = field(default_factory=lambda: Stretches.constant(0.0))
     tunnels: tuple[Tunnel, ...] = ()
-    receptivity_ratio: Stretches = field(default_factory=full_receptivity)
+    receptivity_ratio: Stretches = field(default_factory=lambda: Stretches.constant(1.0))
     neutral_sections: tuple[Zone, ...] = ()
     no_regeneration: tuple[Zone, ...] = ()
     altitude_at_start_m: float = 0.0
@@ -153,9 +153,9 @@ class Route(Summary):
     licence: str = ""
     one_way: bool = False
     altitudes: Altitudes | None = None
-    geometry_position_m: Floats
-    geometry_latitude_deg: Floats
-    geometry_longitude_deg: Floats
+    geometry_position_m: Floats = field(default_factory=lambda: np.empty(0))
+    geometry_latitude_deg: Floats = field(default_factory=lambda: np.empty(0))
+    geometry_longitude_deg: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.length_m) or self.length_m <= 0:

@@ -47,10 +47,6 @@ def tiny_vehicle() -> Vehicle:
 
 def tiny_route() -> Route:
     """400 m of level line, for warming up."""
-
-    def level(value: float) -> Stretches:
-        return Stretches(start_m=np.zeros(1), value=np.array([value]))
-
     return Route(
         id="warm-up",
         name="warm-up",
@@ -58,10 +54,6 @@ def tiny_route() -> Route:
         illustrative=True,
         length_m=400.0,
         stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=400.0)),
-        limits_mps=level(20.0),
-        gradients_ratio=level(0.0),
-        curvature_per_m=level(0.0),
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
+        limits_mps=Stretches.constant(20.0),
+        gradients_ratio=Stretches.constant(0.0),
     )

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.route import Altitudes, Floats, Route, Stretches, Zone
+from das.domain.route import Altitudes, Floats, Route, Stretches
 from das.domain.units import KM, PERCENT, PERMILLE, kmh, kwh
 from das.drawing.line import draw_line
 from das.solver.section import build_section
@@ -123,8 +123,7 @@ class KnownSection(NamedTuple):
         """The line with gradients made from altitudes as an import makes them."""
         numbers = {"position": tuple(at_m.tolist()), "altitude": tuple(altitude_m.tolist())}
         table = LineTable(path=Path("altitudes.csv"), lines=tuple(range(len(at_m))), numbers=numbers)
-        structures = tuple(Zone(start_m=x.start_m, length_m=x.length_m) for x in self.route.tunnels)
-        return with_altitudes(ImportedLine(route=self.route, structures=structures), table, smoothing).route
+        return with_altitudes(ImportedLine(route=self.route, structures=self.route.tunnels), table, smoothing).route
 
 
 def altitude_table(sections: Sequence[KnownSection]) -> Iterator[str]:
@@ -137,7 +136,7 @@ def altitude_table(sections: Sequence[KnownSection]) -> Iterator[str]:
         def wrong(line: Route, one: KnownSection = section, right_j: float = true_j, in_s: float = time_s) -> float:
             return (one.energy_j(line, in_s)[0] / right_j - 1.0) / PERCENT
 
-        flat = replace(section.route, gradients_ratio=Stretches(start_m=np.zeros(1), value=np.zeros(1)))
+        flat = replace(section.route, gradients_ratio=Stretches.constant(0.0))
         stops_m = np.array([stop.position_m for stop in section.route.stops])
         few = section.with_altitudes(stops_m, section.route.altitude_m(stops_m), Smoothing())
         noisy = [list(map(wrong, both)) for both in noisy_lines(section)]

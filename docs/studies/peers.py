@@ -150,9 +150,7 @@ def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
     yield Hard("25 km, buffer of 0.5 %", drawn(2.5e4, 2.5e3, 0.01), train, 0.005)
     yield Hard("25 km, buffer of 20 %", drawn(2.5e4, 2.5e3, 0.01), train, 0.2)
     for receptivity in (0.0, 0.5):
-        line = replace(
-            drawn(8e3, 1e3, 0.01), receptivity_ratio=Stretches(start_m=np.zeros(1), value=np.array([receptivity]))
-        )
+        line = replace(drawn(8e3, 1e3, 0.01), receptivity_ratio=Stretches.constant(receptivity))
         yield Hard(f"receptivity of {receptivity:.0%}", line, train, 0.05)
     gaps = tuple(Zone(start_m=at, length_m=300.0) for at in (2e3, 5e3))
     yield Hard("neutral sections", replace(drawn(8e3, 1e3, 0.01), neutral_sections=gaps), train, 0.1)

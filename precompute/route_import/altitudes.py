@@ -1,7 +1,7 @@
-"""Gradients from altitudes: smoothed, straight through tunnels and over bridges, and capped; each is said.
+"""Gradients from altitudes: smoothed, straight through tunnels and over bridges, and capped; remarks say so.
 
-Noise of altitudes becomes gradients, and gradients become energy: 4 m of noise gave 20 % too much. Smoothing over 2 km
-takes that away. A few points far apart (stations, summits) are joined by straight lines.
+Noise of altitudes becomes gradients, and gradients become energy: docs/explanation/own-lines.md has figures. A few
+points far apart (stations, summits) are joined by straight lines.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from das.domain.earth import nearest_on_line
 from das.domain.errors import DasError
-from das.domain.route import Altitudes, Route, Stretches, Zone
+from das.domain.route import Altitudes, Route, Zone
 from das.domain.units import PERMILLE
-from precompute.route_import.line import ImportedLine
+from precompute.route_import.line import DECIMALS, ImportedLine, stretches
 from precompute.route_import.station_names import same_station
-from precompute.route_import.tables import LineTable, altitude_rows, check_coordinates
+from precompute.route_import.tables import LineTable, check_coordinates
 
 Floats = NDArray[np.float64]
 
@@ -59,12 +59,15 @@ def with_altitudes(line: ImportedLine, table: LineTable, smoothing: Smoothing) -
     spacing_m = float(np.median(np.diff(kept_m)))
     few = spacing_m > 0.5 * (smoothing.length_m or SMOOTH_M)
     length_m = 0.0 if few else smoothing.length_m
-    edges_m = kept_m if not length_m else _edges(line.route.length_m, length_m)
-    heights_m = _averaged(kept_m, kept_altitude_m, edges_m, line.route.length_m, length_m)
-    gradients, capped_m = _gradients(edges_m, heights_m, line.route.length_m, smoothing.cap_ratio)
+    whole_m = line.route.length_m
+    edges_m = _edges(whole_m, length_m) if length_m else np.union1d(kept_m, (0.0, whole_m))
+    heights_m = _averaged(kept_m, kept_altitude_m, edges_m, whole_m, length_m)
+    slopes = np.diff(heights_m) / np.diff(edges_m)
+    capped_m = float(np.diff(edges_m)[np.abs(slopes) > smoothing.cap_ratio].sum())
+    capped = np.round(np.clip(slopes, -smoothing.cap_ratio, smoothing.cap_ratio), 7)
+    gradients = stretches(edges_m[:-1], capped, whole_m)
     kind = Altitudes.POINTS if few else (Altitudes.SMOOTHED if length_m else Altitudes.RAW)
-    start_m = float(np.interp(0.0, edges_m, heights_m))
-    route = replace(line.route, gradients_ratio=gradients, altitude_at_start_m=start_m, altitudes=kind)
+    route = replace(line.route, gradients_ratio=gradients, altitude_at_start_m=float(heights_m[0]), altitudes=kind)
     how = {
         Altitudes.POINTS: "joined by straight lines, for they lie far apart (do not forget summits)",
         Altitudes.SMOOTHED: f"averaged over {length_m:g} m",
@@ -77,17 +80,17 @@ def with_altitudes(line: ImportedLine, table: LineTable, smoothing: Smoothing) -
         if capped_m
         else ""
     )
-    return replace(line, route=route, has_gradients=True).with_remarks(remark, cap)
+    return replace(line, route=route).with_remarks(remark, cap)
 
 
 def _points(route: Route, table: LineTable) -> tuple[Floats, Floats]:
     """Positions (m, rising) and altitudes (m) of a table on a line."""
     check_coordinates(table)
-    rows = altitude_rows(table)
+    rows = table.numbered("altitude")
     if not rows:
         raise DasError(f"{table.path}: no altitudes, expected a column altitude_m")
     found: list[tuple[float, float]] = []
-    for i, altitude_m in rows:
+    for i, (altitude_m,) in rows:
         if not LOWEST_M <= altitude_m <= HIGHEST_M:
             raise table.error(i, "altitude", f"{altitude_m:g} m", f"{LOWEST_M:g} to {HIGHEST_M:g} m")
         at_m = _position_m(route, table, i)
@@ -136,7 +139,7 @@ def _bridged(at_m: Floats, structures: Sequence[Zone]) -> NDArray[np.bool_]:
 def _edges(length_m: float, smooth_m: float) -> Floats:
     """Ends of the stretches of one gradient."""
     count = max(1, round(length_m / max(smooth_m / STRETCHES_PER_LENGTH, SHORTEST_STRETCH_M)))
-    return np.round(np.linspace(0.0, length_m, count + 1), 3)
+    return np.round(np.linspace(0.0, length_m, count + 1), DECIMALS)
 
 
 def _averaged(at_m: Floats, altitude_m: Floats, edges_m: Floats, length_m: float, smooth_m: float) -> Floats:
@@ -157,21 +160,6 @@ def _averaged(at_m: Floats, altitude_m: Floats, edges_m: Floats, length_m: float
     spread = mean_xx - mean_x**2
     slope = np.where(spread > 1.0, (mean_xz - mean_x * mean_z) / np.maximum(spread, 1.0), 0.0)
     return np.asarray(mean_z + slope * (edges_m - mean_x), dtype=float)
-
-
-def _gradients(edges_m: Floats, heights_m: Floats, length_m: float, cap_ratio: float) -> tuple[Stretches, float]:
-    """Gradients between altitudes, cut to a cap, and the length on which they were cut (m); level beyond the ends."""
-    slope = np.diff(heights_m) / np.diff(edges_m)
-    cut = np.abs(slope) > cap_ratio
-    starts = edges_m[:-1]
-    values = np.round(np.clip(slope, -cap_ratio, cap_ratio), 7)
-    if edges_m[0] > 0:
-        starts, values = np.concatenate(([0.0], starts)), np.concatenate(([0.0], values))
-    if edges_m[-1] < length_m - SAME_POINT_M:
-        starts, values = np.concatenate((starts, edges_m[-1:])), np.concatenate((values, [0.0]))
-    new = np.concatenate(([True], values[1:] != values[:-1]))
-    capped_m = float(np.diff(edges_m)[cut].sum())
-    return Stretches(start_m=np.round(starts[new], 3), value=np.asarray(values[new], dtype=float)), capped_m
 
 
 def climb_and_fall_m(route: Route) -> tuple[float, float]:

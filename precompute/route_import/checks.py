@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from das.domain.earth import nearest_on_line
-from das.domain.plausibility import energy_range, warnings_of
+from das.domain.plausibility import energy_range, unusual_in
 from das.domain.route import Route
 from das.domain.units import KM, KMH, PERMILLE, kmh
 
@@ -34,11 +34,9 @@ class RouteFindings:
 
 def findings_of(route: Route) -> RouteFindings:
     """All findings of a route that could be read."""
-    energy = energy_range(route)
-    unusual = [text for text in warnings_of(route) if not energy or not text.endswith(energy)]
     return RouteFindings(
-        warnings=(*unusual, *_stops(route), *_limits(route), *_gradients(route)),
-        notes=(*([energy] if energy else []), *_lacks(route)),
+        warnings=(*unusual_in(route), *_stops(route), *_limits(route), *_gradients(route)),
+        notes=(*filter(None, [energy_range(route)]), *_lacks(route)),
     )
 
 

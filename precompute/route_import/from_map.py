@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from das.domain.earth import nearest_on_line, steps_m
 from das.domain.errors import DasError
-from das.domain.route import Altitudes, Stop, Tunnel, Zone
+from das.domain.route import Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches, zones_where
 from precompute.route_import.station_names import RANK_OF_A_TRACK, same_station, stations_named
@@ -76,7 +76,6 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions,
         tunnels=tuple(
             Tunnel(start_m=zone.start_m, length_m=zone.length_m, area_m2=options.tunnel_area_m2) for zone in tunnels
         ),
-        altitudes=Altitudes.NONE,
         geometry_position_m=np.asarray(np.round(at_m, 3), dtype=float),
         geometry_latitude_deg=way.latitude_deg.copy(),
         geometry_longitude_deg=way.longitude_deg.copy(),

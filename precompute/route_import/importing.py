@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Final
 
 from das.domain.errors import DasError
-from das.domain.plausibility import INSIST, check_route
-from das.domain.route import Stop
+from das.domain.plausibility import FLAT_ERROR, INSIST, check_route
+from das.domain.route import Altitudes, Route, Stop
 from precompute.route_import.altitudes import Smoothing, with_altitudes
 from precompute.route_import.from_map import MapOptions, line_from_map
 from precompute.route_import.line import ImportedLine, Words, cut
 from precompute.route_import.station_names import same_station
-from precompute.route_import.tables import LineTable, altitude_rows, line_from_tables, points_of, read_table
+from precompute.route_import.tables import LineTable, line_from_tables, read_table
 from precompute.route_import.track_map import MapPlace, TrackMap, read_map
 
 MAPS: Final = (".json", ".geojson")
@@ -27,8 +27,7 @@ OF_OTHER_SUFFIX: Final = {
     ".shp": "export it as GeoJSON (ogr2ogr -f GeoJSON)",
 }
 NEEDS_ALTITUDES: Final = (
-    "no altitudes: give --altitudes FILE (stations and summits are enough), or say --flat; on four real sections the "
-    "energies of a flat line were 1 to 29 % too low"
+    f"no altitudes: give --altitudes FILE (stations and summits are enough), or say --flat: then {FLAT_ERROR}"
 )
 
 
@@ -54,16 +53,24 @@ def imported(order: ImportOrder, words: Words) -> ImportedLine:
     if order.flat and order.altitudes is not None:
         raise DasError("--flat and --altitudes: give one of them")
     maps, tables = _sorted_files(order.files)
-    line = _from_map(order, words, maps, tables) if maps else _from_tables(order, words, tables)
-    if order.altitudes is not None:
-        line = with_altitudes(line, read_table(order.altitudes), order.smoothing)
-    elif not line.has_gradients and not order.flat:
-        heights = [table for table in tables if altitude_rows(table)]
-        if not heights:
-            raise DasError(f"{line.route.source}: {NEEDS_ALTITUDES}")
-        line = with_altitudes(line, heights[0], order.smoothing)
+    if maps:
+        line = _with_gradients(order, _from_map(order, words, maps, tables), tables)
+    else:
+        line = _part(order, words, _with_gradients(order, _from_tables(order, words, tables), tables))
     check_route(line.route, insist=INSIST % "route")
     return line
+
+
+def _with_gradients(order: ImportOrder, line: ImportedLine, tables: Sequence[LineTable]) -> ImportedLine:
+    """The line with gradients from altitudes, where they are wanted; DasError if it has neither."""
+    if order.altitudes is not None:
+        return with_altitudes(line, read_table(order.altitudes), order.smoothing)
+    if order.flat or line.route.altitudes is not Altitudes.NONE:
+        return line
+    heights = next((table for table in tables if table.numbered("altitude")), None)
+    if heights is None:
+        raise DasError(f"{line.route.source}: {NEEDS_ALTITUDES}")
+    return with_altitudes(line, heights, order.smoothing)
 
 
 def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[LineTable]]:
@@ -99,9 +106,9 @@ def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
             raise DasError(
                 f"{table.path}: beside a map a table has {wanted}; das-precompute route merge adds other tables"
             )
-        for row, (latitude, longitude) in points_of(table):
-            names = (table.names[row],)
-            found.append(MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=0))
+        for row, (latitude, longitude) in table.numbered("latitude", "longitude"):
+            if name := table.names[row]:
+                found.append(MapPlace(names=(name,), latitude_deg=latitude, longitude_deg=longitude, rank=0))
     return replace(the_map, places=(*found, *the_map.places))
 
 
@@ -109,24 +116,18 @@ def _from_tables(order: ImportOrder, words: Words, tables: Sequence[LineTable]) 
     if order.of_map != MapOptions():
         raise DasError("--via, --only-named-stops, --limit, --tunnel-area and --join-m belong to maps, not to tables")
     ends = order.start or "start", order.end or "end"
-    named = any(table.names and table.has("position") for table in tables)
-    line = line_from_tables(tables, words, ends=ends, length_m=order.length_m)
-    if not named or (order.start is None and order.end is None):
-        return line
-    stops = line.route.stops
-    start, end = (_stop(line, name) or default for name, default in ((order.start, stops[0]), (order.end, stops[-1])))
-    shorter = cut(line, start, end)
-    if words.id is None and words.name is None and (start, end) != (stops[0], stops[-1]):
-        name = f"{start.name} – {end.name}"
-        shorter = replace(shorter, route=replace(shorter.route, name=name))
-    return shorter
+    return line_from_tables(tables, words, ends=ends, length_m=order.length_m)
 
 
-def _stop(line: ImportedLine, name: str | None) -> Stop | None:
-    """The stop of a line with a name, None without a name; DasError if no stop has it."""
-    if name is None:
-        return None
-    for stop in line.route.stops:
-        if same_station(stop.name, name):
-            return stop
-    return line.route.stop(name)
+def _part(order: ImportOrder, words: Words, line: ImportedLine) -> ImportedLine:
+    """The part of a line from tables between the two of its stops that the order names."""
+    route = line.route
+    start = route.stops[0] if order.start is None else _stop(route, order.start)
+    end = route.stops[-1] if order.end is None else _stop(route, order.end, after_m=start.position_m)
+    return cut(line, start, end, words)
+
+
+def _stop(route: Route, name: str, after_m: float = -1.0) -> Stop:
+    """The stop with a name, the first one beyond a position (m) if several have it; DasError if none has it."""
+    same = [stop for stop in route.stops if same_station(stop.name, name)] or [route.stop(name)]
+    return next((stop for stop in same if stop.position_m > after_m), same[0])

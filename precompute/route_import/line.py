@@ -18,8 +18,10 @@ from das.domain.units import KM
 
 Floats = NDArray[np.float64]
 
-RESOLUTION_M: Final = 1e-3
-"""Positions are written to this (m)."""
+DECIMALS: Final = 3
+"""Positions (m) are rounded to so many digits behind the point."""
+RESOLUTION_M: Final = 10.0**-DECIMALS
+"""Lengths below this (m) are none."""
 _Zone = TypeVar("_Zone", bound=Zone)
 
 
@@ -36,7 +38,7 @@ class Words:
 
 @dataclass(frozen=True, kw_only=True)
 class ImportedLine:
-    """A route made from a map or from tables; flat until it has gradients.
+    """A route made from a map or from tables; it is flat while its `altitudes` are `Altitudes.NONE`.
 
     `structures` are its tunnels and bridges, where altitudes of the ground are not those of the track. `remarks` say
     what was assumed, each in a sentence; they stand in the file as well.
@@ -45,7 +47,6 @@ class ImportedLine:
     route: Route
     structures: tuple[Zone, ...] = ()
     remarks: tuple[str, ...] = ()
-    has_gradients: bool = False
 
     def with_remarks(self, *remarks: str) -> ImportedLine:
         """The same line with more remarks; an empty one is left out."""
@@ -57,10 +58,7 @@ def stretches(start_m: ArrayLike, value: ArrayLike, length_m: float) -> Stretche
 
     A stretch that begins at the end of the line has no length and is left out.
     """
-    start, values = (
-        np.round(np.asarray(start_m, dtype=float) / RESOLUTION_M) * RESOLUTION_M,
-        np.asarray(value, dtype=float),
-    )
+    start, values = np.round(np.asarray(start_m, dtype=float), DECIMALS), np.asarray(value, dtype=float)
     inside = start < length_m - RESOLUTION_M / 2
     start, values = start[inside], values[inside]
     first = np.concatenate(([True], np.diff(start) > RESOLUTION_M / 2))
@@ -74,7 +72,9 @@ def zones_where(flags: Sequence[bool], edge_m: Floats) -> tuple[Zone, ...]:
     flagged = np.concatenate(([0], np.asarray(flags, dtype=int), [0]))
     begins, ends = np.flatnonzero(np.diff(flagged) == 1), np.flatnonzero(np.diff(flagged) == -1)
     found = zip(edge_m[begins].tolist(), edge_m[ends].tolist(), strict=True)
-    return tuple(Zone(start_m=round(a, 3), length_m=round(b - a, 3)) for a, b in found if b - a >= RESOLUTION_M)
+    return tuple(
+        Zone(start_m=round(a, DECIMALS), length_m=round(b - a, DECIMALS)) for a, b in found if b - a >= RESOLUTION_M
+    )
 
 
 def identity(name: str) -> str:
@@ -84,64 +84,64 @@ def identity(name: str) -> str:
 
 
 def made_route(words: Words, stops: Sequence[Stop], length_m: float, source: str, *, one_way: bool) -> Route:
-    """A flat route without limits and geometry, for an import to fill in."""
-    name = words.name or f"{stops[0].name} – {stops[-1].name}"[:MOST_OF_A_NAME]
-    zero = Stretches(start_m=np.zeros(1), value=np.zeros(1))
+    """A flat route without altitudes, limits and geometry, for an import to fill in."""
+    route_id, name = _titles(words, stops)
     return Route(
-        id=words.id or identity(name),
+        id=route_id,
         name=name,
         source=source,
         illustrative=False,
         length_m=length_m,
         stops=tuple(stops),
-        limits_mps=Stretches(start_m=np.zeros(1), value=np.ones(1)),
-        gradients_ratio=zero,
-        curvature_per_m=Stretches(start_m=np.zeros(1), value=np.zeros(1)),
+        limits_mps=Stretches.constant(1.0),
+        gradients_ratio=Stretches.constant(0.0),
         time_zone=words.time_zone,
         data_source=words.data_source or "",
         licence=words.licence or "",
         one_way=one_way,
         altitudes=Altitudes.NONE,
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
     )
 
 
-def cut(line: ImportedLine, start: Stop, end: Stop) -> ImportedLine:
+def _titles(words: Words, stops: Sequence[Stop]) -> tuple[str, str]:
+    """Id and name of a line: those that the user states, or else made from its first and last stop."""
+    name = words.name or f"{stops[0].name} – {stops[-1].name}"[:MOST_OF_A_NAME]
+    return words.id or identity(name), name
+
+
+def cut(line: ImportedLine, start: Stop, end: Stop, words: Words) -> ImportedLine:
     """The part of a line between two of its stops; DasError if they are not in the order of the line."""
     route, a, b = line.route, start.position_m, end.position_m
     if b <= a:
         raise DasError(f"{route.source}: {end.name} does not come after {start.name}: import the other direction")
     if a <= 0 and b >= route.length_m:
         return line
+    stops = tuple(replace(stop, position_m=stop.position_m - a) for stop in route.stops if a <= stop.position_m <= b)
     quantities: dict[str, Any] = {
         name: _cut_stretches(getattr(route, name), a, b)
         for name in ("limits_mps", "gradients_ratio", "curvature_per_m", "receptivity_ratio")
     }
     at_m = route.geometry_position_m
-    geometry: dict[str, Any] = {}
-    if len(at_m):
-        inside = at_m[(at_m > a) & (at_m < b)]
-        kept_m = np.concatenate(([max(a, at_m[0])], inside, [min(b, at_m[-1])])) if len(inside) else np.empty(0)
-        located = route.location_deg(kept_m) if len(kept_m) else (np.empty(0), np.empty(0))
-        assert located is not None
-        latitude, longitude = located
-        geometry = {
-            "geometry_position_m": kept_m - a, "geometry_latitude_deg": latitude, "geometry_longitude_deg": longitude
-        }  # fmt: skip
+    inside = at_m[(at_m > a) & (at_m < b)]
+    kept_m = np.union1d(inside, (max(a, at_m[0]), min(b, at_m[-1]))) if len(inside) else inside
+    latitude_deg, longitude_deg = route.location_deg(kept_m) or (np.empty(0), np.empty(0))
     zones: dict[str, Any] = {
         name: _cut_zones(getattr(route, name), a, b) for name in ("tunnels", "neutral_sections", "no_regeneration")
     }
+    route_id, name = _titles(words, stops)
     shorter = replace(
         route,
-        length_m=round(b - a, 3),
-        stops=tuple(replace(stop, position_m=stop.position_m - a) for stop in route.stops if a <= stop.position_m <= b),
+        id=route_id,
+        name=name,
+        length_m=round(b - a, DECIMALS),
+        stops=stops,
         altitude_at_start_m=float(route.altitude_m(a)),
         restrictions=(),
+        geometry_position_m=kept_m - a,
+        geometry_latitude_deg=latitude_deg,
+        geometry_longitude_deg=longitude_deg,
         **quantities,
         **zones,
-        **geometry,
     )
     return replace(line, route=shorter, structures=_cut_zones(line.structures, a, b)).with_remarks(
         f"Cut from km {a / KM:.3f} to km {b / KM:.3f} of the tables."

@@ -10,7 +10,7 @@ import numpy as np
 
 from das.domain.errors import DasError
 from das.domain.plausibility import INSIST, check_route
-from das.domain.route import Altitudes, Route, Stop, Stretches, Zone
+from das.domain.route import Route, Stop, Stretches, Zone
 from das.domain.units import KM, PERCENT
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches
 
@@ -41,7 +41,7 @@ def merged(base: Route, others: Mapping[str, Route], words: Words) -> ImportedLi
                 f"{other.source}: {other.length_m / KM:.3f} km long, {base.source} {base.length_m / KM:.3f} km: "
                 f"expected the same line, within {MOST_SCALE_RATIO / PERCENT:g} %"
             )
-        taken |= {name: _scaled(getattr(other, name), scale, base.length_m) for name in PARTS[what]}
+        taken |= {name: _scaled(name, getattr(other, name), scale, base.length_m) for name in PARTS[what]}
         by = "" if other.length_m == base.length_m else f", positions times {scale:.6f}"
         remarks.append(f"The {what} are those of {other.id}{by}.")
     routes = (base, *others.values())
@@ -64,13 +64,13 @@ def merged(base: Route, others: Mapping[str, Route], words: Words) -> ImportedLi
         one_way=any(route.one_way for route in kept),
     )
     check_route(route, insist=INSIST % "route")
-    return ImportedLine(route=route, has_gradients=True).with_remarks(
-        f"Put together from {base.id} and others.", *remarks
-    )
+    return ImportedLine(route=route).with_remarks(f"Put together from {base.id} and others.", *remarks)
 
 
-def _scaled(value: Any, scale: float, length_m: float) -> Any:
+def _scaled(name: str, value: Any, scale: float, length_m: float) -> Any:
     """A field of a route with its positions scaled, no position beyond the end."""
+    if name == "geometry_position_m":
+        return value * scale
     if isinstance(value, Stretches):
         return stretches(value.start_m * scale, value.value, length_m)
     if isinstance(value, tuple) and value and isinstance(value[0], Zone):
@@ -102,8 +102,7 @@ def new_line(stops: Sequence[str], limit_mps: float, words: Words) -> ImportedLi
     length_m = found[-1].position_m
     route = replace(
         made_route(words, found, length_m, "route new", one_way=False),
-        limits_mps=Stretches(start_m=np.zeros(1), value=np.array([limit_mps])),
-        altitudes=Altitudes.NONE,
+        limits_mps=Stretches.constant(limit_mps),
     )
     check_route(route, insist=INSIST % "route")
     return ImportedLine(route=route).with_remarks(

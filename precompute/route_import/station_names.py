@@ -9,46 +9,18 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from das.domain.errors import DasError
-from precompute.route_import.track_map import MapPlace, TrackMap, names_of
+from precompute.route_import.track_map import UNITS_PER_DEGREE, MapPlace, TrackMap, names_of
 
 MOST_SHOWN: Final = 25
 """At most this many names stand in a message."""
 GENERIC: Final = frozenset(
-    [
-        "station",
-        "stazione",
-        "gare",
-        "bahnhof",
-        "bf",
-        "hauptbahnhof",
-        "hbf",
-        "centrale",
-        "central",
-        "centraal",
-        "railway",
-        "ferroviaria",
-        "fs",
-        "sncf",
-        "cff",
-        "sbb",
-        "ffs",
-        "halt",
-        "haltepunkt",
-        "fermata",
-        "estacion",
-        "estacao",
-        "stacja",
-        "nadrazi",
-        "stanice",
-        "di",
-        "de",
-        "der",
-        "des",
-        "du",
-        "of",
-        "la",
-        "le",
-    ]
+    {
+        *("station", "railway", "central", "halt", "of"),
+        *("bahnhof", "hauptbahnhof", "haltepunkt", "der", "sbb"),
+        *("gare", "centrale", "sncf", "cff", "de", "des", "du", "la", "le"),
+        *("stazione", "ferroviaria", "fermata", "fs", "ffs", "di"),
+        *("centraal", "estacion", "estacao", "stacja", "stanice", "nadrazi"),
+    }
 )
 """Words of a station's name that a user may leave out."""
 RANK_OF_A_TRACK: Final = 8
@@ -93,7 +65,7 @@ def _named_tracks(the_map: TrackMap) -> Iterator[MapPlace]:
     """The middle of each track with a name, as a place."""
     for track in the_map.tracks:
         if names := names_of(track.tags):
-            latitude, longitude = (degrees / 1e7 for degrees in track.vertices[len(track.vertices) // 2])
+            latitude, longitude = (degrees / UNITS_PER_DEGREE for degrees in track.vertices[len(track.vertices) // 2])
             yield MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=RANK_OF_A_TRACK)
 
 

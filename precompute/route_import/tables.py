@@ -17,7 +17,7 @@ from das.domain.earth import steps_m
 from das.domain.errors import DasError, InputError
 from das.domain.files.reading import MOST_BYTES, MOST_OF_A_NAME, in_si, number, read_text
 from das.domain.files.ttobench import curvature_stretches
-from das.domain.route import Route, Stop, Stretches, Tunnel, Zone
+from das.domain.route import POSITION_TOLERANCE_M, Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches
 from precompute.yaml_file import read_yaml
@@ -38,9 +38,8 @@ QUANTITIES: Final = {
 ALIASES: Final = {
     **dict.fromkeys(("latitude", "lat"), "latitude_deg"),
     **dict.fromkeys(("longitude", "lon", "lng"), "longitude_deg"),
-    **dict.fromkeys(("km", "kilometre", "kilometer", "chainage_km"), "position_km"),
+    **dict.fromkeys(("km", "kilometre", "kilometer", "chainage_km", "distance_km"), "position_km"),
     **dict.fromkeys(("chainage_m", "distance_m", "s_m"), "position_m"),
-    **dict.fromkeys(("distance_km",), "position_km"),
     **dict.fromkeys(("maxspeed_kmh", "speed_kmh", "v_kmh", "speed_limit_kmh"), "limit_kmh"),
     **dict.fromkeys(("elevation_m", "ele_m", "ele", "height_m"), "altitude_m"),
     **dict.fromkeys(("slope_permille", "incline_permille"), "gradient_permille"),
@@ -68,10 +67,15 @@ class LineTable:
         """Whether the table has all of these columns."""
         return all(quantity in self.numbers for quantity in quantities)
 
+    def numbered(self, *quantities: str) -> list[tuple[int, tuple[float, ...]]]:
+        """Index and values of each row that has a value for all of these quantities; none without such columns."""
+        columns = zip(*(self.numbers.get(quantity, ()) for quantity in quantities), strict=self.has(*quantities))
+        whole = ((i, tuple(value for value in row if value is not None)) for i, row in enumerate(columns))
+        return [(i, row) for i, row in whole if len(row) == len(quantities)]
+
     def rows(self, *quantities: str) -> list[tuple[float, ...]]:
-        """The rows that have a value for all of these quantities."""
-        columns = zip(*(self.numbers[quantity] for quantity in quantities), strict=True)
-        return [row for row in columns if None not in row]
+        """The values of each row that has a value for all of these quantities."""
+        return [row for _, row in self.numbered(*quantities)]
 
     def error(self, row: int, quantity: str, value: object, expected: str) -> InputError:
         """An error that names the file, the line and the column."""
@@ -219,23 +223,17 @@ def line_from_tables(
     if gradients is not None:
         route = replace(route, gradients_ratio=gradients, altitudes=None)
     count = 0 if gradients is None else len(gradients.value)
-    about = f"Limits: {len(route.limits_mps.value)} stretches; gradients: {count}."
-    line = ImportedLine(route=route, has_gradients=gradients is not None)
-    line = replace(line, structures=tuple(Zone(start_m=x.start_m, length_m=x.length_m) for x in route.tunnels))
-    return line.with_remarks(about, "The tables are those of one direction: the line is one_way.")
-
-
-def points_of(table: LineTable) -> list[tuple[int, tuple[float, ...]]]:
-    """Row and values (latitude, longitude) of a table with coordinates."""
-    pairs = zip(table.numbers["latitude"], table.numbers["longitude"], strict=True)
-    return [(i, row) for i, row in enumerate(pairs) if None not in row]  # type: ignore[misc]
+    return ImportedLine(route=route, structures=route.tunnels).with_remarks(
+        f"Limits: {len(route.limits_mps.value)} stretches; gradients: {count}.",
+        "The tables are those of one direction: the line is one_way.",
+    )
 
 
 def check_coordinates(table: LineTable) -> None:
     """Raise InputError for the first latitude beyond ±90° or longitude beyond ±180°."""
     for name, most in (("latitude", 90.0), ("longitude", 180.0)):
-        for i, value in enumerate(table.numbers.get(name, ())):
-            if value is not None and abs(value) > most:
+        for i, (value,) in table.numbered(name):
+            if abs(value) > most:
                 raise table.error(i, name, value, f"{-most:g} to {most:g} degrees")
 
 
@@ -243,23 +241,26 @@ def _with_positions(table: LineTable, length_m: float | None) -> LineTable:
     """The table with positions: those of a polyline alone are the lengths along it, up to the length of the line."""
     check_coordinates(table)
     if table.has("position"):
-        values = [(i, value) for i, value in enumerate(table.numbers["position"]) if value is not None]
-        for (_, before), (i, value) in pairwise(values):
-            if value <= before:
-                raise table.error(i, "position", f"{value:g} m", f"more than {before:g} m: rows rise along the line")
-        if values and values[0][1] < 0:
-            raise table.error(values[0][0], "position", f"{values[0][1]:g} m", "a position >= 0 m")
+        positions = table.numbered("position")
+        if not positions:
+            raise DasError(f"{table.path}: no row has a position")
+        for (_, (before_m,)), (i, (at_m,)) in pairwise(positions):
+            if at_m <= before_m:
+                raise table.error(i, "position", f"{at_m:g} m", f"more than {before_m:g} m: rows rise along the line")
+        first, (start_m,) = positions[0]
+        if start_m < 0:
+            raise table.error(first, "position", f"{start_m:g} m", "a position >= 0 m")
         return table
     if not table.has("latitude", "longitude"):
         raise DasError(f"{table.path}: no column of positions, expected position_km or position_m")
-    points = np.array([row for _, row in points_of(table)])
-    if len(points) != len(table.lines) or len(points) < 2:
+    points = np.array(table.rows("latitude", "longitude"))
+    if len(points) < len(table.lines) or not (points[1:] != points[:1]).any():
         raise DasError(
-            f"{table.path}: without positions every row needs latitude and longitude, and there are two or more"
+            f"{table.path}: without positions every row needs latitude and longitude, and there are two places or more"
         )
-    at_m = np.concatenate(([0.0], np.cumsum(steps_m(points[:, 0], points[:, 1]))))
-    scale = 1.0 if length_m is None else length_m / at_m[-1]
-    return replace(table, numbers={**table.numbers, "position": tuple((scale * at_m).tolist())})
+    along_m = np.concatenate(([0.0], np.cumsum(steps_m(*points.T))))
+    scale = 1.0 if length_m is None else length_m / along_m[-1]
+    return replace(table, numbers={**table.numbers, "position": tuple((scale * along_m).tolist())})
 
 
 def _stops(tables: Sequence[LineTable]) -> list[Stop]:
@@ -276,37 +277,41 @@ def _stops(tables: Sequence[LineTable]) -> list[Stop]:
 
 
 def _length_m(tables: Sequence[LineTable], stops: Sequence[Stop]) -> float:
-    ends = [at_m for table in tables for at_m in table.numbers["position"] if at_m is not None]
-    ends += [a + b for table in tables if table.has("length") for a, b in table.rows("position", "length")]
-    return stops[-1].position_m if len(stops) > 1 else max(ends)
+    if len(stops) > 1:
+        return stops[-1].position_m
+    columns = ("position",), ("position", "length")
+    return max(sum(row) for table in tables for wanted in columns for row in table.rows(*wanted))
+
+
+def _the_one_with(tables: Sequence[LineTable], what: str, *quantities: str) -> LineTable | None:
+    """The table that has one of these columns; None if none has, DasError if several have."""
+    having = [table for table in tables if any(map(table.has, quantities))]
+    if len(having) > 1:
+        raise DasError(f"{having[0].path}, {having[1].path}: both have {what}, expected one table of them")
+    return having[0] if having else None
 
 
 def _steps(tables: Sequence[LineTable], quantity: str, length_m: float) -> Stretches | None:
     """A quantity that holds from a row to the next, of the one table that has it; None if none has."""
-    having = [table for table in tables if table.has(quantity)]
-    if not having:
+    table = _the_one_with(tables, f"{quantity}s", quantity)
+    if table is None:
         return None
-    if len(having) > 1:
-        raise DasError(f"{having[0].path}, {having[1].path}: both have {quantity}s, expected one table of them")
-    rows = having[0].rows("position", quantity)
+    rows = table.rows("position", quantity)
     if not rows or rows[0][0] > 0:
         first = f"{rows[0][0] / KM:g} km" if rows else "none"
-        raise InputError(having[0].path, f"first position of {quantity}", first, "0 km, so that the line is covered")
+        raise InputError(table.path, f"first position of {quantity}", first, "0 km, so that the line is covered")
     return stretches([row[0] for row in rows], [row[1] for row in rows], length_m)
 
 
 def _curves(tables: Sequence[LineTable], length_m: float) -> Stretches | None:
-    for table in tables:
-        if table.has("radius_start", "radius_end"):
-            rows = [list(row) for row in table.rows("position", "radius_start", "radius_end")]
-        elif table.has("radius"):
-            rows = [[at_m, radius, radius] for at_m, radius in table.rows("position", "radius")]
-        else:
-            continue
-        rows = rows if rows and rows[0][0] == 0 else [[0.0, np.inf, np.inf], *rows]
-        inside = [row for row in rows if row[0] < length_m]
-        return curvature_stretches(str(table.path), inside)
-    return None
+    table = _the_one_with(tables, "curves", "radius", "radius_start", "radius_end")
+    if table is None:
+        return None
+    ends = ("radius_start", "radius_end") if table.has("radius_start", "radius_end") else ("radius", "radius")
+    if not table.has(*ends):
+        raise DasError(f"{table.path}: a curve has radius_start_m and radius_end_m, or radius_m")
+    rows = [list(row) for row in table.rows("position", *ends) if row[0] < length_m]
+    return curvature_stretches(str(table.path), rows if rows and rows[0][0] == 0 else [[0.0, np.inf, np.inf], *rows])
 
 
 def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
@@ -314,29 +319,28 @@ def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
     found: dict[str, tuple[Zone, ...]] = {}
     for table in (one for one in tables if one.has("length")):
         stem = table.path.stem.casefold()
+        zones: tuple[Zone, ...]
         if table.has("cross_section"):
-            rows = table.rows("position", "length", "cross_section")
-            found["tunnels"] = tuple(Tunnel(start_m=a, length_m=b, area_m2=c) for a, b, c in rows)
+            key, rows = "tunnels", table.rows("position", "length", "cross_section")
+            zones = tuple(Tunnel(start_m=a, length_m=b, area_m2=c) for a, b, c in rows)
         elif "neutral" in stem or "regeneration" in stem:
             key = "neutral_sections" if "neutral" in stem else "no_regeneration"
-            found[key] = tuple(Zone(start_m=a, length_m=b) for a, b in table.rows("position", "length"))
+            zones = tuple(Zone(start_m=a, length_m=b) for a, b in table.rows("position", "length"))
         else:
             expected = "cross_section_m2 as well (tunnels), or a name of the file with neutral or no_regeneration in it"
             raise DasError(f"{table.path}: positions with lengths, expected {expected}")
+        if key in found:
+            raise DasError(f"{table.path}: the second table of {key}, expected one")
+        found[key] = zones
     return found
 
 
 def _geometry(tables: Sequence[LineTable], route: Route) -> dict[str, Any]:
     """The geometry: the coordinates of a table without names."""
     for table in tables:
-        if table.has("latitude", "longitude") and not table.names:
-            rows = np.array(table.rows("position", "latitude", "longitude"))
-            rows = rows[rows[:, 0] <= route.length_m + 1e-6]
+        rows = [] if table.names else table.rows("position", "latitude", "longitude")
+        inside = [row for row in rows if row[0] <= route.length_m + POSITION_TOLERANCE_M]
+        if inside:
             names = ("geometry_position_m", "geometry_latitude_deg", "geometry_longitude_deg")
-            return {name: column.copy() for name, column in zip(names, rows.T, strict=True)}
+            return dict(zip(names, map(np.array, zip(*inside, strict=True)), strict=True))
     return {}
-
-
-def altitude_rows(table: LineTable) -> list[tuple[int, float]]:
-    """Row and altitude (m) of each row of a table that has one."""
-    return [(i, value) for i, value in enumerate(table.numbers.get("altitude", ())) if value is not None]

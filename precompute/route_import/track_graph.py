@@ -17,10 +17,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.earth import distances_m
+from das.domain.earth import distances_m, nearest_on_segments, plane_m
 from das.domain.errors import DasError
 from das.domain.units import KM
-from precompute.route_import.track_map import Key, MapPlace, TrackLine, TrackMap
+from precompute.route_import.track_map import UNITS_PER_DEGREE, Key, MapPlace, TrackLine, TrackMap
 
 Floats = NDArray[np.float64]
 
@@ -34,8 +34,6 @@ JOINED_M: Final = 3.0
 """The end of a track that ends this near (m) to another one is joined to it: some exports round coordinates."""
 UNITS_PER_M: Final = 400
 """10⁻⁷ degrees in a metre, at least, up to a latitude of 76°."""
-DEGREE_M: Final = 111_200.0
-"""Length of a degree of latitude (m), to 0.6 %."""
 AT_VERTEX_M: Final = 0.5
 """A place this near (m) to a vertex of the track beside it needs no vertex of its own."""
 PLANE_RATIO: Final = 0.99
@@ -120,7 +118,7 @@ class TrackGraph:
 
     def degrees(self) -> tuple[Floats, Floats]:
         """Latitude and longitude (deg) of each vertex."""
-        latitude, longitude = (np.array(self.keys, dtype=float) / 1e7).T
+        latitude, longitude = (np.array(self.keys, dtype=float) / UNITS_PER_DEGREE).T
         return latitude, longitude
 
     def _offer(self, places: Sequence[MapPlace]) -> _Offer:
@@ -144,7 +142,7 @@ class TrackGraph:
                 f"{self.the_map.source}: no track within {NEAR_M:g} m of {places[0].name}: the nearest is "
                 f"{nearest_m / KM:.1f} km away"
             )
-        latitude, longitude = (np.array([self.keys[vertex] for vertex in found], dtype=float) / 1e7).T
+        latitude, longitude = (degrees[list(found)] for degrees in self.degrees())
         middle = float(latitude.mean()), float(longitude.mean())
         reach_m = float(distances_m(latitude, longitude, *middle).max())
         return _Offer(
@@ -159,19 +157,16 @@ class TrackGraph:
         """
         latitude, longitude = self.degrees()
         u, v = (np.array([piece[i] for piece in self.pieces]) for i in (0, 1))
-        scale_m = distances_m(place.latitude_deg, place.longitude_deg, place.latitude_deg + 0.01, place.longitude_deg)
-        y = (latitude - place.latitude_deg) * 100 * float(scale_m)
-        x = (longitude - place.longitude_deg) * 100 * float(scale_m) * math.cos(math.radians(place.latitude_deg))
+        x, y = plane_m(latitude, longitude, (place.latitude_deg, place.longitude_deg))
         dx, dy = x[v] - x[u], y[v] - y[u]
-        square = np.maximum(dx**2 + dy**2, 1e-12)
-        share = np.clip(-(x[u] * dx + y[u] * dy) / square, 0.0, 1.0)
-        away_m = np.hypot(x[u] + share * dx, y[u] + share * dy)
-        edge = AT_VERTEX_M / np.sqrt(square)
+        share, away_m = nearest_on_segments(x[u], y[u], dx, dy)
+        length_m = np.maximum(np.hypot(dx, dy), 1e-6)
+        edge = AT_VERTEX_M / length_m
         feet: dict[int, float] = {}
         leaving: dict[int, list[tuple[complex, bool]]] = defaultdict(list)
         for i in np.flatnonzero(away_m <= NEAR_M).tolist():
             at_u, at_v = bool(share[i] <= edge[i]), bool(share[i] >= 1 - edge[i])
-            course = complex(dx[i], dy[i]) / math.sqrt(square[i])
+            course = complex(dx[i], dy[i]) / length_m[i]
             leaving[int(u[i])].append((course, at_u))
             leaving[int(v[i])].append((-course, at_v))
             if not at_u and not at_v:
@@ -222,9 +217,13 @@ class _Search:
         self.leaving: dict[int, list[int]] = defaultdict(list)
         for directed in range(len(self.heads)):
             self.leaving[self.heads[directed ^ 1]].append(directed)
-        prices = _Prices(graph.the_map)
+        has_rail = any(track.tags.get("railway") == "rail" for track in graph.the_map.tracks)
+        prices = {
+            id(track): tuple(_price(track, forward, has_rail) for forward in (False, True))
+            for track in graph.the_map.tracks
+        }
         self.cost = [
-            length_m * prices.of(piece.track, forward)
+            length_m * prices[id(piece.track)][forward]
             for length_m, piece in zip(self.length_m, graph.pieces, strict=True)
             for forward in (piece.forward, not piece.forward)
         ]
@@ -321,32 +320,19 @@ class _Search:
     def _no_way(self, state: int) -> str:
         """The message that no way leads to the next station, with the place where the search came nearest to it."""
         layer, directed = divmod(state, len(self.heads))
-        goal, here = self.offers[layer + 1], self.graph.keys[self.heads[directed]]
-        away_m = float(distances_m(here[0] / 1e7, here[1] / 1e7, goal.latitude_deg, goal.longitude_deg))
+        goal, head = self.offers[layer + 1], self.heads[directed]
+        latitude, longitude = self.latitude_deg[head], self.longitude_deg[head]
+        away_m = float(distances_m(latitude, longitude, goal.latitude_deg, goal.longitude_deg))
         names = [next(iter(offer.places.values())).name for offer in self.offers[layer : layer + 2]]
         return (
             f"{self.graph.the_map.source}: no way from {names[0]} to {names[1]} without reversing or turning by more "
-            f"than 40°: the tracks end {away_m / KM:.2f} km from it, at {here[0] / 1e7:.5f},{here[1] / 1e7:.5f} "
+            f"than 40°: the tracks end {away_m / KM:.2f} km from it, at {latitude:.5f},{longitude:.5f} "
             f"({self.graph.pieces[directed >> 1].track.name})"
         )
 
 
-class _Prices:
-    """What a metre of track costs in the search: 1 on a main track in its preferred direction, else more."""
-
-    def __init__(self, the_map: TrackMap) -> None:
-        self._has_rail = any(track.tags.get("railway") == "rail" for track in the_map.tracks)
-        self._known: dict[tuple[int, bool], float] = {}
-
-    def of(self, track: TrackLine, forward: bool) -> float:
-        """The price of a metre of a track in a direction."""
-        key = id(track), forward
-        if key not in self._known:
-            self._known[key] = _price(track, forward, self._has_rail)
-        return self._known[key]
-
-
 def _price(track: TrackLine, forward: bool, has_rail: bool) -> float:
+    """What a metre of track costs in the search: 1 on a main track in its preferred direction, else more."""
     tags = track.tags
     price = SERVICE_PRICES.get(tags.get("service", ""), 1.0) * USAGE_PRICES.get(tags.get("usage", ""), 1.0)
     if has_rail and tags.get("railway") != "rail":
@@ -383,17 +369,19 @@ def _joined_ends(tracks: Sequence[TrackLine], joined_m: float) -> dict[Key, Key]
     joined: dict[Key, Key] = {}
     for end in loose:
         near = [other for cell in _cells_around(end, side) for other in cells.get(cell, ()) if other != end]
-        near = [other for other in near if other not in neighbours[end] and _apart_m(end, other) <= joined_m]
+        near = [other for other in near if other not in neighbours[end]]
         if near:
-            other = min(near, key=lambda one: (_apart_m(end, one), one))
-            while other in joined and joined[other] != end:
-                other = joined[other]
-            if other not in joined:
+            latitude, longitude = np.array([end, *near]).T / UNITS_PER_DEGREE
+            apart_m = distances_m(latitude[0], longitude[0], latitude[1:], longitude[1:])
+            nearest_m, nearest = min(zip(apart_m.tolist(), near, strict=True))
+            other = _last(joined, nearest)
+            if nearest_m <= joined_m and other != end:
                 joined[end] = other
     return {end: _last(joined, end) for end in joined}
 
 
 def _last(joined: dict[Key, Key], end: Key) -> Key:
+    """The vertex to which an end is joined in the end; the end itself if it is not joined."""
     while end in joined:
         end = joined[end]
     return end
@@ -402,9 +390,3 @@ def _last(joined: dict[Key, Key], end: Key) -> Key:
 def _cells_around(key: Key, side: int) -> list[tuple[int, int]]:
     """The square of a place, and those around it."""
     return [(key[0] // side + i, key[1] // side + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-
-
-def _apart_m(one: Key, other: Key) -> float:
-    """Distance (m) of two places near each other."""
-    north, east = (one[0] - other[0]) / 1e7, (one[1] - other[1]) / 1e7
-    return math.hypot(north, east * math.cos(math.radians(one[0] / 1e7))) * DEGREE_M

@@ -14,14 +14,15 @@ from typing import Any, Final
 
 from das.domain.errors import DasError, InputError, seen
 from das.domain.files.reading import MOST_OF_A_NAME, Fields, read_json
+from das.domain.plausibility import RouteLimits
 from das.domain.units import KMH, MPH
 
 MOST_BYTES_OF_MAP: Final = 100_000_000
 """Largest file (bytes) of a map that is read."""
 MOST_VERTICES: Final = 2_000_000
 """Largest number of vertices of all tracks of a map. Assumption: the tracks of a large country have fewer."""
-FASTEST_KMH: Final = 600.0
-"""A limit above this (km/h) is taken as not known: it is a slip of the mapper."""
+FASTEST_MPS: Final = RouteLimits().speed_limit.most
+"""A limit above this (m/s) is taken as not known: it is a slip of the mapper."""
 TRACKS: Final = frozenset({"rail", "narrow_gauge", "light_rail", "subway", "tram", "preserved", "monorail"})
 """Values of `railway=*` that are tracks in use."""
 STATIONS: Final = {
@@ -51,6 +52,8 @@ _SPEED = re.compile(r"(\d+(?:\.\d+)?)\s*(km/h|kmh|kph|mph)?")
 _HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"\s*=>\s*"((?:[^"\\]|\\.)*)"')
 Key = tuple[int, int]
 """A place on the map: latitude and longitude in 10⁻⁷ degrees, the resolution of OpenStreetMap."""
+UNITS_PER_DEGREE: Final = 1e7
+"""The units of a `Key` in a degree."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +194,7 @@ def _place(thing: _Thing) -> MapPlace | None:
     vertices = [thing.point] if thing.point else [key for line in thing.lines for key in line]
     if not vertices:
         return None
-    latitude, longitude = (sum(key[i] for key in vertices) / len(vertices) / 1e7 for i in (0, 1))
+    latitude, longitude = (sum(key[i] for key in vertices) / len(vertices) / UNITS_PER_DEGREE for i in (0, 1))
     return MapPlace(names=names, latitude_deg=latitude, longitude_deg=longitude, rank=min(ranks, default=4))
 
 
@@ -210,7 +213,7 @@ def _speeds_mps(text: str) -> list[float]:
         if match is None:
             continue
         speed_mps = float(match[1]) * (MPH if match[2] == "mph" else KMH)
-        if 0 < speed_mps <= FASTEST_KMH * KMH:
+        if 0 < speed_mps <= FASTEST_MPS:
             found.append(speed_mps)
     return found
 
@@ -314,7 +317,7 @@ def _key(fields: Fields, key: str, longitude: Any, latitude: Any) -> Key:
     for name, value, most in (("longitude", longitude, 180.0), ("latitude", latitude, 90.0)):
         if not _is_number(value) or abs(value) > most:
             raise InputError(fields.source, f"{key} {name}", value, f"a number of degrees from {-most:g} to {most:g}")
-    return round(latitude * 1e7), round(longitude * 1e7)
+    return round(latitude * UNITS_PER_DEGREE), round(longitude * UNITS_PER_DEGREE)
 
 
 def _is_number(value: Any) -> bool:

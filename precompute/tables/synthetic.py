@@ -55,9 +55,6 @@ def _line(rng: np.random.Generator, name: str, sections: int) -> Route:
         limits_mps=limits,
         gradients_ratio=_gradients(rng, length_m),
         curvature_per_m=_curves(rng, limits, length_m),
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
     )
 
 
@@ -136,8 +133,4 @@ def made_up_line(length_km: float, seed: int = 1) -> Route:
         stops=(Stop(name="A", position_m=0.0), Stop(name="B", position_m=length_m)),
         limits_mps=stretches(draw.choice(LONG_LINE_LIMITS_KMH, limits) * KMH),
         gradients_ratio=stretches(draw.uniform(-STEEPEST_PERMILLE, STEEPEST_PERMILLE, gradients) * PERMILLE),
-        curvature_per_m=Stretches(start_m=np.zeros(1), value=np.zeros(1)),
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
     )

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Floats, Route
@@ -88,8 +89,6 @@ class Receiver:
     """Standard deviation (m/s) of the reported speed of a moving train."""
     standing_s: int = 20
     """Seconds of standing that are recorded before the departure and after the arrival."""
-    earth_radius_m: float = 6_371_008.8
-    """Mean radius of the Earth (m, IUGG), to convert errors from metres to degrees."""
 
 
 def example_files(seed: int) -> dict[str, bytes]:
@@ -125,8 +124,8 @@ def _record(route: Route, states: list[PlantState], seed: int) -> bytes:
     place = np.array([route.location_deg(float(at)) for at in s_m])
     latitude, longitude = place[:, 0], place[:, 1]
     north_m, east_m = (_wandering(receiver, speed > 0, random) for _ in range(2))
-    latitude = latitude + np.degrees(north_m / receiver.earth_radius_m)
-    longitude = longitude + np.degrees(east_m / (receiver.earth_radius_m * np.cos(np.radians(latitude))))
+    latitude = latitude + np.degrees(north_m / MEAN_RADIUS_M)
+    longitude = longitude + np.degrees(east_m / (MEAN_RADIUS_M * np.cos(np.radians(latitude))))
     rows = ["time,latitude,longitude,speed_kmh"]
     for t, north, east, v in zip(time_s, latitude, longitude, speed_mps, strict=True):
         moment = datetime.fromtimestamp(DEPARTURE.timestamp() + t, UTC)

@@ -13,12 +13,13 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from das.bus.topics import CAB, EVENT, LOG
+from das.domain.earth import MEAN_RADIUS_M
 from das.domain.units import NS
 from sim.review.cab_display import CAB_CARD, DIAL, EXTENT
 from sim.review.lanes import COST, WAY, lane_entity
 from sim.review.rerun_drawing import BOOKMARKS, BOTTOM, ENERGY, FURNITURE, MARGIN, WIDTH, Timelines
 from sim.review.scene import ReviewScene
-from sim.review.series import BUFFER_PERCENT, EARTH_RADIUS_M, QUANTITIES, MapTrack
+from sim.review.series import BUFFER_PERCENT, QUANTITIES, MapTrack
 
 MARGIN_RATIO: Final = 0.02
 MAP_PX: Final = (380.0, 210.0)
@@ -171,5 +172,5 @@ def _map(way: MapTrack) -> rrb.View:
 def _zoom(way: MapTrack) -> float:
     """Zoom level (a tile of 256 px shows 1/2^zoom of a parallel) at which the way fits the panel."""
     extent_m = np.maximum(np.ptp(way.plane_m, axis=0), 100.0)
-    parallel_m = 2.0 * np.pi * EARTH_RADIUS_M * np.cos(np.radians(way.degrees[:, 0].mean()))
+    parallel_m = 2.0 * np.pi * MEAN_RADIUS_M * np.cos(np.radians(way.degrees[:, 0].mean()))
     return float(np.log2(parallel_m / 256.0 * np.min(np.array(MAP_PX) / extent_m)))

@@ -14,6 +14,7 @@ import numpy as np
 from das.advice.advice import Source
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
+from das.domain.earth import MEAN_RADIUS_M
 from das.domain.errors import DasError
 from das.domain.route import Route
 from das.domain.units import KMH, KN, NS, PERCENT, PERMILLE, kwh
@@ -21,7 +22,6 @@ from das.drawing.meanings import Meaning
 from sim.drive.drive import Drive
 from sim.recording.course import DrivenCourse, Floats, Times
 
-EARTH_RADIUS_M: Final = 6_371_000.0
 UNKNOWN_S: Final = 10.0
 """The curves of what was driven have a gap where nothing was recorded for longer than this (s)."""
 
@@ -178,7 +178,7 @@ class MapTrack:
     def through(cls, time_ns: Times, degrees: Floats) -> MapTrack:
         """The track through these places (latitude, longitude; WGS 84)."""
         middle = degrees.mean(axis=0)
-        north, east = (np.radians(degrees - middle) * EARTH_RADIUS_M).T
+        north, east = (np.radians(degrees - middle) * MEAN_RADIUS_M).T
         return cls(
             time_ns=time_ns,
             degrees=degrees,

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from das.domain.earth import MEAN_RADIUS_M, nearest_on_segments
 from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
@@ -20,8 +21,6 @@ COLUMNS: Final = {
     "kilometre": ("kilometre", "kilometer", "km", "position_km"),
 }
 """The quantities in a list of kilometre posts, and the names that the column of each may have."""
-EARTH_RADIUS_M: Final = 6_371_008.8
-"""Mean radius of the Earth (m, IUGG)."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
 """The distance between two posts on the map may differ from their difference in kilometres by this share."""
 _PAIRS_AT_ONCE: Final = 1_000_000
@@ -116,12 +115,10 @@ class Line:
 
     def _match_plane(self, x: Floats, y: Floats, px: Floats, py: Floats) -> tuple[Floats, Floats]:
         dx, dy = np.diff(x), np.diff(y)
-        square = np.maximum(dx**2 + dy**2, 1e-12)  # a doubled vertex has length 0: any share of it is the same point
-        to_x, to_y = px[:, None] - x[:-1], py[:, None] - y[:-1]
         lowest, highest = np.zeros(len(dx)), np.ones(len(dx))
         lowest[0], highest[-1] = -np.inf, np.inf
-        share = np.clip((to_x * dx + to_y * dy) / square, lowest, highest)
-        distance = np.hypot(to_x - share * dx, to_y - share * dy)
+        from_x, from_y = x[:-1] - px[:, None], y[:-1] - py[:, None]
+        share, distance = nearest_on_segments(from_x, from_y, dx, dy, lowest, highest)
         nearest = distance.argmin(axis=1)
         i = np.arange(len(px))
         chainage = self.chainage_m[nearest] + share[i, nearest] * np.diff(self.chainage_m)[nearest]
@@ -131,7 +128,7 @@ class Line:
         """East and north (m) of the line's centre: x = R·cos φ₀·Δλ, y = R·Δφ."""
         centre = self.latitude_deg.mean()
         east = np.radians(longitude_deg - self.longitude_deg.mean()) * np.cos(np.radians(centre))
-        return EARTH_RADIUS_M * east, EARTH_RADIUS_M * np.radians(latitude_deg - centre)
+        return MEAN_RADIUS_M * east, MEAN_RADIUS_M * np.radians(latitude_deg - centre)
 
 
 def read_kilometre_posts(path: Path) -> Line:

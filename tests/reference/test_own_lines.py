@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import random
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from das.domain.plausibility import FEW_POINTS, FLAT, NOISY, SMOOTHED
 from das.domain.route import Route
 from docs.studies import own_lines
 from docs.studies.own_lines import REAL_LINES, line_of, line_table
@@ -68,6 +70,18 @@ def test_a_real_map_drawn_otherwise_gives_the_same_line(lines: list[Route], shar
 def test_the_page_says_what_the_import_finds(lines: list[Route]) -> None:
     page = own_lines.PAGE.read_text(encoding="utf-8")
     assert [row for row in line_table(lines) if row not in page] == []
+
+
+def test_what_commands_say_of_altitudes_are_the_figures_of_the_page() -> None:
+    table = own_lines.PAGE.read_text(encoding="utf-8").split("<!-- altitudes: begin -->")[1].split("<!--")[0]
+    cells = [row.split("|")[3:7] for row in table.strip().splitlines()[2:]]
+    flat, few, raw, smooth = (
+        [float(x) for x in re.findall(r"[-+]\d+\.\d", " ".join(one))] for one in zip(*cells, strict=True)
+    )
+    assert f"{-max(flat):.0f} to {-min(flat):.0f} % too low" in FLAT
+    assert f"up to {-min(few):.0f} % too low" in FEW_POINTS
+    assert f"by {min(raw):+.0f} to {max(raw):+.0f} %" in NOISY
+    assert f"by {min(smooth):+.0f} to {max(smooth):+.0f} %" in SMOOTHED
 
 
 def test_a_freight_line_of_330_km_is_imported_and_written(tmp_path: Path) -> None:

@@ -253,7 +253,7 @@ def test_without_regeneration_the_friction_brake_does_it_all() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_the_line_takes_a_share_of_what_is_fed_back(share: float) -> None:
     """Input and unreturned energy against (1 − share) of the kinetic energy at the highest speed."""
-    route = replace(flat(3000.0, 30.0), receptivity_ratio=Stretches(start_m=np.zeros(1), value=np.array([share])))
+    route = replace(flat(3000.0, 30.0), receptivity_ratio=Stretches.constant(share))
     train = make_train()
     front = solved(route, train)
     fastest = front.fastest()
@@ -276,7 +276,7 @@ def test_baselines_keep_to_the_supply_too() -> None:
         flat(4000.0, 30.0),
         neutral_sections=NEUTRAL_ZONES,
         no_regeneration=(Zone(start_m=3300.0, length_m=700.0),),
-        receptivity_ratio=Stretches(start_m=np.zeros(1), value=np.array([0.5])),
+        receptivity_ratio=Stretches.constant(0.5),
     )
     train = replace(
         make_train(resistance=(1e3, 0.0, 5.0), power_w=2e6),
@@ -386,7 +386,7 @@ def test_zones_turn_round_with_the_line_and_overlapping_ones_are_refused() -> No
     with pytest.raises(InputError, match=r"neutral_sections\[1\] position = '1100 m': expected at least 1150 m"):
         replace(route, neutral_sections=(NEUTRAL_ZONES[0], Zone(start_m=1100.0, length_m=10.0)))
     with pytest.raises(InputError, match=r"receptivity\[0\] = 1.5: expected a ratio from 0 to 1"):
-        replace(route, receptivity_ratio=Stretches(start_m=np.zeros(1), value=np.array([1.5])))
+        replace(route, receptivity_ratio=Stretches.constant(1.5))
 
 
 ZONES = """

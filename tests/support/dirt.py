@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from das.domain.earth import MEAN_RADIUS_M
 from das.domain.route import Floats, Route
 from sim.options import TripOptions
 from sim.trips.cleaning import FindingKind
-from sim.trips.line import EARTH_RADIUS_M
 from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip
 from tests.support.made_line import motion, north, posts_file, route
@@ -121,7 +121,7 @@ def duplicates(p: Points) -> Points:
 times_back = partial(changed, at=(60, 61, 240), t=lambda q: q.t - 5.5)
 clock_ahead = partial(changed, at=(100,), t=lambda q: q.t + 3600.5)
 block_jump = partial(changed, at=range(200, 230), s_m=lambda q: q.s_m - 1500, east_m=60.0)
-null_island = partial(changed, at=(90, 91), s_m=-np.radians(59.5) * EARTH_RADIUS_M, east_m=-1e6)
+null_island = partial(changed, at=(90, 91), s_m=-np.radians(59.5) * MEAN_RADIUS_M, east_m=-1e6)
 no_position = partial(changed, at=(33, 34, 210), s_m=np.nan)
 spikes = partial(changed, at=(45, 46, 230, 315), v=355 / 3.6)
 spike_while_standing = partial(changed, at=(4, 343), v=355 / 3.6)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from das.domain.earth import MEAN_RADIUS_M
 from das.domain.route import Floats, Route
 from sim.trips.cleaning import FindingKind
-from sim.trips.line import EARTH_RADIUS_M, Line, read_kilometre_posts
+from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import MatchedTrip, match_trip
 from sim.trips.record import Record
 from tests.support.making import make_route
@@ -20,16 +21,16 @@ START_NS = 1_469_780_350_000_000_000
 
 def north(s_m: Floats, east_m: Floats | float = 0.0) -> tuple[Floats, Floats]:
     """Points `s_m` north of the origin along the meridian (exactly R·Δφ), and `east_m` east of it."""
-    latitude = ORIGIN[0] + np.degrees(s_m / EARTH_RADIUS_M)
-    return latitude, ORIGIN[1] + np.degrees(east_m / EARTH_RADIUS_M / np.cos(np.radians(latitude)))
+    latitude = ORIGIN[0] + np.degrees(s_m / MEAN_RADIUS_M)
+    return latitude, ORIGIN[1] + np.degrees(east_m / MEAN_RADIUS_M / np.cos(np.radians(latitude)))
 
 
 def arc(s_m: Floats, radius_m: float) -> tuple[Floats, Floats]:
     """Points at arc length `s_m` along a circle that starts northwards from the origin."""
     angle = s_m / radius_m
-    latitude = ORIGIN[0] + np.degrees(radius_m * np.sin(angle) / EARTH_RADIUS_M)
+    latitude = ORIGIN[0] + np.degrees(radius_m * np.sin(angle) / MEAN_RADIUS_M)
     east = radius_m * (1 - np.cos(angle))
-    return latitude, ORIGIN[1] + np.degrees(east / EARTH_RADIUS_M / np.cos(np.radians(ORIGIN[0])))
+    return latitude, ORIGIN[1] + np.degrees(east / MEAN_RADIUS_M / np.cos(np.radians(ORIGIN[0])))
 
 
 def posts_file(folder: Path, latitude: Floats, longitude: Floats, first: int = 3490130, step: int = -1) -> Path:

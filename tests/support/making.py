@@ -79,9 +79,6 @@ def make_route(
         limits_mps=stretches(limits),
         gradients_ratio=stretches(grades or [(0.0, 0.0)]),
         curvature_per_m=stretches([(0.0, 0.0)]),
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
     )
 
 

@@ -16,7 +16,7 @@ from das.domain.files.reading import Fields, bound_of_window, read_toml
 from das.domain.files.ttobench import curvature_stretches
 from das.domain.journey import Call, Journey, Passing, Window
 from das.domain.plausibility import ACCEPTED, INSIST, ROUTE_CHECKS, check_route
-from das.domain.route import Altitudes, Route, Stop, Stretches, Tunnel, Zone, full_receptivity
+from das.domain.route import Altitudes, Route, Stop, Stretches, Tunnel, Zone
 
 Floats = NDArray[np.float64]
 
@@ -144,7 +144,7 @@ def _stretches(fields: Fields, key: str, name: str, dimension: str) -> Stretches
 
 def _receptivity(fields: Fields) -> Stretches:
     if not fields.has("receptivity"):
-        return full_receptivity()
+        return Stretches.constant(1.0)
     return _stretches(fields, "receptivity", "receptivity", "ratio")
 
 

@@ -106,9 +106,6 @@ def read_track(path: Path) -> Route:
             )
         ),
         altitude_at_start_m=_quantity(fields, "altitude", "length", 0.0),
-        geometry_position_m=np.empty(0),
-        geometry_latitude_deg=np.empty(0),
-        geometry_longitude_deg=np.empty(0),
     )
     return check_route(route, insist=INSIST)
 

@@ -26,7 +26,7 @@ def test_a_line_has_a_panel_for_each_thing_that_is_known() -> None:
     assert labels(draw_line(FLAT)) == ["limit, km/h"]
     every = ["limit, km/h", "altitude, m", "gradient, ‰", "curvature, 1/km", "latitude, ° north"]
     assert labels(draw_line(HILLY)) == every
-    straight = replace(HILLY, curvature_per_m=Stretches(start_m=np.zeros(1), value=np.zeros(1)))
+    straight = replace(HILLY, curvature_per_m=Stretches.constant(0.0))
     assert "curvature, 1/km" not in labels(draw_line(straight))
 
 

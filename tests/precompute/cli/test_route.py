@@ -142,7 +142,7 @@ def test_stations_may_come_from_a_table_beside_the_map(folder: Path) -> None:
     words = ("route", "import", "bare.geojson", "--from", "Anfang", "--to", "ende", "--flat", "-o", "my.toml")
     assert "names no stations at all: give Anfang=LATITUDE,LONGITUDE" in refused(folder, *words)
     (folder / "stations.csv").write_text(
-        "name;lat;lon\nAnfang;48,0001;8,0001\nEnde;48.035068;8.168777\n", encoding="utf-8"
+        "name;lat;lon\nAnfang;48,0001;8,0001\n;48,002942;8,051239\nEnde;48.035068;8.168777\n", encoding="utf-8"
     )
     assert das_precompute(folder, words[0], words[1], "stations.csv", *words[2:]).returncode == 0
     assert [stop.name for stop in load_route(folder / "my.toml").stops] == ["Anfang", "Ende"]

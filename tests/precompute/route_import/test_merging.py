@@ -42,6 +42,15 @@ def test_positions_are_scaled_and_it_is_said() -> None:
     assert "positions times 1.007143" in line.remarks[1]
 
 
+@pytest.mark.parametrize("length_km", [13.9, 14.1])
+def test_a_geometry_is_scaled_to_a_shorter_or_longer_line(length_km: float) -> None:
+    """The geometry of the example ends with its line, at 14 km."""
+    base = new_line(["Adorf=0", f"Cedorf={length_km}"], 25.0, Words()).route
+    found = merged(base, {"geometry": ROUTE}, Words()).route
+    assert found.geometry_position_m == pytest.approx(ROUTE.geometry_position_m * length_km / 14.0)
+    assert found.geometry_latitude_deg.tolist() == ROUTE.geometry_latitude_deg.tolist()
+
+
 def test_another_line_is_refused() -> None:
     with pytest.raises(DasError, match=r"15\.000 km: expected the same line|14\.000 km long"):
         merged(new_line(["A=0", "B=15"], 20.0, Words()).route, {"limits": ROUTE}, Words())

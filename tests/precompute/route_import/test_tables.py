@@ -86,6 +86,12 @@ def test_curves_tunnels_and_neutral_sections(tmp_path: Path) -> None:
     ]  # fmt: skip
     with pytest.raises(DasError, match="positions with lengths, expected cross_section_m2 as well"):
         line(tmp_path, {"limits.csv": LIMITS, "zones.csv": "position_km,length_m\n3,80\n"}, flat=True)
+    for again, message in (("curves.csv", "both have curves"), ("tunnels.csv", "the second table of tunnels")):
+        with pytest.raises(DasError, match=message):
+            line(tmp_path, {**files, f"more-{again}": files[again]}, flat=True)
+    half = "position_km,radius_start_m\n1,500\n"
+    with pytest.raises(DasError, match="a curve has radius_start_m and radius_end_m, or radius_m"):
+        line(tmp_path, {"limits.csv": LIMITS, "curves.csv": half}, flat=True)
 
 
 def test_a_polyline_alone_gives_the_length_and_places(tmp_path: Path) -> None:
@@ -94,6 +100,8 @@ def test_a_polyline_alone_gives_the_length_and_places(tmp_path: Path) -> None:
     route = line(tmp_path, {"l.csv": LIMITS, "course.csv": course}, flat=True, start="A", end="B")
     assert route.length_m == pytest.approx(111_132, abs=2)
     assert [x.name for x in route.stops] == ["A", "B"]
+    empty = "position_km,lat,lon\n1,,\n"
+    assert not len(line(tmp_path, {"l.csv": LIMITS, "course.csv": empty}, flat=True).geometry_position_m)
     scaled = line(tmp_path, {"l.csv": LIMITS, "course.csv": course}, flat=True, length_m=110_000.0)
     assert scaled.geometry_position_m == pytest.approx([0, 55_000, 110_000], abs=5)
 
@@ -121,6 +129,29 @@ def test_a_part_of_the_line_between_two_stops(tmp_path: Path) -> None:
         line(tmp_path, files, start="Deburg")
 
 
+def test_a_part_has_the_altitudes_of_its_own_positions_and_an_id_of_its_own(tmp_path: Path) -> None:
+    """Positions of altitudes count from the beginning of the tables, not of the part."""
+    rows = "0,80,100,A\n5,100,150,B\n10,90,100,C\n"
+    files = {"all.csv": f"position_km,limit_kmh,altitude_m,name\n{rows}"}
+    part = line(tmp_path, files, start="B")
+    assert (part.id, part.name, part.altitude_at_start_m) == ("b-c", "B – C", 150)
+    assert part.gradients_ratio.value == pytest.approx([-0.01])
+    (tmp_path / "heights.csv").write_text("name,altitude_m\nA,100\nB,150\nC,100\n")
+    by_name = line(tmp_path, files, start="B", altitudes=tmp_path / "heights.csv")
+    assert by_name.gradients_ratio.value == pytest.approx([-0.01])
+
+
+def test_a_part_may_begin_before_its_geometry_and_end_where_the_line_began(tmp_path: Path) -> None:
+    files = {
+        "l.csv": "position_km,limit_kmh\n0,80\n",
+        "s.csv": "name,position_km\nA,0\nB,0.5\nA,10\n",
+        "course.csv": "position_km,lat,lon\n1,48,8\n5,48,8.0537\n10,48,8.1208\n",
+    }
+    part = line(tmp_path, files, start="B", flat=True)
+    assert part.geometry_position_m.tolist() == [500, 4500, 9500]
+    assert line(tmp_path, files, start="A", end="A", flat=True).length_m == 10_000
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -144,6 +175,8 @@ def test_a_part_of_the_line_between_two_stops(tmp_path: Path) -> None:
         ('position_km,limit_kmh\n0,"80\n', "not a usable CSV file"),
         ("position_km,limit_kmh,lat,lon\n0,80,98,8\n1,80,48,8\n", "line 2 latitude = 98.0: expected -90 to 90 degrees"),
         ("position_km,limit_kmh,lat,lon\n0,80,0,0\n1,80,48,8\n", "geometry: further to the next point"),
+        ("position_km,limit_kmh\n,80\n", "no row has a position"),
+        ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "latitude and longitude, and there are two places or more"),
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
