@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import struct
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 from das.domain.errors import DasError
 from precompute.gtfs import TripChoice, parsed_clock_s, read_trip
-from tests.support.feeds import ODD, feed_tables, write_feed
+from tests.support.feeds import ODD, feed_tables, table_text, write_feed
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +153,16 @@ def test_a_stop_between_others_may_lack_its_times_and_its_coordinates(tmp_path: 
         ),
         (changed("frequencies", ("1200", "0")), TripChoice(trip="103"), r"headway_secs = '0': expected seconds"),
         ({"stops": "stop_name\nA\n"}, TripChoice(trip="101"), r"stops.txt: column stop_id is missing"),
+        (
+            {"trips": 'trip_id\n"' + ("x" * 90_000 + "\n") * 2},
+            by_stops("Altdorf", "Zell", 0.0),
+            r"trips\.txt: cannot be read \(field larger than field limit",
+        ),
+        (
+            {"stops": b"stop_id,stop_name\n\xff,A\n"},
+            TripChoice(trip="101"),
+            r"stops\.txt: not UTF-8 text \(invalid start",
+        ),
         ({"stops": "stop_id,stop_name\n" + "x" * 200_000}, TripChoice(trip="101"), r"expected a shorter line"),
         ({"trips": "trip_id\n" + "\n".join("5" * 8 for _ in range(9))}, TripChoice(trip="101"), r"--trip = '101'"),
     ],
@@ -186,6 +197,36 @@ def test_a_zip_that_swells_is_refused_before_it_is_unpacked(tmp_path: Path, monk
 def test_what_is_no_zip_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "feed.zip"
     path.write_bytes(content)
+    with pytest.raises(DasError, match=said):
+        read_trip(path, TripChoice(trip="101"))
+
+
+def entry_changed(path: Path, at: int, by: bytes) -> None:
+    """Change bytes of the zip's entry for the table of stop times, counted from the entry's begin (APPNOTE 4.3.12)."""
+    content = bytearray(path.read_bytes())
+    begin = content.rindex(b"PK\x01\x02", 0, content.rindex(b"stop_times.txt"))
+    content[begin + at : begin + at + len(by)] = by
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("at", "by", "said"),
+    [
+        (6, b"\xff", r"feed\.zip: cannot be unpacked \(zip file version 25\.5\), expected the zip of a GTFS feed"),
+        (8, b"\x20", r"stop_times\.txt: cannot be unpacked \(compressed patched data \(flag bit 5\)\)"),
+        (8, b"\x01", r"stop_times\.txt = 'packed in another way': expected a deflated table without a password"),
+        (16, b"\0" * 4, r"stop_times\.txt: cannot be unpacked \(Bad CRC-32 for file 'stop_times\.txt'\)"),
+        (42, b"\xff" * 4, r"stop_times\.txt = 'at byte 18446744073709551615': expected a place in the zip"),
+    ],
+)
+def test_a_damaged_zip_is_refused_with_what_is_wrong_in_it(tmp_path: Path, at: int, by: bytes, said: str) -> None:
+    path = write_feed(tmp_path / "feed.zip", without("stop_times"), folder="")
+    table = zipfile.ZipInfo("stop_times.txt")
+    table.extra = struct.pack("<HHQ", 1, 8, 2**64 - 1)  # the place of the table, if the entry itself says 2**32 - 1
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(table, table_text(feed_tables()["stop_times"]), zipfile.ZIP_DEFLATED)
+    assert read_trip(path, TripChoice(trip="101")).id == "101"
+    entry_changed(path, at, by)
     with pytest.raises(DasError, match=said):
         read_trip(path, TripChoice(trip="101"))
 
