@@ -97,6 +97,16 @@ def test_the_first_train_between_two_stops_leaves_at_a_time_or_later(
     assert (found.id, found.stops[0].departure_s) == (trip, departs_s)
 
 
+def test_a_train_that_calls_twice_where_it_is_boarded_leaves_there_when_it_comes_first(tmp_path: Path) -> None:
+    path = write_feed(tmp_path / "loop.zip", changed("stop_times", ("p1", "p0")))
+    early, late = (
+        read_trip(path, by_stops("Altdorf", "Zell", 16_080)),
+        read_trip(path, by_stops("Altdorf", "Zell", 16_081)),
+    )
+    assert (early.id, early.notes[0]) == ("101", "trip_id 101 leaves Altdorf at 04:28:00")
+    assert (late.id, late.stops[0].departure_s) == ("103", 18_000)
+
+
 def test_a_trip_at_intervals_keeps_its_running_times_wherever_it_is_cut(feed: Path) -> None:
     whole, cut = read_trip(feed, TripChoice(trip="103")), read_trip(feed, by_stops("Bad Über", "Zell", 20_000))
     assert [stop.departure_s - 2_400 for stop in cut.stops] == [stop.departure_s for stop in whole.stops[1:]]
@@ -146,6 +156,11 @@ def test_a_stop_between_others_may_lack_its_times_and_its_coordinates(tmp_path: 
         (changed("stop_times", ("4:34:00", "half past")), TripChoice(trip="101"), r"expected a time like 25:10:00"),
         (changed("stop_times", ("15", "-1")), TripChoice(trip="101"), r"stop_sequence = '-1': expected a whole number"),
         (changed("stop_times", ("15", "5")), TripChoice(trip="101"), r"stop_sequence = '5': expected each number once"),
+        (
+            {"stop_times": [feed_tables()["stop_times"][0], *(["101", "", "", "p0", i] for i in range(1_001))]},
+            TripChoice(trip="101"),
+            r"rows of trip 101 = 1001: expected 2 to 1000 stops",
+        ),
         (
             changed("stop_times", ("4:28:00", "")),
             TripChoice(trip="101"),
