@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from das.advice.regimes import InstructionKind
 from das.advice.sheet import SheetLine
 from das.domain.files.load import load_route
-from precompute.sheet import SaidLine, half_minutes, landmarks, line_words, place_words, said_lines, span_words
+from das.domain.journey import Passing, Window
+from precompute.sheet import (
+    SaidLine,
+    due_words,
+    half_minutes,
+    landmarks,
+    line_words,
+    place_words,
+    said_lines,
+    span_words,
+)
 
 LINE = SheetLine(kind=InstructionKind.COAST, s_m=1000.0, speed_mps=20.0, after_s=60.0)
 
@@ -64,3 +75,18 @@ def test_a_line_says_what_to_do_in_few_words(line: SheetLine, held: bool, words:
 def test_the_last_brake_is_for_the_stop() -> None:
     brake = SaidLine(replace(LINE, kind=InstructionKind.BRAKE), held=False)
     assert line_words(brake, last=True) == "<b>brake</b> for the stop"
+
+
+@pytest.mark.parametrize(
+    ("passing", "words"),
+    [
+        ({}, ""),
+        ({"window": Window(earliest_s=60.0)}, "not before 0:01"),
+        ({"window": Window(latest_s=90.0)}, "not after 0:01½"),
+        ({"window": Window(earliest_s=60.0, latest_s=90.0)}, "0:01 to 0:01½"),
+        ({"window": Window.at(60.0)}, "at 0:01"),
+        ({"window": Window.at(60.0), "wish": True}, "wish"),
+    ],
+)
+def test_a_point_to_pass_has_its_window_in_words(passing: dict[str, Any], words: str) -> None:
+    assert due_words(Passing(name="P", position_m=1.0, **passing)) == words
