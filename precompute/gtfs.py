@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import os
 import re
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
@@ -76,7 +77,7 @@ class TripChoice:
 
 def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
     """Read one trip; raises DasError or InputError (table, key, value, expectation) if the feed lacks or spoils it."""
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path.exists, false for a name that no file can have
         raise DasError(f"{path}: no such file")
     if not path.is_file():
         raise DasError(f"{path}: expected the feed as a zip file")
@@ -321,17 +322,15 @@ class _Stops:
 
     def named(self, path: Path, option: str, wanted: str) -> set[str]:
         """The ids of the stops and platforms with a name or id, or else of those whose name begins with it."""
-        ids = {stop_id for stop_id in self._rows if wanted in (stop_id, self._rows[stop_id].get("parent_station"))}
-        tests: tuple[Callable[[str], bool], ...] = (
-            lambda name: name == key_of(wanted),
-            lambda name: name.startswith(key_of(wanted)),
-        )
-        for fits in tests:
+        key = key_of(wanted)
+        ids = {x for x, row in self._rows.items() if wanted and wanted in (x, row.get("parent_station"))}
+        tests: tuple[Callable[[str], bool], ...] = (lambda name: name == key, lambda name: name.startswith(key))
+        for fits in tests if key else ():
             ids = ids or {x for x, row in self._rows.items() if fits(key_of(row.get("stop_name", "")))}
         ids |= {x for x, row in self._rows.items() if row.get("parent_station") in ids}
         if not ids:
             known = sorted({row.get("stop_name", "") for row in self._rows.values()})
-            near = [name for name in known if key_of(wanted)[:3] in key_of(name)] or known
+            near = [name for name in known if key[:3] in key_of(name)] or known
             raise InputError(path, option, wanted, f"a stop of stops.txt, like {', '.join(near[:MOST_NAMED])}")
         return ids
 

@@ -73,10 +73,8 @@ class Landmark(NamedTuple):
 def landmarks(route: Route) -> list[Landmark]:
     """The speed boards, tunnels and stops of a line."""
     limits = route.limits_mps
-    boards = [
-        Landmark(float(s_m), f"board {kmh(value):.0f}")
-        for s_m, value in zip(limits.start_m[1:], limits.value[1:], strict=True)
-    ]
+    changes = np.flatnonzero(np.diff(limits.value)) + 1  # the line of a plan has breakpoints at passings as well
+    boards = [Landmark(float(limits.start_m[i]), f"board {kmh(limits.value[i]):.0f}") for i in changes]
     tunnels = [
         Landmark(s_m, name)
         for tunnel in route.tunnels
@@ -239,13 +237,15 @@ def _passing_row(passing: Passing, time_s: float) -> str:
 
 
 def due_words(passing: Passing) -> str:
-    """When a point is to be passed, to the half minute; empty for a timing point."""
+    """When a point is to be passed, in half minutes inside its window; empty for a timing point."""
     if passing.wish:
         return "wish"
-    window = passing.window
-    earliest, latest = (half_minutes(x) if math.isfinite(x) else "" for x in (window.earliest_s, window.latest_s))
+    earliest_s, latest_s = passing.window.earliest_s, passing.window.latest_s
+    earliest = half_minutes(math.ceil(earliest_s / HALF_MINUTE_S) * HALF_MINUTE_S) if math.isfinite(earliest_s) else ""
+    latest = half_minutes(math.floor(latest_s / HALF_MINUTE_S) * HALF_MINUTE_S) if math.isfinite(latest_s) else ""
     if earliest and latest:
-        return f"at {latest}" if earliest == latest else f"{earliest} to {latest}"
+        shorter = latest_s - earliest_s < HALF_MINUTE_S
+        return f"at {half_minutes((earliest_s + latest_s) / 2)}" if shorter else f"{earliest} to {latest}"
     return f"not before {earliest}" if earliest else f"not after {latest}" if latest else ""
 
 

@@ -144,6 +144,8 @@ def test_a_stop_between_others_may_lack_its_times_and_its_coordinates(tmp_path: 
         ({}, TripChoice(trip="7"), r"--trip = '7': expected a trip_id of trips.txt, like 101, 102, 103"),
         ({}, TripChoice(), r"give --trip ID, or --from STOP, --to STOP and --at HH:MM"),
         ({}, by_stops("Nowhere", "Zell", 0.0), r"--from = 'Nowhere': expected a stop of stops.txt, like"),
+        ({}, by_stops("", "Zell", 0.0), r"--from = '': expected a stop of stops.txt, like"),
+        ({}, by_stops("Altdorf", "?!", 0.0), r"--to = '\?!': expected a stop of stops.txt, like"),
         ({}, by_stops("Altdorf", "Zell", 90_000.0), r"no train from Altdorf to Zell at 25:00:00 or later"),
         ({}, by_stops("Altdorf", "Zell", 0.0, "2026-11-26"), r"no train .* on 2026-11-26"),
         ({}, by_stops("Altdorf", "Zell", 0.0, "2026-11-29"), r"no train .* on 2026-11-29"),
@@ -247,7 +249,8 @@ def test_a_damaged_zip_is_refused_with_what_is_wrong_in_it(tmp_path: Path, at: i
 
 
 def test_a_folder_and_a_missing_file_are_refused(tmp_path: Path) -> None:
-    for path, said in ((tmp_path, "expected the feed as a zip file"), (tmp_path / "no.zip", "no such file")):
+    nowhere = (tmp_path / "no.zip", tmp_path / ("x" * 300))
+    for path, said in ((tmp_path, "expected the feed as a zip file"), *((one, "no such file") for one in nowhere)):
         with pytest.raises(DasError, match=said):
             read_trip(path, TripChoice(trip="101"))
 
