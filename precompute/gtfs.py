@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import datetime
 import math
+import os
 import re
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -16,11 +17,10 @@ from numpy.typing import NDArray
 
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.foreign import refuse_foreign
+from das.domain.files.routes import MOST_STOPS
 from das.domain.journey import file_clock
 from precompute.gtfs_tables import FeedTables, Row, coordinates, key_of, refused, tidy, whole_number
 
-MOST_STOPS = 1000
-"""Most stops of a trip: that many points a journey may have."""
 MOST_NAMED = 6
 """Most trips or stops that an error names."""
 NO_RAIL = (*range(3, 5), *range(6, 8), 11, *range(200, 300), *range(700, 900), *range(1000, 1400))
@@ -77,7 +77,7 @@ class TripChoice:
 
 def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
     """Read one trip; raises DasError or InputError (table, key, value, expectation) if the feed lacks or spoils it."""
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path.exists, false for a name that no file can have
         raise DasError(f"{path}: no such file")
     if not path.is_file():
         raise DasError(f"{path}: expected the feed as a zip file")
@@ -103,13 +103,10 @@ class _Feed(FeedTables):
             made = [x._replace(arrival_s=x.arrival_s + later_s, departure_s=x.departure_s + later_s) for x in made]
             taken = f"taken: the one at {file_clock(made[0].departure_s)}"
             notes = (*notes, f"the trip runs at intervals (frequencies.txt); {taken}")
-        for stop in (made[0], made[-1]):
-            if math.isnan(stop.departure_s):
-                where = f"{self.path}: stop_times.txt"
-                raise InputError(where, f"time of trip {trip['trip_id']} at {stop.name}", MISSING, "one: an end")
+        check_ends(self.path, trip["trip_id"], made)
         route, agency = self._line_of(trip)
         words = [route.get("route_short_name", ""), trip.get("trip_short_name", ""), trip.get("trip_headsign", "")]
-        if whole_number(route.get("route_type", "")) in NO_RAIL:
+        if _is_no_train(route):
             notes = (*notes, f"route_type {route['route_type']} is no railway")
         return FeedTrip(
             feed=self.path,
@@ -154,34 +151,15 @@ class _Feed(FeedTables):
             stops.named(self.path, "--from", wanted.from_stop),
             stops.named(self.path, "--to", wanted.to_stop),
         )
-        departs: dict[str, tuple[int, float]] = {}
-        arrives: dict[str, tuple[int, float]] = {}
-        for number, row in self.rows("stop_times.txt", ("trip_id", "stop_id", "stop_sequence"), (*starts, *ends)):
-            place = (_sequence(self.path, number, row), self._time_s(number, row, "departure_time"))
-            if row["stop_id"] in starts:
-                departs.setdefault(row["trip_id"], place)
-            if row["stop_id"] in ends:
-                arrives[row["trip_id"]] = place
-        candidates = {trip: place[1] for trip, place in departs.items() if place[0] < arrives.get(trip, (-1, 0))[0]}
-        buses = {
-            row["route_id"]
-            for _, row in self.rows("routes.txt", ("route_id",))
-            if whole_number(row.get("route_type", "")) in NO_RAIL
-        }
-        headway = {row["trip_id"] for _, row in self.rows("frequencies.txt", ("trip_id",))}
-        services = self._services(wanted.day)
+        at_intervals = {row["trip_id"] for _, row in self.rows("frequencies.txt", ("trip_id",))}
         found: list[tuple[float, str, Row]] = []
-        for row in self._all_trips():
-            runs = services is None or row.get("service_id") in services
-            if row["trip_id"] not in candidates or row.get("route_id") in buses or not runs:
-                continue
-            starts_s = candidates[row["trip_id"]]
-            if row["trip_id"] in headway:
+        for row, here_s in self._trains_between(starts, ends, wanted.day):
+            later_s: float | None = 0.0
+            if row["trip_id"] in at_intervals:
                 first_s = self._stops_of(row["trip_id"], stops)[0].departure_s
-                later_s = self._shift_s(row["trip_id"], first_s, starts_s, wanted.at_s)
-                starts_s = math.nan if later_s is None else starts_s + later_s
-            if starts_s >= wanted.at_s:
-                found.append((starts_s, row["trip_id"], row))
+                later_s = self._shift_s(row["trip_id"], first_s, here_s, wanted.at_s)
+            if later_s is not None and here_s + later_s >= wanted.at_s:
+                found.append((here_s + later_s, row["trip_id"], row))
         if not found:
             on = "" if wanted.day is None else f" on {wanted.day}"
             trains = f"no train from {wanted.from_stop} to {wanted.to_stop}"
@@ -191,6 +169,29 @@ class _Feed(FeedTables):
         same = f", like {len(others)} others ({', '.join(others[:MOST_NAMED])}); --date chooses" if others else ""
         return row, (f"trip_id {trip_id} leaves {wanted.from_stop} at {file_clock(first_s)}{same}",)
 
+    def _trains_between(
+        self, starts: set[str], ends: set[str], day: datetime.date | None
+    ) -> Iterator[tuple[Row, float]]:
+        """The trips of trains of a day from some stops to others, with the departure (s) that stop_times.txt gives."""
+        departs: dict[str, tuple[int, float]] = {}
+        arrives: dict[str, int] = {}
+        for number, row in self.rows("stop_times.txt", ("trip_id", "stop_id", "stop_sequence"), (*starts, *ends)):
+            trip_id, sequence = row["trip_id"], _sequence(self.path, number, row)
+            place = sequence, self._time_s(number, row, "departure_time")
+            if row["stop_id"] in starts:
+                departs[trip_id] = min(departs.get(trip_id, place), place)
+            if row["stop_id"] in ends:
+                arrives[trip_id] = max(arrives.get(trip_id, sequence), sequence)
+        leaves_s = {
+            trip: departs_s for trip, (sequence, departs_s) in departs.items() if sequence < arrives.get(trip, -1)
+        }
+        buses = {row["route_id"] for _, row in self.rows("routes.txt", ("route_id",)) if _is_no_train(row)}
+        services = self._services(day)
+        for row in self._all_trips():
+            runs = services is None or row.get("service_id") in services
+            if runs and row["trip_id"] in leaves_s and row.get("route_id") not in buses:
+                yield row, leaves_s[row["trip_id"]]
+
     def _stops_of(self, trip_id: str, stops: _Stops) -> list[TripStop]:
         """The stops of a trip in the order of their sequence, which may have gaps and any order in the table."""
         where = f"{self.path}: stop_times.txt"
@@ -199,13 +200,15 @@ class _Feed(FeedTables):
             if row["trip_id"] != trip_id:
                 continue
             sequence = _sequence(self.path, number, row)
-            if sequence in found or len(found) >= MOST_STOPS:
+            if sequence in found:
                 raise InputError(
                     where, f"line {number} stop_sequence", row["stop_sequence"], "each number once in a trip"
                 )
             found[sequence] = number, row
-        if len(found) < 2:
-            raise InputError(where, f"rows of trip {trip_id}", len(found), "at least two stops")
+            if len(found) > MOST_STOPS:
+                break
+        if not 2 <= len(found) <= MOST_STOPS:
+            raise InputError(where, f"rows of trip {trip_id}", len(found), f"2 to {MOST_STOPS} stops")
         made: list[TripStop] = []
         before_s = -math.inf
         for _, (number, row) in sorted(found.items()):
@@ -228,17 +231,13 @@ class _Feed(FeedTables):
         match = _TIME.fullmatch(text)
         if match is None and text:
             raise InputError(f"{self.path}: stop_times.txt", f"line {number} {key}", text, "a time like 25:10:00")
-        return (
-            math.nan
-            if match is None
-            else sum(int(x) * unit for x, unit in zip(match.groups(), (3600, 60, 1), strict=True))
-        )
+        return math.nan if match is None else _seconds(match)
 
     def _shift_s(self, trip_id: str, first_s: float, here_s: float, at_s: float | None) -> float | None:
-        """By how much (s) later than in stop_times.txt a trip runs that runs at intervals; None for any other trip.
+        """How much later (s) than in stop_times.txt a trip at intervals runs; None for any other trip.
 
-        It leaves its first stop, where the table says `first_s`, at the times of its interval. Taken is the first one
-        that leaves the stop with the departure `here_s` at `at_s` or later.
+        Such a trip leaves its first stop, where stop_times.txt says `first_s`, at intervals (frequencies.txt). Meant is
+        its first run that leaves a stop, where stop_times.txt says `here_s`, at `at_s` or later.
         """
         if math.isnan(here_s - first_s):
             return None
@@ -323,17 +322,15 @@ class _Stops:
 
     def named(self, path: Path, option: str, wanted: str) -> set[str]:
         """The ids of the stops and platforms with a name or id, or else of those whose name begins with it."""
-        ids = {stop_id for stop_id in self._rows if wanted in (stop_id, self._rows[stop_id].get("parent_station"))}
-        tests: tuple[Callable[[str], bool], ...] = (
-            lambda name: name == key_of(wanted),
-            lambda name: name.startswith(key_of(wanted)),
-        )
-        for fits in tests:
+        key = key_of(wanted)
+        ids = {x for x, row in self._rows.items() if wanted and wanted in (x, row.get("parent_station"))}
+        tests: tuple[Callable[[str], bool], ...] = (lambda name: name == key, lambda name: name.startswith(key))
+        for fits in tests if key else ():
             ids = ids or {x for x, row in self._rows.items() if fits(key_of(row.get("stop_name", "")))}
         ids |= {x for x, row in self._rows.items() if row.get("parent_station") in ids}
         if not ids:
             known = sorted({row.get("stop_name", "") for row in self._rows.values()})
-            near = [name for name in known if key_of(wanted)[:3] in key_of(name)] or known
+            near = [name for name in known if key[:3] in key_of(name)] or known
             raise InputError(path, option, wanted, f"a stop of stops.txt, like {', '.join(near[:MOST_NAMED])}")
         return ids
 
@@ -359,8 +356,26 @@ def parsed_clock_s(option: str, text: str) -> float:
     match = _TIME.fullmatch(text if text.count(":") > 1 else f"{text}:00")
     if match is None:
         raise DasError(f"{option} {text}: expected a time like 07:30")
+    return _seconds(match)
+
+
+def _seconds(match: re.Match[str]) -> float:
     hours, minutes, seconds = (int(part) for part in match.groups())
     return 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def check_ends(path: Path, trip_id: str, stops: Sequence[TripStop]) -> None:
+    """Raise InputError for an end of a trip, or of a part of one, that has no time."""
+    for stop in (stops[0], stops[-1]):
+        if math.isnan(stop.departure_s):
+            raise InputError(
+                f"{path}: stop_times.txt", f"time of trip {trip_id} at {stop.name}", MISSING, "one: an end"
+            )
+
+
+def _is_no_train(route: Row) -> bool:
+    """Whether a row of routes.txt is the line of a bus, ferry, cable car or aircraft."""
+    return whole_number(route.get("route_type", "")) in NO_RAIL
 
 
 def _sequence(path: Path, number: int, row: Row) -> int:

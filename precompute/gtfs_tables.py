@@ -5,10 +5,8 @@ from __future__ import annotations
 import csv
 import math
 import re
-import struct
 import unicodedata
 import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
@@ -16,6 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from das.domain.errors import MISSING, DasError, InputError
+from das.domain.files.foreign import UNZIP_ERRORS
 from das.domain.units import MEGABYTE
 
 Row = dict[str, str]
@@ -32,14 +31,15 @@ LONGEST_LINE = 100_000
 
 @contextmanager
 def refused(where: str | Path) -> Iterator[None]:
-    """Turn everything that reading a damaged zip or table raises into a DasError that names where."""
+    """Turn what reading a damaged zip or table raises into a DasError that names where."""
     try:
         yield
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, struct.error) as error:
-        raise DasError(f"{where}: cannot be unpacked ({error}), expected the zip of a GTFS feed") from None
+    except UNZIP_ERRORS as error:
+        why = str(error) or "it ends too early"
+        raise DasError(f"{where}: cannot be unpacked ({why}), expected the zip of a GTFS feed") from None
     except UnicodeDecodeError as error:
         raise DasError(f"{where}: not UTF-8 text ({error.reason})") from None
-    except (csv.Error, ValueError, NotImplementedError, RuntimeError, OverflowError, IndexError) as error:
+    except csv.Error as error:
         raise DasError(f"{where}: cannot be read ({error})") from None
 
 
@@ -59,15 +59,17 @@ class FeedTables:
         if "stop_times.txt" not in self.members:
             raise InputError(path, "stop_times.txt", MISSING, "the tables of a GTFS feed in the zip")
         for name, member in self.members.items():
-            self._check_size(name, member)
+            self._check_member(name, member)
 
-    def _check_size(self, name: str, member: zipfile.ZipInfo) -> None:
-        """Refuse a table by what the zip says about it, before anything is unpacked."""
+    def _check_member(self, name: str, member: zipfile.ZipInfo) -> None:
+        """Raise InputError for a table by what the zip says about it, before anything is unpacked."""
         most = MOST_BYTES.get(name, MOST_BYTES_OF_TABLE)
         swells = member.file_size > max(SWELLS_FROM_BYTES, SWELLING * max(member.compress_size, 1))
         if member.file_size > most or swells:
             size = f"{member.file_size / MEGABYTE:.0f} MB from {member.compress_size / MEGABYTE:.2f} MB"
             raise InputError(self.path, name, size, f"at most {most / MEGABYTE:g} MB, and {SWELLING:g} times the zip")
+        if member.header_offset >= self.path.stat().st_size:
+            raise InputError(self.path, name, f"at byte {member.header_offset}", "a place in the zip")
         if member.flag_bits & 1 or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise InputError(self.path, name, "packed in another way", "a deflated table without a password")
 

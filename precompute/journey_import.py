@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.earth import distances_m, steps_m
+from das.domain.earth import distances_m, nearest_on_line, steps_m
 from das.domain.errors import DasError
+from das.domain.files.routes import TOLERANCE_S
 from das.domain.journey import LEAST_SPACING_M, file_clock
 from das.domain.route import Route, Stop
 from das.domain.units import KM
-from precompute.gtfs import FeedTrip, TripStop
+from precompute.gtfs import FeedTrip, TripStop, check_ends
 from precompute.gtfs_tables import key_of, tidy
 
 Floats = NDArray[np.float64]
@@ -56,9 +57,7 @@ def placed(trip: FeedTrip, route: Route | None) -> Placement:
     without a time.
     """
     found = _along_feed(trip) if route is None else _on_route(trip, route)
-    for end in (found.stops[0].stop, found.stops[-1].stop):
-        if math.isnan(end.departure_s):
-            raise DasError(f"{trip.feed}: {end.name} has no time in stop_times.txt: expected one at an end")
+    check_ends(trip.feed, trip.id, [one.stop for one in found.stops])
     for before, after in zip(found.stops, found.stops[1:], strict=False):
         if after.position_m < before.position_m + LEAST_SPACING_M:
             raise DasError(
@@ -80,7 +79,7 @@ def _along_feed(trip: FeedTrip) -> Placement:
         position_m = found.position_m - found.position_m[0]
         how = f"along the feed's shape, at most {found.off_m.max():.0f} m from it"
     else:
-        position_m = np.concatenate(([0.0], np.cumsum(steps_m(places[:, 0], places[:, 1]))))
+        position_m = _along_m(places)
         how = "along straight lines between the stops, because the feed has no shape that fits: the line is longer"
     stops = tuple(Placed(stop, round(float(x), 1)) for stop, x in zip(trip.stops, position_m, strict=True))
     return Placement(stops=stops, notes=(f"positions are distances from the first stop {how}",))
@@ -98,25 +97,24 @@ def _projected(places_deg: Floats, line_deg: Floats, at_m: Floats | None = None)
 
     `at_m` (p,) are the positions of the polyline's points; without it, distances from its first point.
     """
-    at_m = np.concatenate(([0.0], np.cumsum(steps_m(line_deg[:, 0], line_deg[:, 1])))) if at_m is None else at_m
+    if at_m is None:
+        at_m = _along_m(line_deg)
+    latitude, longitude = line_deg.T
     position_m, off_m = np.full(len(places_deg), math.nan), np.full(len(places_deg), math.inf)
     reached = 0
-    for i, (latitude, longitude) in enumerate(places_deg):
-        if math.isnan(latitude):
+    for i, place in enumerate(places_deg):
+        if np.isnan(place).any():
             continue
-        per_deg = distances_m(latitude, longitude, [latitude + 1e-3, latitude], [longitude, longitude + 1e-3]) / 1e-3
-        xy = (line_deg[reached:] - (latitude, longitude)) * per_deg
-        step = np.diff(xy, axis=0)
-        length = np.maximum((step**2).sum(axis=1), 1e-9)
-        share = np.clip(-(xy[:-1] * step).sum(axis=1) / length, 0.0, 1.0)
-        away_m = np.hypot(*(xy[:-1] + share[:, None] * step).T)
-        nearest = int(away_m.argmin())
-        off_m[i] = away_m[nearest]
-        first, last = at_m[reached + nearest], at_m[reached + nearest + 1]
-        position_m[i] = first + share[nearest] * (last - first)
+        ahead = (at_m[reached:], latitude[reached:], longitude[reached:])
+        position_m[i], off_m[i] = nearest_on_line(ahead, *place)
         if off_m[i] <= OFF_SHAPE_M:
-            reached += nearest
+            reached = min(int(np.searchsorted(at_m, position_m[i], side="right")) - 1, len(at_m) - 2)
     return _Projection(position_m, off_m)
+
+
+def _along_m(line_deg: Floats) -> Floats:
+    """Distance (m) of each point (p, 2) of a polyline from its first along it."""
+    return np.concatenate(([0.0], np.cumsum(steps_m(line_deg[:, 0], line_deg[:, 1]))))
 
 
 def _on_route(trip: FeedTrip, route: Route) -> Placement:
@@ -154,8 +152,7 @@ def _on_route(trip: FeedTrip, route: Route) -> Placement:
 
 def _why_not(trip: FeedTrip, route: Route) -> str:
     backwards = route.reversed()
-    others = [stop for stop in trip.stops if _route_stop(stop, backwards, -math.inf) is not None]
-    places = [_route_stop(stop, backwards, -math.inf) for stop in others]
+    places = [_route_stop(stop, backwards, -math.inf) for stop in trip.stops]
     positions = [place.position_m for place in places if place is not None]
     if len(positions) > 1 and positions == sorted(positions):
         return f"{trip.feed}: trip {trip.id} runs from the end of {route.source} to its start: give --reverse"
@@ -269,7 +266,9 @@ def _point(one: Placed, times: TimesRead, rounded_s: float, *, first: bool, last
         yield f"position_km = {one.position_m / KM:.4f}"
     timed = not math.isnan(stop.departure_s)
     if passes:
-        yield from (f'time = "{file_clock(stop.departure_s)}"', "wish = true", "tolerance_s = 30.0") if timed else ()
+        yield from (
+            (f'time = "{file_clock(stop.departure_s)}"', "wish = true", f"tolerance_s = {TOLERANCE_S}") if timed else ()
+        )
         return
     stands_s = stop.departure_s - stop.arrival_s if timed else 0.0
     if last:

@@ -18,10 +18,11 @@ import numpy as np
 from das import __version__
 from das.advice.regimes import InstructionKind
 from das.advice.sheet import SectionSheet, SheetLine, section_sheet
-from das.domain.braking import USUAL, SiteBraking
+from das.domain.braking import USUAL
 from das.domain.journey import Held, Passing, Window
 from das.domain.route import Route
 from das.domain.units import KM, KMH, kmh, kwh
+from das.drawing.colors import LIMIT
 from das.solver.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.section import with_braking
 
@@ -48,16 +49,15 @@ class PlannedSheet:
     sheet: SectionSheet
 
 
-def sheets_of(planner: JourneyPlanner, plan: JourneyPlan, site: SiteBraking = USUAL) -> Iterator[PlannedSheet]:
-    """The sheet of each section of a plan, for drivers who brake as `site` says."""
+def sheets_of(planner: JourneyPlanner, plan: JourneyPlan) -> Iterator[PlannedSheet]:
+    """The sheet of each section of a plan, for drivers who brake as usual."""
     for journey_section, part in zip(planner.sections, plan.sections, strict=True):
-        section = with_braking(journey_section.whole, site.of(journey_section.whole.vehicle))
+        section = with_braking(journey_section.whole, USUAL.of(journey_section.whole.vehicle))
         tight = next((x for x in part.passings if x.timing.held is not Held.FREE and not x.passing.wish), None)
-        departs_s = part.departure.time_s
         if tight is None:
             sheet = section_sheet(section, part.trajectory.time_s)
         else:
-            bounds = tight.passing.window
+            bounds, departs_s = tight.passing.window, part.departure.time_s
             window = Window(earliest_s=bounds.earliest_s - departs_s, latest_s=bounds.latest_s - departs_s)
             sheet = section_sheet(section, part.trajectory.time_s, tight.passing.position_m, window)
         yield PlannedSheet(plan=part, sheet=sheet)
@@ -73,10 +73,8 @@ class Landmark(NamedTuple):
 def landmarks(route: Route) -> list[Landmark]:
     """The speed boards, tunnels and stops of a line."""
     limits = route.limits_mps
-    boards = [
-        Landmark(float(s_m), f"board {kmh(value):.0f}")
-        for s_m, value in zip(limits.start_m[1:], limits.value[1:], strict=True)
-    ]
+    changes = np.flatnonzero(np.diff(limits.value)) + 1  # the line of a plan has breakpoints at passings as well
+    boards = [Landmark(float(limits.start_m[i]), f"board {kmh(limits.value[i]):.0f}") for i in changes]
     tunnels = [
         Landmark(s_m, name)
         for tunnel in route.tunnels
@@ -231,16 +229,24 @@ def _row(number: str, kind: InstructionKind, s_m: float, where: str, text: str, 
 
 
 def _passing_row(passing: Passing, time_s: float) -> str:
-    bounds = [half_minutes(x) if math.isfinite(x) else "" for x in (passing.window.earliest_s, passing.window.latest_s)]
-    words = f"not before {bounds[0]}" if bounds[0] and not bounds[1] else f"not after {bounds[1]}" if bounds[1] else ""
-    both = (
-        "wish" if passing.wish else f"{bounds[0]} to {bounds[1]}" if all(bounds) and bounds[0] != bounds[1] else words
-    )
     return (
         f'<tr class="pass"><td class="n"></td><td class="km">{passing.position_m / KM:.1f}</td>'
-        f'<td class="what"><i>◆</i>{html.escape(passing.name)}</td><td class="where">{both}</td>'
+        f'<td class="what"><i>◆</i>{html.escape(passing.name)}</td><td class="where">{due_words(passing)}</td>'
         f'<td class="t">{half_minutes(time_s)}</td></tr>'
     )
+
+
+def due_words(passing: Passing) -> str:
+    """When a point is to be passed, in half minutes inside its window; empty for a timing point."""
+    if passing.wish:
+        return "wish"
+    earliest_s, latest_s = passing.window.earliest_s, passing.window.latest_s
+    earliest = half_minutes(math.ceil(earliest_s / HALF_MINUTE_S) * HALF_MINUTE_S) if math.isfinite(earliest_s) else ""
+    latest = half_minutes(math.floor(latest_s / HALF_MINUTE_S) * HALF_MINUTE_S) if math.isfinite(latest_s) else ""
+    if earliest and latest:
+        shorter = latest_s - earliest_s < HALF_MINUTE_S
+        return f"at {half_minutes((earliest_s + latest_s) / 2)}" if shorter else f"{earliest} to {latest}"
+    return f"not before {earliest}" if earliest else f"not after {latest}" if latest else ""
 
 
 def _strip(sheet: SectionSheet, top_mps: float) -> str:
@@ -287,7 +293,9 @@ def _strip(sheet: SectionSheet, top_mps: float) -> str:
     )
 
 
-STYLE = """
+STYLE = (
+    f":root{{--limit:{LIMIT}}}"
+    + """
 :root{--ink:#1a1a1a;--soft:#5c6166;--rule:#c9cdd1;--traction:#1b6ca8;--hold:#2e7d32;--coast:#b07900;--brake:#b3261e}
 *{box-sizing:border-box}
 body{margin:0;background:#fff;color:var(--ink);font:15px/1.35 "Helvetica Neue",Arial,"Liberation Sans","DejaVu Sans",
@@ -306,12 +314,12 @@ time{font-size:1.45em;font-weight:700;line-height:1.1}
 .run{color:var(--soft);text-align:right;font-size:.86em;white-space:nowrap}
 svg{width:100%;display:block}
 polygon{opacity:.18}polyline{fill:none;stroke-width:2.4}
-polyline.limit{stroke:#8c1d18;stroke-width:1.1}
+polyline.limit{stroke:var(--limit);stroke-width:1.1}
 polygon.traction{fill:var(--traction)}polyline.traction{stroke:var(--traction)}
 polygon.hold{fill:var(--hold)}polyline.hold{stroke:var(--hold)}
 polygon.coast{fill:var(--coast)}polyline.coast{stroke:var(--coast);stroke-dasharray:5 3}
 polygon.brake{fill:var(--brake)}polyline.brake{stroke:var(--brake)}
-text{font-size:10.5px;fill:var(--soft)}text.limit{fill:#8c1d18}text.no{fill:var(--ink);font-weight:700}
+text{font-size:10.5px;fill:var(--soft)}text.limit{fill:var(--limit)}text.no{fill:var(--ink);font-weight:700}
 table{width:100%;border-collapse:collapse}
 td{padding:.16em .3em;border-bottom:1px solid var(--rule);vertical-align:baseline}
 tr:last-child td{border-bottom:0}
@@ -335,6 +343,7 @@ footer strong{color:var(--ink)}
 @media print{body{font-size:9.6pt}main{padding:0;max-width:none}section{margin-bottom:.8em}
 *{print-color-adjust:exact;-webkit-print-color-adjust:exact}}
 """
+)
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Driver's sheet: {title}</title><style>{style}</style></head>

@@ -16,6 +16,8 @@ from das.domain.units import NS
 
 PASSINGS: Final = "passings"
 """The key of a recording's metadata for the passings of its journey."""
+KEPT_S: Final = 1.0
+"""A passing is still kept if it is missed by this (s) more than its tolerance: states are recorded once a second."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +70,7 @@ class KeptPassing:
             return "not reached"
         if math.isnan(self.late_s):
             return ""
-        kept = abs(self.late_s) <= self.due.tolerance_s + 1.0
+        kept = abs(self.late_s) <= self.due.tolerance_s + KEPT_S
         return f"{'wish ' if self.due.wish else ''}{'kept' if kept else 'missed'}"
 
 
@@ -112,7 +114,14 @@ def passing_metadata(due: Sequence[DuePassing]) -> dict[str, str]:
 def recorded_passings(metadata: Mapping[str, str]) -> tuple[DuePassing, ...]:
     """The passings that a recording states; none if its text makes no sense."""
     try:
-        rows = json.loads(metadata.get(PASSINGS, "[]"))
-        return tuple(DuePassing(**row) for row in rows)
+        return tuple(_checked(DuePassing(**row)) for row in json.loads(metadata.get(PASSINGS, "[]")))
     except (ValueError, TypeError, RecursionError):
         return ()
+
+
+def _checked(due: DuePassing) -> DuePassing:
+    """A passing with values that a passing may have; raises TypeError or ValueError for any other."""
+    numbers = (due.s_m, due.earliest_ns, due.latest_ns, due.tolerance_s)
+    if not isinstance(due.name, str) or not all(0 <= number < 2**63 for number in numbers):
+        raise ValueError(due)
+    return due

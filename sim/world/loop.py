@@ -256,20 +256,17 @@ class World:
 
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
         """Show the advice or, on paper, the line of the sheet; a display that received nothing stays as it was."""
-        around = self._around
-        shown = advice if self._display.paper is None else self._display.paper.look(state, around.calls, now_ns)
-        if self._display.paper is None and advice is None:
+        around, paper = self._around, self._display.paper
+        if paper is None and advice is None:
             return
-        view = (
-            None
-            if shown is None
-            else present(
+        shown, view = advice if paper is None else paper.look(state, around.calls, now_ns), None
+        if shown is not None:
+            view = present(
                 shown,
                 self.presentation,
                 clock_zero_ns=self.day.service.timetables[0].departure_ns,
                 deviation_s=around.compared_s(state),
             )
-        )
         on_screen = self._display.screen.show(view, state.time_s, stands=state.speed_mps <= 0)
         self._shown = OnDisplay(on_screen, int(advice.cause) if view is None and advice is not None else 0)
 

@@ -19,7 +19,7 @@ from sim.world.calls import Calls
 from sim.world.service import Day, Service
 
 VALID_S = 3600.0
-"""What is on paper does not expire; a display's advice would after this long (s)."""
+"""The driver's view of advice has an end of validity; a sheet, which does not expire, is read anew long before (s)."""
 LATE_S = 60.0
 """A driver who leaves a stop later than this (s) drives as the boards allow to the next stop: so the sheet says."""
 SLOW_MPS = 5.0

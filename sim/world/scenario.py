@@ -183,20 +183,15 @@ def read_scenario(path: Path) -> Scenario:
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
         point_mass=main.flag("point_mass", False),
         journey=beside(path.parent, main.text("journey")) if main.has("journey") else None,
-        early_departure=(
-            timetable.choice("early_departure", EarlyDeparture)
-            if timetable.has("early_departure")
-            else EarlyDeparture.WITHHELD
-        ),
+        early_departure=timetable.choice("early_departure", EarlyDeparture, EarlyDeparture.WITHHELD),
     )
 
 
 def _refuse_beside_journey(table: Fields, keys: Sequence[str]) -> None:
     for key in keys:
         if table.has(key):
-            raise table.error(
-                key, table.data[key], "none beside scenario.journey, which has stops and times of its own"
-            )
+            expected = "none beside scenario.journey, which has stops and times of its own"
+            raise table.error(key, table.data[key], expected)
 
 
 def _calls(main: Fields) -> tuple[str, ...] | None:

@@ -239,6 +239,8 @@ def test_bad_files(tmp_path: Path, section: das.Section) -> None:
     ]
     for kind, load in loaders:
         assert "missing.toml: no such file" in refused(lambda load=load: load(tmp_path / "missing.toml"))
+        too_long = "x" * 300 + ".toml"
+        assert "x.toml: no such file" in refused(lambda load=load, name=too_long: load(tmp_path / name))
         assert "folder.toml: is a folder, expected a file" in refused(lambda load=load: load(tmp_path / "folder.toml"))
         assert f"nowhere: not a bundled {kind}" in refused(lambda load=load: load("nowhere"))
         assert f"expected the name of a bundled {kind}, or a path" in refused(lambda load=load: load(None))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import struct
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 from das.domain.errors import DasError
 from precompute.gtfs import TripChoice, parsed_clock_s, read_trip
-from tests.support.feeds import ODD, feed_tables, write_feed
+from tests.support.feeds import ODD, feed_tables, table_text, write_feed
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +97,16 @@ def test_the_first_train_between_two_stops_leaves_at_a_time_or_later(
     assert (found.id, found.stops[0].departure_s) == (trip, departs_s)
 
 
+def test_a_train_that_calls_twice_where_it_is_boarded_leaves_there_when_it_comes_first(tmp_path: Path) -> None:
+    path = write_feed(tmp_path / "loop.zip", changed("stop_times", ("p1", "p0")))
+    early, late = (
+        read_trip(path, by_stops("Altdorf", "Zell", 16_080)),
+        read_trip(path, by_stops("Altdorf", "Zell", 16_081)),
+    )
+    assert (early.id, early.notes[0]) == ("101", "trip_id 101 leaves Altdorf at 04:28:00")
+    assert (late.id, late.stops[0].departure_s) == ("103", 18_000)
+
+
 def test_a_trip_at_intervals_keeps_its_running_times_wherever_it_is_cut(feed: Path) -> None:
     whole, cut = read_trip(feed, TripChoice(trip="103")), read_trip(feed, by_stops("Bad Über", "Zell", 20_000))
     assert [stop.departure_s - 2_400 for stop in cut.stops] == [stop.departure_s for stop in whole.stops[1:]]
@@ -133,6 +144,8 @@ def test_a_stop_between_others_may_lack_its_times_and_its_coordinates(tmp_path: 
         ({}, TripChoice(trip="7"), r"--trip = '7': expected a trip_id of trips.txt, like 101, 102, 103"),
         ({}, TripChoice(), r"give --trip ID, or --from STOP, --to STOP and --at HH:MM"),
         ({}, by_stops("Nowhere", "Zell", 0.0), r"--from = 'Nowhere': expected a stop of stops.txt, like"),
+        ({}, by_stops("", "Zell", 0.0), r"--from = '': expected a stop of stops.txt, like"),
+        ({}, by_stops("Altdorf", "?!", 0.0), r"--to = '\?!': expected a stop of stops.txt, like"),
         ({}, by_stops("Altdorf", "Zell", 90_000.0), r"no train from Altdorf to Zell at 25:00:00 or later"),
         ({}, by_stops("Altdorf", "Zell", 0.0, "2026-11-26"), r"no train .* on 2026-11-26"),
         ({}, by_stops("Altdorf", "Zell", 0.0, "2026-11-29"), r"no train .* on 2026-11-29"),
@@ -146,12 +159,27 @@ def test_a_stop_between_others_may_lack_its_times_and_its_coordinates(tmp_path: 
         (changed("stop_times", ("15", "-1")), TripChoice(trip="101"), r"stop_sequence = '-1': expected a whole number"),
         (changed("stop_times", ("15", "5")), TripChoice(trip="101"), r"stop_sequence = '5': expected each number once"),
         (
+            {"stop_times": [feed_tables()["stop_times"][0], *(["101", "", "", "p0", i] for i in range(1_001))]},
+            TripChoice(trip="101"),
+            r"rows of trip 101 = 1001: expected 2 to 1000 stops",
+        ),
+        (
             changed("stop_times", ("4:28:00", "")),
             TripChoice(trip="101"),
             r"time of trip 101 at Altdorf Station is missing",
         ),
         (changed("frequencies", ("1200", "0")), TripChoice(trip="103"), r"headway_secs = '0': expected seconds"),
         ({"stops": "stop_name\nA\n"}, TripChoice(trip="101"), r"stops.txt: column stop_id is missing"),
+        (
+            {"trips": 'trip_id\n"' + ("x" * 90_000 + "\n") * 2},
+            by_stops("Altdorf", "Zell", 0.0),
+            r"trips\.txt: cannot be read \(field larger than field limit",
+        ),
+        (
+            {"stops": b"stop_id,stop_name\n\xff,A\n"},
+            TripChoice(trip="101"),
+            r"stops\.txt: not UTF-8 text \(invalid start",
+        ),
         ({"stops": "stop_id,stop_name\n" + "x" * 200_000}, TripChoice(trip="101"), r"expected a shorter line"),
         ({"trips": "trip_id\n" + "\n".join("5" * 8 for _ in range(9))}, TripChoice(trip="101"), r"--trip = '101'"),
     ],
@@ -190,8 +218,39 @@ def test_what_is_no_zip_is_refused(tmp_path: Path, content: bytes, said: str) ->
         read_trip(path, TripChoice(trip="101"))
 
 
+def entry_changed(path: Path, at: int, by: bytes) -> None:
+    """Change bytes of the zip's entry for the table of stop times, counted from the entry's begin (APPNOTE 4.3.12)."""
+    content = bytearray(path.read_bytes())
+    begin = content.rindex(b"PK\x01\x02", 0, content.rindex(b"stop_times.txt"))
+    content[begin + at : begin + at + len(by)] = by
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("at", "by", "said"),
+    [
+        (6, b"\xff", r"feed\.zip: cannot be unpacked \(zip file version 25\.5\), expected the zip of a GTFS feed"),
+        (8, b"\x20", r"stop_times\.txt: cannot be unpacked \(compressed patched data \(flag bit 5\)\)"),
+        (8, b"\x01", r"stop_times\.txt = 'packed in another way': expected a deflated table without a password"),
+        (16, b"\0" * 4, r"stop_times\.txt: cannot be unpacked \(Bad CRC-32 for file 'stop_times\.txt'\)"),
+        (42, b"\xff" * 4, r"stop_times\.txt = 'at byte 18446744073709551615': expected a place in the zip"),
+    ],
+)
+def test_a_damaged_zip_is_refused_with_what_is_wrong_in_it(tmp_path: Path, at: int, by: bytes, said: str) -> None:
+    path = write_feed(tmp_path / "feed.zip", without("stop_times"), folder="")
+    table = zipfile.ZipInfo("stop_times.txt")
+    table.extra = struct.pack("<HHQ", 1, 8, 2**64 - 1)  # the place of the table, if the entry itself says 2**32 - 1
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(table, table_text(feed_tables()["stop_times"]), zipfile.ZIP_DEFLATED)
+    assert read_trip(path, TripChoice(trip="101")).id == "101"
+    entry_changed(path, at, by)
+    with pytest.raises(DasError, match=said):
+        read_trip(path, TripChoice(trip="101"))
+
+
 def test_a_folder_and_a_missing_file_are_refused(tmp_path: Path) -> None:
-    for path, said in ((tmp_path, "expected the feed as a zip file"), (tmp_path / "no.zip", "no such file")):
+    nowhere = (tmp_path / "no.zip", tmp_path / ("x" * 300))
+    for path, said in ((tmp_path, "expected the feed as a zip file"), *((one, "no such file") for one in nowhere)):
         with pytest.raises(DasError, match=said):
             read_trip(path, TripChoice(trip="101"))
 

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from das.advice.regimes import InstructionKind
 from das.advice.sheet import SheetLine
 from das.domain.files.load import load_route
-from precompute.sheet import SaidLine, half_minutes, landmarks, line_words, place_words, said_lines, span_words
+from das.domain.journey import Passing, Window
+from precompute.sheet import (
+    SaidLine,
+    due_words,
+    half_minutes,
+    landmarks,
+    line_words,
+    place_words,
+    said_lines,
+    span_words,
+)
 
 LINE = SheetLine(kind=InstructionKind.COAST, s_m=1000.0, speed_mps=20.0, after_s=60.0)
 
@@ -28,9 +40,13 @@ def test_spans_are_to_the_half_minute(time_s: float, words: str) -> None:
 
 
 def test_places_are_named_by_the_nearest_board_tunnel_or_stop() -> None:
-    known = landmarks(load_route("zurich-luzern"))
+    route = load_route("zurich-luzern")
+    known = landmarks(route)
     names = {one.name for one in known}
     assert {"board 60", "tunnel", "end of tunnel", "Thalwil"} <= names
+    limits = route.limits_mps
+    planned = replace(limits, start_m=np.append(limits.start_m, 57e3), value=np.append(limits.value, limits.value[-1]))
+    assert landmarks(replace(route, limits_mps=planned)) == known, "where the limit stays there is no board"
     board = next(one for one in known if one.name == "board 60")
     assert place_words(board.s_m, known) == "at board 60"
     assert place_words(board.s_m + 210.0, known) == "200 m after board 60"
@@ -64,3 +80,20 @@ def test_a_line_says_what_to_do_in_few_words(line: SheetLine, held: bool, words:
 def test_the_last_brake_is_for_the_stop() -> None:
     brake = SaidLine(replace(LINE, kind=InstructionKind.BRAKE), held=False)
     assert line_words(brake, last=True) == "<b>brake</b> for the stop"
+
+
+@pytest.mark.parametrize(
+    ("passing", "words"),
+    [
+        ({}, ""),
+        ({"window": Window(earliest_s=60.0)}, "not before 0:01"),
+        ({"window": Window(earliest_s=61.0)}, "not before 0:01½"),
+        ({"window": Window(latest_s=119.0)}, "not after 0:01½"),
+        ({"window": Window(earliest_s=60.0, latest_s=90.0)}, "0:01 to 0:01½"),
+        ({"window": Window(earliest_s=61.0, latest_s=85.0)}, "at 0:01"),
+        ({"window": Window.at(60.0)}, "at 0:01"),
+        ({"window": Window.at(60.0), "wish": True}, "wish"),
+    ],
+)
+def test_a_point_to_pass_has_its_window_in_words(passing: dict[str, Any], words: str) -> None:
+    assert due_words(Passing(name="P", position_m=1.0, **passing)) == words

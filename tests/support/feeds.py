@@ -93,11 +93,13 @@ def table_text(rows: Rows) -> str:
     return "\ufeff" + text.getvalue()
 
 
-def write_feed(path: Path, changed: Mapping[str, Rows | str | None] | None = None, folder: str = "made/") -> Path:
+def write_feed(
+    path: Path, changed: Mapping[str, Rows | str | bytes | None] | None = None, folder: str = "made/"
+) -> Path:
     """Write the feed; `changed` replaces tables by their names (a text as it is; None: the feed lacks it)."""
-    tables: dict[str, Rows | str | None] = {**feed_tables(), **(changed or {})}
+    tables: dict[str, Rows | str | bytes | None] = {**feed_tables(), **(changed or {})}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, rows in tables.items():
             if rows is not None:
-                archive.writestr(f"{folder}{name}.txt", rows if isinstance(rows, str) else table_text(rows))
+                archive.writestr(f"{folder}{name}.txt", rows if isinstance(rows, str | bytes) else table_text(rows))
     return path

@@ -6,6 +6,7 @@ import os
 import re
 import shlex
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -13,6 +14,12 @@ from das.domain.errors import DasError
 
 MOST_BYTES: Final = 1_000_000
 """How much of a file is looked at (bytes)."""
+UNZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError)
+"""What `zipfile` raises for a damaged zip, besides a `UnicodeDecodeError` for a name that is not UTF-8.
+
+`BadZipFile`: wrong headers or checksums; `zlib.error` and `EOFError`: damaged or missing content; `OSError`: a place
+before the begin of the file; `NotImplementedError`: a zip of a later version.
+"""
 _JOURNEYS: Final = "das-precompute journey import {path} --trip ID -o journey.toml"
 _ROUTES: Final = "das-precompute route import {path} -o route.toml"
 _VEHICLES: Final = "das-precompute vehicle import {path} -o vehicle.toml"
@@ -76,7 +83,7 @@ def _zipped(path: Path) -> ForeignFormat:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except Exception:
+    except (*UNZIP_ERRORS, UnicodeDecodeError):
         names = []
     return GTFS if any(name.endswith("stop_times.txt") for name in names) else ForeignFormat("a zip file")
 

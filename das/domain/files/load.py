@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -100,10 +101,10 @@ def locate(
     if path.suffix.lower() not in suffixes:
         names, expected = ", ".join(bundled), " or ".join(suffixes)
         raise DasError(f"{name_or_path}: not a bundled {kind} ({names}) and not a {expected} file")
-    if path.is_dir():
+    if os.path.isdir(path):  # unlike Path.is_dir, false for a name that no file can have
         raise DasError(f"{name_or_path}: is a folder, expected a file")
-    if not path.exists():
+    if not os.path.exists(path):
         raise DasError(f"{name_or_path}: no such file")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise DasError(f"{name_or_path}: not a regular file")
     return path

@@ -228,8 +228,11 @@ def test_a_point_that_was_not_reached_has_no_time() -> None:
 def test_recordings_state_the_passings_and_nonsense_in_them_is_none() -> None:
     assert recorded_passings(passing_metadata([DUE])) == (DUE,)
     assert passing_metadata([]) == {}
-    for text in ("[", "3", '[{"name": 1}]', "[[]]", "null"):
-        assert recorded_passings({PASSINGS: text}) == ()
+    one = '[{"name": "P", "s_m": 100.0, '
+    wrong = (f'{one}"latest_ns": 1{"0" * 400}}}]', f'{one}"latest_ns": 1e400}}]', f'{one}"tolerance_s": []}}]')
+    places = [f'[{{"name": "P", "s_m": {value}}}]' for value in ('"x"', "null", "NaN", "-1")]
+    for text in ("[", "3", '[{"name": 1}]', '[{"name": 1, "s_m": 1}]', "[[]]", "null", *wrong, *places):
+        assert recorded_passings({PASSINGS: text}) == (), text
     passing = Passing(name="P", position_m=100.0, window=Window(earliest_s=2.0))
     assert DuePassing.of(passing, 10**9) == DuePassing(name="P", s_m=100.0, earliest_ns=3 * 10**9)
 
