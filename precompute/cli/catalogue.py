@@ -15,7 +15,7 @@ from das.command_line.printing import busy, paragraph, print_table, tell
 from das.domain.errors import DasError
 from das.domain.levels import Level
 from das.domain.units import KM, KMH, KW, TONNE
-from precompute.cli.options import MapFiles
+from precompute.cli.files import MapFiles
 
 if TYPE_CHECKING:
     from das.domain.losses import LossMap

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from das.command_line.application import Entry
-from das.command_line.files import check_outputs, check_picture, load_route
-from das.command_line.options import JsonOption, OverwriteOption, PlotOption, RouteArgument
+from das.command_line.files import load_route
+from das.command_line.options import JsonOption, RouteArgument
 from das.command_line.printing import busy, paragraph, print_table, tell
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, PERMILLE, kmh
+from precompute.cli.files import ShownFiles, TableFiles, end_check
 
 if TYPE_CHECKING:
     from das.domain.route import Route
@@ -57,7 +58,6 @@ COMMANDS = (
     ),
 )
 """The commands of `das-precompute route`."""
-EXIT_WARNINGS = 1
 FASTEST_KMH = 600.0
 
 
@@ -185,20 +185,11 @@ class Stated:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RouteFiles:
+class RouteFiles(TableFiles):
     """The file of a route that a command writes, and its picture."""
 
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")]
-    plot: PlotOption = None
-    overwrite: OverwriteOption = False
-    as_json: JsonOption = False
-
-    def check(self, *inputs: str | Path | None) -> None:
-        """Refuse, before the work begins, files that cannot be written or would replace an input."""
-        if self.out.suffix.lower() != ".toml":
-            raise DasError(f"{self.out}: expected a file name that ends in .toml")
-        check_picture(self.plot)
-        check_outputs(self.out, self.plot, inputs=inputs, overwrite=self.overwrite)
+    suffix = ".toml"
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")] = field()
 
     def write(self, line: ImportedLine) -> None:
         """Write the route and its picture, and print what it is and what was assumed."""
@@ -215,9 +206,7 @@ class RouteFiles:
         _print_route(route)
         for remark in line.remarks:
             paragraph(remark)
-        for path in (self.out, self.plot):
-            if path is not None:
-                tell(f"written: {path}")
+        self.tell()
 
 
 def import_route(
@@ -277,25 +266,21 @@ def _order(files: tuple[Path, ...], where: FromWhere, heights: Heights, missing:
     )
 
 
-def show(
-    route: RouteArgument, plot: PlotOption = None, overwrite: OverwriteOption = False, as_json: JsonOption = False
-) -> None:
+def show(route: RouteArgument, files: ShownFiles) -> None:
     """Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.
 
     The picture has limits, altitude, gradients, curves, tunnels and stops over the position, and the course of the line
     on a map without a background.
     """
-    check_picture(plot)
-    check_outputs(plot, inputs=(route,), overwrite=overwrite)
+    files.check(route)
     line = load_route(route)
-    if plot is not None:
-        _draw(plot, line)
-    if as_json:
+    if files.plot is not None:
+        _draw(files.plot, line)
+    if files.as_json:
         print(json.dumps(route_json(line)))
         return
     _print_route(line)
-    if plot is not None:
-        tell(f"written: {plot}")
+    files.tell()
 
 
 def check(route: RouteArgument, as_json: JsonOption = False) -> None:
@@ -307,15 +292,14 @@ def check(route: RouteArgument, as_json: JsonOption = False) -> None:
     from precompute.route_import.checks import findings_of
 
     found = findings_of(read(route))
-    if as_json:
-        print(json.dumps({"warnings": list(found.warnings), "notes": list(found.notes)}))
-    else:
+
+    def show() -> None:
         for kind, texts in (("warning", found.warnings), ("note", found.notes)):
             for text in texts:
                 paragraph(f"{kind}: {text}", hanging="  ")
         tell(f"{len(found.warnings)} warnings, {len(found.notes)} notes")
-    if found.warnings:
-        raise typer.Exit(EXIT_WARNINGS)
+
+    end_check(found.warnings, show, as_json=as_json, notes=found.notes)
 
 
 @dataclass(frozen=True, kw_only=True)

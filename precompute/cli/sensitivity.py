@@ -19,7 +19,8 @@ from das.command_line.printing import busy, loading_solver, paragraph, print_tab
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from das.drawing.colors import SEVERAL
-from precompute.cli.options import Pose, TableFiles, TripTime
+from precompute.cli.files import TableFiles
+from precompute.cli.options import Pose, TripTime
 
 if TYPE_CHECKING:
     from das.solver.section import Section

@@ -33,12 +33,6 @@ COARSE_MPS = 30.0 * KMH
 """Points of an effort curve further apart than this (m/s) cause a warning."""
 
 
-def picked(train: Vehicle, mode: str | None, load: str | None) -> Vehicle:
-    """The train in a mode and in a load state; None leaves it as its file says."""
-    train = train if mode is None else train.in_mode(mode)
-    return train if load is None else train.loaded(load)
-
-
 def facts(train: Vehicle) -> list[str]:
     """What kind of train it is, in a few lines."""
     effort = train.traction
