@@ -102,15 +102,12 @@ def table(train: Vehicle) -> Table:
 
 def warnings(train: Vehicle) -> list[str]:
     """A line for everything unusual in a train, in each of its modes."""
-    found = list(warnings_of(train))
+    found = [*warnings_of(train)]
+    if not train.mode:
+        found += [f"{train.source}: {text}" for text in _of_efforts(train)]
     for name in train.modes:
-        found += [
-            one.replace(": ", f": mode {name}: ", 1) for one in warnings_of(train.in_mode(name)) if one not in found
-        ]
-    for name, one in {"": train, **{name: train.in_mode(name) for name in train.modes}}.items():
-        if name == "" and train.mode:
-            continue
-        place = f"{train.source}: " + (f"mode {name}: " if name else "")
+        one, place = train.in_mode(name), f"{train.source}: mode {name}: "
+        found += [text.replace(": ", f": mode {name}: ", 1) for text in warnings_of(one) if text not in found]
         found += [place + text for text in _of_efforts(one)]
     return found
 
