@@ -67,9 +67,7 @@ class OnRoute:
 
     route: Annotated[
         str | None,
-        typer.Option(
-            "--route", metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."
-        ),
+        typer.Option(metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
     ] = None
     reverse: Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")] = (
         False
@@ -96,18 +94,18 @@ class JourneyFile(MadeFile):
 class TripOfFeed:
     """Which trip of a feed becomes a journey."""
 
-    trip: Annotated[
-        str | None, typer.Option("--trip", metavar="ID", help="The trip_id, or a number that only one trip has.")
-    ] = None
+    trip: Annotated[str | None, typer.Option(metavar="ID", help="The trip_id, or a number that only one trip has.")] = (
+        None
+    )
     from_stop: Annotated[
         str | None, typer.Option("--from", metavar="STOP", help="Where the journey begins: name or stop_id.")
     ] = None
     to_stop: Annotated[
         str | None, typer.Option("--to", metavar="STOP", help="Where the journey ends: name or stop_id.")
     ] = None
-    at: Annotated[
-        str | None, typer.Option("--at", metavar="HH:MM", help="Without --trip: the first train from then on.")
-    ] = None
+    at: Annotated[str | None, typer.Option(metavar="HH:MM", help="Without --trip: the first train from then on.")] = (
+        None
+    )
     day: Annotated[
         str | None,
         typer.Option("--date", metavar="YYYY-MM-DD", help="Only trips that run on this day [default: on any day]."),
@@ -216,8 +214,7 @@ def check_journey(
     journey: JourneyArgument,
     on: OnRoute,
     vehicle: Annotated[
-        str | None,
-        typer.Option("--vehicle", metavar="VEHICLE", help="Train that is to keep the journey; needs --route."),
+        str | None, typer.Option(metavar="VEHICLE", help="Train that is to keep the journey; needs --route.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

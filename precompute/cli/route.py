@@ -74,7 +74,7 @@ class FromWhere:
     end: Annotated[str | None, typer.Option("--to", metavar="STATION", help="Last stop, as for --from.")] = None
     via: Annotated[
         list[str] | None,
-        typer.Option("--via", metavar="STATION", help="Station that the way leads over; may be given several times."),
+        typer.Option(metavar="STATION", help="Station that the way leads over; may be given several times."),
     ] = None
     only_named_stops: Annotated[
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
@@ -99,17 +99,15 @@ class Heights:
     altitudes: Annotated[
         Path | None,
         typer.Option(
-            "--altitudes",
             metavar="FILE",
             help="Altitudes (CSV): altitude_m with position_km, with latitude_deg and longitude_deg, or with name.",
         ),
     ] = None
     smooth_m: Annotated[
-        float,
-        typer.Option("--smooth-m", min=0.0, max=50_000.0, help="Length over which altitudes are averaged; 0: none."),
+        float, typer.Option(min=0.0, max=50_000.0, help="Length over which altitudes are averaged; 0: none.")
     ] = 2000.0
     cap_permille: Annotated[
-        float, typer.Option("--cap-permille", min=1.0, max=200.0, help="Steepest gradient that altitudes may give.")
+        float, typer.Option(min=1.0, max=200.0, help="Steepest gradient that altitudes may give.")
     ] = 40.0
 
 
@@ -135,9 +133,7 @@ class Missing:
     ] = 50.0
     length_km: Annotated[
         float | None,
-        typer.Option(
-            "--length-km", min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."
-        ),
+        typer.Option(min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."),
     ] = None
 
 
@@ -146,21 +142,14 @@ class Stated:
     """What the user states of a line; it goes into its file, its pictures and its reports."""
 
     source: Annotated[
-        str | None,
-        typer.Option(
-            "--source", metavar="TEXT", help="Origin of the data [default of OpenStreetMap: its attribution]."
-        ),
+        str | None, typer.Option(metavar="TEXT", help="Origin of the data [default of OpenStreetMap: its attribution].")
     ] = None
-    licence: Annotated[str | None, typer.Option("--licence", metavar="TEXT", help="Licence of the data.")] = None
-    id: Annotated[
-        str | None, typer.Option("--id", metavar="WORD", help="Id of the route [default: from its name].")
-    ] = None
+    licence: Annotated[str | None, typer.Option(metavar="TEXT", help="Licence of the data.")] = None
+    id: Annotated[str | None, typer.Option(metavar="WORD", help="Id of the route [default: from its name].")] = None
     name: Annotated[
-        str | None, typer.Option("--name", metavar="TEXT", help="Name of the route [default: its first and last stop].")
+        str | None, typer.Option(metavar="TEXT", help="Name of the route [default: its first and last stop].")
     ] = None
-    time_zone: Annotated[
-        str, typer.Option("--time-zone", metavar="ZONE", help='Time zone of the line, like "Europe/Rome".')
-    ] = "UTC"
+    time_zone: Annotated[str, typer.Option(metavar="ZONE", help='Time zone of the line, like "Europe/Rome".')] = "UTC"
 
     def words(self) -> Words:
         """What is stated; DasError for a text that a file cannot hold, and for an unknown time zone."""
@@ -306,27 +295,17 @@ def check(route: RouteArgument, as_json: JsonOption = False) -> None:
 class TakenFrom:
     """From which other route each quantity is taken; None: from the first."""
 
-    limits: Annotated[str | None, typer.Option("--limits", metavar="ROUTE", help="Take the limits of this route.")] = (
-        None
-    )
+    limits: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the limits of this route.")] = None
     gradients: Annotated[
-        str | None, typer.Option("--gradients", metavar="ROUTE", help="Take gradients and altitudes of this route.")
+        str | None, typer.Option(metavar="ROUTE", help="Take gradients and altitudes of this route.")
     ] = None
-    curves: Annotated[str | None, typer.Option("--curves", metavar="ROUTE", help="Take the curves of this route.")] = (
-        None
-    )
-    tunnels: Annotated[
-        str | None, typer.Option("--tunnels", metavar="ROUTE", help="Take the tunnels of this route.")
-    ] = None
-    stops: Annotated[str | None, typer.Option("--stops", metavar="ROUTE", help="Take the stops of this route.")] = None
-    geometry: Annotated[
-        str | None, typer.Option("--geometry", metavar="ROUTE", help="Take the geometry of this route.")
-    ] = None
+    curves: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the curves of this route.")] = None
+    tunnels: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the tunnels of this route.")] = None
+    stops: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the stops of this route.")] = None
+    geometry: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the geometry of this route.")] = None
     supply: Annotated[
         str | None,
-        typer.Option(
-            "--supply", metavar="ROUTE", help="Take receptivity, neutral sections and zones without regeneration."
-        ),
+        typer.Option(metavar="ROUTE", help="Take receptivity, neutral sections and zones without regeneration."),
     ] = None
 
     def given(self) -> dict[str, str]:

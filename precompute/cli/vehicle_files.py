@@ -64,24 +64,19 @@ class AssumedOptions:
     losses: Annotated[
         str | None,
         typer.Option(
-            "--losses",
             metavar="NAME",
             help="Losses of the traction chain: lossless, a mean efficiency like 0.85, or the vehicle (bundled name or "
             "file) whose efficiency the train has.",
         ),
     ] = None
     train: Annotated[
-        str | None, typer.Option("--train", metavar="ID", help="Train of a railtoolkit file [default: the first].")
+        str | None, typer.Option(metavar="ID", help="Train of a railtoolkit file [default: the first].")
     ] = None
     electric_brake: Annotated[
-        float | None,
-        typer.Option(
-            "--electric-brake", metavar="RATIO", help="Give it an electric brake: this share of the traction."
-        ),
+        float | None, typer.Option(metavar="RATIO", help="Give it an electric brake: this share of the traction.")
     ] = None
     accept: Annotated[
-        list[str] | None,
-        typer.Option("--accept", metavar="CHECK", help="Accept an implausible value; the error names the check."),
+        list[str] | None, typer.Option(metavar="CHECK", help="Accept an implausible value; the error names the check.")
     ] = None
 
 
