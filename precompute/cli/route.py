@@ -12,7 +12,7 @@ import typer
 from das.command_line.application import Entry
 from das.command_line.files import load_route
 from das.command_line.options import JsonOption, RouteArgument
-from das.command_line.printing import busy, paragraph, print_table, tell
+from das.command_line.printing import busy, new_table, paragraph, print_table, tell
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, PERMILLE, kmh
 from precompute.cli.files import ShownFiles, TableFiles, end_check
@@ -386,13 +386,9 @@ def route_json(route: Route) -> dict[str, Any]:
 
 
 def _print_route(route: Route) -> None:
-    from rich import box
-    from rich.table import Table
-
     found = route_json(route)
-    table = Table(title=f"{route.id}: {route.name}", title_justify="left", box=box.SIMPLE_HEAD, show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
+    table = new_table(f"{route.id}: {route.name}", ("", ""), ())
+    table.show_header, table.columns[0].no_wrap = False, True
     radius_m = found["smallest_radius_m"]
     rows = {
         "length": f"{route.length_m / KM:.3f} km, {'one way' if route.one_way else 'both ways'}",

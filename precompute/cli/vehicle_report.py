@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from das.command_line.printing import new_table
 from das.domain.errors import DasError
 from das.domain.performance import performance_of
 from das.domain.plausibility import warnings_of
@@ -79,15 +80,10 @@ def as_dict(train: Vehicle) -> dict[str, Any]:
 
 def table(train: Vehicle) -> Table:
     """Forces, acceleration, losses and the energy of cruising at some speeds."""
-    from rich import box
-    from rich.table import Table
-
     speeds = _speeds(train)
     found = performance_of(train, speeds)
-    shown = Table(box=box.SIMPLE_HEAD)
     heads = ("km/h", "traction\nkN", "brake\nkN", "resistance\nkN", "spare\nm/s²", "loss\ncruising kW", "loss\nfull kW")
-    for name in (*heads, "cruising\nkWh/km"):
-        shown.add_column(name, justify="right", no_wrap=True)
+    shown = new_table("", (), (*heads, "cruising\nkWh/km"))
     columns = [
         *(values / KN for values in (found.traction_n, found.electric_brake_n, found.resistance_n)),
         found.acceleration_mps2,
