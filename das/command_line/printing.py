@@ -14,7 +14,7 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from das.command_line.process import STDERR, ended_by_signals, start_beside
@@ -74,6 +74,19 @@ def _plain_console() -> type[Console]:
 def error_console() -> Console:
     """A console on standard error, for progress and status lines."""
     return _plain_console()(stderr=True, highlight=False, markup=False, emoji=False, soft_wrap=True)
+
+
+def new_table(title: str, texts: Iterable[str], figures: Iterable[str]) -> Table:
+    """A table without rows: columns of `texts` by name, then of `figures`, which are on the right and not wrapped."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for name in texts:
+        table.add_column(name)
+    for name in figures:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
 
 
 def print_table(table: Table, legend: Mapping[str, str] | None = None) -> None:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from das.command_line.options import JsonOption
-from das.command_line.printing import busy, paragraph, print_table, tell
+from das.command_line.printing import busy, new_table, paragraph, print_table, tell
 from das.domain.errors import DasError
 from das.domain.levels import Level
 from das.domain.units import KM, KMH, KW, TONNE
-from precompute.cli.options import MapFiles
+from precompute.cli.files import MapFiles
 
 if TYPE_CHECKING:
     from das.domain.losses import LossMap
@@ -106,13 +106,8 @@ def _beginning(source: str) -> str:
 
 
 def _print_routes(routes: list[dict[str, Any]]) -> None:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title="routes", title_justify="left", box=box.SIMPLE_HEAD)
-    table.add_column("id", no_wrap=True)
-    table.add_column("name")
-    table.add_column("km", justify="right", no_wrap=True)
+    table = new_table("routes", ("id", "name"), ("km",))
+    table.columns[0].no_wrap = True
     table.add_column("stops")
     for route in routes:
         stops = ", ".join(stop["name"] for stop in route["stops"])
@@ -121,14 +116,8 @@ def _print_routes(routes: list[dict[str, Any]]) -> None:
 
 
 def _print_vehicles(vehicles: list[dict[str, Any]]) -> None:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title="vehicles", title_justify="left", box=box.SIMPLE_HEAD)
-    table.add_column("id", no_wrap=True)
-    table.add_column("name")
-    for name in ("t", "m", "kW", "km/h"):
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table("vehicles", ("id", "name"), ("t", "m", "kW", "km/h"))
+    table.columns[0].no_wrap = True
     table.add_column("levels")
     for vehicle in vehicles:
         table.add_row(
@@ -200,15 +189,8 @@ def _print_facts(model: LossMap, train: Vehicle, summary: dict[str, Any]) -> Non
 
 
 def _print_fits(summary: dict[str, Any]) -> None:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD)
-    for name in (
-        *("fit", "mean\nefficiency", "idle\nkW", "mean/in\n%", "mean/max\n%", "rms/max\n%"),
-        *("cruising\n%", "|cruising|\n%"),
-    ):
-        table.add_column(name, justify="right", no_wrap=True)
+    errors = ("mean/in\n%", "mean/max\n%", "rms/max\n%", "cruising\n%", "|cruising|\n%")
+    table = new_table("", (), ("fit", "mean\nefficiency", "idle\nkW", *errors))
     for level, fit in summary["fits"].items():
         cruising, absolute = fit["cruising_deviation_ratio"], fit["cruising_absolute_deviation_ratio"]
         table.add_row(

@@ -12,7 +12,7 @@ import typer
 from numpy.typing import NDArray
 
 from das.command_line.options import JsonOption
-from das.command_line.printing import busy, loading_solver
+from das.command_line.printing import busy, loading_solver, new_table, print_table
 from das.domain.errors import DasError
 from das.domain.units import kwh
 from precompute.cli.options import Pose, buffer_numbers, buffered, numbers
@@ -190,15 +190,9 @@ def _row(
 
 def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:
     """Print the runs of one buffer as a table, with a legend below the `last` table."""
-    from rich import box
-    from rich.table import Table
-
-    from das.command_line.printing import print_table
-
     title = f"{section}, buffer {point['buffer_percent']:g} %"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    for name in ("price\ns", "chg", "/min", "short\ns", "time\ns", "energy\nkWh", "more\nkWh", "more\n%"):
-        table.add_column(name, justify="right", no_wrap=True)
+    figures = ("price\ns", "chg", "/min", "short\ns", "time\ns", "energy\nkWh", "more\nkWh", "more\n%")
+    table = new_table(title, (), figures)
     for run in point["runs"]:
         ratio, shortest_s = run["more_ratio"], run["shortest_s"]
         table.add_row(

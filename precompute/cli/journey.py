@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.files import check_outputs
-from das.command_line.printing import busy, loading_solver, tell
+from das.command_line.printing import busy, loading_solver
 from das.domain.errors import DasError
-from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
+from precompute.cli.files import RunFiles
+from precompute.cli.options import LineOptions, TrainOnLine, TrainOptions, WorldOptions, buffered
 
 if TYPE_CHECKING:
     from das.domain.journey import Journey
@@ -80,24 +80,20 @@ class JourneyFiles(RunFiles):
         ),
     ] = None
 
+    def outputs(self) -> tuple[Path | None, ...]:
+        """All files to write; None for one that was not asked for."""
+        return *super().outputs(), self.sheet
+
     def check(self, *inputs: str | Path | None) -> None:
         """Raise DasError if a file cannot be written; called before the work begins."""
-        super().check(*inputs)
-        if self.sheet is None:
-            return
-        if self.sheet.suffix.lower() not in (".html", ".htm", ".pdf"):
+        kind = "" if self.sheet is None else self.sheet.suffix.lower()
+        if self.sheet is not None and kind not in (".html", ".htm", ".pdf"):
             raise DasError(f"{self.sheet}: expected a file name that ends in .html or .pdf")
-        check_outputs(self.out, self.plot, self.sheet, inputs=inputs, overwrite=self.overwrite)
-        if self.sheet.suffix.lower() == ".pdf":
+        super().check(*inputs)
+        if kind == ".pdf":
             from das.command_line.pdf import browser
 
             browser()
-
-    def tell(self) -> None:
-        """Print which files were written."""
-        super().tell()
-        if self.sheet is not None:
-            tell(f"written: {self.sheet}")
 
 
 JourneyArgument = Annotated[

@@ -5,18 +5,19 @@ from __future__ import annotations
 import datetime
 import json
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from das.command_line.application import Entry
-from das.command_line.files import check_outputs, check_picture, load_route, load_vehicle
-from das.command_line.options import JsonOption, OverwriteOption, PlotOption
+from das.command_line.files import load_route, load_vehicle
+from das.command_line.options import JsonOption
 from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed, warn
 from das.domain.errors import DasError
 from das.domain.units import KM
+from precompute.cli.files import MadeFile, ShownFiles, end_check
 
 if TYPE_CHECKING:
     from das.domain.route import Route
@@ -55,34 +56,56 @@ COMMANDS: Final = (
 
 LONGEST_S = 3600.0
 """Longest dwell and tolerance (s) that are accepted."""
-JourneyFile = Annotated[
+JourneyArgument = Annotated[
     str, typer.Argument(metavar="JOURNEY", help="Bundled journey, TOML file or TTOBench journey (JSON).")
 ]
-OnRouteOption = Annotated[
-    str | None,
-    typer.Option("--route", metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
-]
-BackwardsOption = Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")]
-OutJourneyOption = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Journey file to write (.toml).")]
-FeedArgument = Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as it is published: a zip.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnRoute:
+    """The route of a journey, and its direction there."""
+
+    route: Annotated[
+        str | None,
+        typer.Option(metavar="ROUTE", help="Route of the journey: bundled, TOML file or TTOBench track (JSON)."),
+    ] = None
+    reverse: Annotated[bool, typer.Option("--reverse", help="The journey runs from the route's end to its start.")] = (
+        False
+    )
+
+    def line(self) -> Route | None:
+        """The route that is named, in the direction of the journey; DasError if it is unusable."""
+        if self.route is None:
+            if self.reverse:
+                raise DasError("--reverse: needs --route")
+            return None
+        found = load_route(self.route)
+        return found.reversed() if self.reverse else found
+
+
+@dataclass(frozen=True, kw_only=True)
+class JourneyFile(MadeFile):
+    """The journey file that a command makes."""
+
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Journey file to write (.toml).")] = field()
 
 
 @dataclass(frozen=True, kw_only=True)
 class TripOfFeed:
     """Which trip of a feed becomes a journey."""
 
-    trip: Annotated[
-        str | None, typer.Option("--trip", metavar="ID", help="The trip_id, or a number that only one trip has.")
-    ] = None
+    trip: Annotated[str | None, typer.Option(metavar="ID", help="The trip_id, or a number that only one trip has.")] = (
+        None
+    )
     from_stop: Annotated[
         str | None, typer.Option("--from", metavar="STOP", help="Where the journey begins: name or stop_id.")
     ] = None
     to_stop: Annotated[
         str | None, typer.Option("--to", metavar="STOP", help="Where the journey ends: name or stop_id.")
     ] = None
-    at: Annotated[
-        str | None, typer.Option("--at", metavar="HH:MM", help="Without --trip: the first train from then on.")
-    ] = None
+    at: Annotated[str | None, typer.Option(metavar="HH:MM", help="Without --trip: the first train from then on.")] = (
+        None
+    )
     day: Annotated[
         str | None,
         typer.Option("--date", metavar="YYYY-MM-DD", help="Only trips that run on this day [default: on any day]."),
@@ -130,13 +153,11 @@ class FeedTimes:
 
 
 def import_journey(
-    feed: FeedArgument,
-    out: OutJourneyOption,
+    feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as it is published: a zip.")],
     asked: TripOfFeed,
     times: FeedTimes,
-    route: OnRouteOption = None,
-    reverse: BackwardsOption = False,
-    overwrite: OverwriteOption = False,
+    on: OnRoute,
+    written: JourneyFile,
 ) -> None:
     """Make a journey file from a trip of a GTFS feed.
 
@@ -148,76 +169,52 @@ def import_journey(
     Public timetables are rounded and seldom say how long a train stands. What is assumed is printed, and written in
     the file.
     """
-    check_outputs(out, inputs=(feed, route), overwrite=overwrite)
+    written.check(feed, on.route)
     from das.domain.files.reading import Fields
     from das.domain.files.routes import journey_of
-    from das.domain.files.writing import write_whole
     from precompute.gtfs import read_trip
     from precompute.journey_import import journey_text, notes, placed
 
-    choice, read, line = asked.choice(), times.read(), _line(route, reverse)
+    choice, read, line = asked.choice(), times.read(), on.line()
     with busy("reading the feed …"):
         found = read_trip(feed, choice)
     placement = placed(found, line)
     text = journey_text(found, placement, read, line, "das-precompute journey import")
-    made = journey_of(Fields.of(out, tomllib.loads(text)), line)
-    write_whole(out, text.encode())
-    for note in notes(found, placement, read):
-        tell(f"note: {note}")
+    made = journey_of(Fields.of(written.out, tomllib.loads(text)), line)
     way_km = (made.points[-1].position_m - made.points[0].position_m) / KM
-    tell(f"written: {out}: {made.name}, {len(made.calls)} stops, {way_km:.1f} km")
-    on = route or "ROUTE"
-    tell(f"plan it: {typed('das-precompute')} journey {out} {on} VEHICLE{' --reverse' if reverse else ''}")
-    tell(f"drive it: {typed('das-sim')} run SCENARIO --journey {out}")
+    about = f"{made.name}, {len(made.calls)} stops, {way_km:.1f} km"
+    written.write(text, notes(found, placement, read), about)
+    words = f"{on.route or 'ROUTE'} VEHICLE{' --reverse' if on.reverse else ''}"
+    tell(f"plan it: {typed('das-precompute')} journey {written.out} {words}")
+    tell(f"drive it: {typed('das-sim')} run SCENARIO --journey {written.out}")
 
 
-def _line(route: str | None, reverse: bool) -> Route | None:
-    """The route that is named, in the direction of the journey."""
-    if route is None:
-        if reverse:
-            raise DasError("--reverse: needs --route")
-        return None
-    found = load_route(route)
-    return found.reversed() if reverse else found
-
-
-def show_journey(
-    journey: JourneyFile,
-    route: OnRouteOption = None,
-    reverse: BackwardsOption = False,
-    plot: PlotOption = None,
-    overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
-) -> None:
+def show_journey(journey: JourneyArgument, on: OnRoute, files: ShownFiles) -> None:
     """Show the stops, passings and times of a journey file, as a table and as a time–distance picture.
 
     A journey that states all positions needs no route.
     """
-    check_picture(plot)
-    check_outputs(plot, inputs=(journey, route), overwrite=overwrite)
+    files.check(journey, on.route)
     from das.domain.files.load import load_journey
     from precompute.cli import journey_report
 
-    read = load_journey(journey, _line(route, reverse))
-    if plot is not None:
+    read = load_journey(journey, on.line())
+    if files.plot is not None:
         from das.drawing.timetable import draw_timetable
 
-        draw_timetable(read).save(plot, overwrite=True)
-    if as_json:
+        draw_timetable(read).save(files.plot, overwrite=True)
+    if files.as_json:
         print(json.dumps(journey_report.as_dict(read)))
         return
     print_table(journey_report.table(read), journey_report.LEGEND)
-    if plot is not None:
-        tell(f"written: {plot}")
+    files.tell()
 
 
 def check_journey(
-    journey: JourneyFile,
-    route: OnRouteOption = None,
-    reverse: BackwardsOption = False,
+    journey: JourneyArgument,
+    on: OnRoute,
     vehicle: Annotated[
-        str | None,
-        typer.Option("--vehicle", metavar="VEHICLE", help="Train that is to keep the journey; needs --route."),
+        str | None, typer.Option(metavar="VEHICLE", help="Train that is to keep the journey; needs --route.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -228,7 +225,7 @@ def check_journey(
     from das.domain.files.load import load_journey
     from precompute.cli import journey_report
 
-    line = _line(route, reverse)
+    line = on.line()
     if vehicle is not None and line is None:
         raise DasError(f"--vehicle {vehicle}: needs --route")
     read = load_journey(journey, line)
@@ -241,34 +238,25 @@ def check_journey(
 
             planner = JourneyPlanner(read, line, train)
         spare = journey_report.spare_times(planner)
-    if as_json:
-        print(json.dumps({"warnings": found, "sections": spare}))
-    else:
+
+    def show() -> None:
         for text in found:
             warn(text)
         if spare:
             print_table(journey_report.spare_table(read, spare), journey_report.SPARE_LEGEND)
         tell(f"{read.source}: {len(read.calls)} stops, {len(read.passings)} passings, {len(found)} warnings")
-    if found:
-        raise typer.Exit(1)
+
+    end_check(found, show, as_json=as_json, sections=spare)
 
 
-def new_journey(
-    out: OutJourneyOption,
-    route: OnRouteOption = None,
-    reverse: BackwardsOption = False,
-    overwrite: OverwriteOption = False,
-) -> None:
+def new_journey(on: OnRoute, written: JourneyFile) -> None:
     """Write a journey file to fill in: every key with its meaning, with the stops of a route.
 
     Its times are a first guess, from the line's limits; replace them.
     """
-    check_outputs(out, inputs=(route,), overwrite=overwrite)
-    from das.domain.files.writing import write_whole
+    written.check(on.route)
     from precompute.cli.journey_report import template
 
-    write_whole(out, template(_line(route, reverse)).encode())
-    tell(f"written: {out}")
-    paragraph(
-        f"Fill it in, then: {typed('das-precompute')} journey check {out}" + (f" --route {route}" if route else "")
-    )
+    written.write(template(on.line()))
+    words = f" --route {on.route}" if on.route else ""
+    paragraph(f"Fill it in, then: {typed('das-precompute')} journey check {written.out}{words}")

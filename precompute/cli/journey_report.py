@@ -6,15 +6,16 @@ import json
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich import box
-from rich.table import Table
-
+from das.command_line.printing import new_table
 from das.domain.journey import Call, Journey, Passing, Window, clock, file_clock
 from das.domain.route import Route
 from das.domain.units import KM, kmh
 from das.solver.journey.plan import JourneyPlanner
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 LEGEND = {
     "…": "open",
@@ -35,10 +36,7 @@ NEAR_M, AT_M = 1000.0, 20.0
 
 def table(journey: Journey) -> Table:
     """The points of a journey with their windows."""
-    found = Table(title=journey.name, title_justify="left", box=box.SIMPLE_HEAD)
-    found.add_column("stop or passing")
-    for name in ("km", "arrives", "departs or passes", "dwell\ns"):
-        found.add_column(name, justify="right", no_wrap=True)
+    found = new_table(journey.name, ("stop or passing",), ("km", "arrives", "departs or passes", "dwell\ns"))
     for point in journey.points:
         place = f"{point.position_m / KM:.3f}"
         if isinstance(point, Call):
@@ -149,10 +147,7 @@ def spare_times(planner: JourneyPlanner) -> list[dict[str, Any]]:
 
 def spare_table(journey: Journey, rows: list[dict[str, Any]]) -> Table:
     """The least and the available time of each section."""
-    found = Table(title=journey.name, title_justify="left", box=box.SIMPLE_HEAD)
-    found.add_column("section")
-    for name in ("least\ns", "available\ns", "spare\n%"):
-        found.add_column(name, justify="right", no_wrap=True)
+    found = new_table(journey.name, ("section",), ("least\ns", "available\ns", "spare\n%"))
     for row in rows:
         left = (
             ("…", "")

@@ -10,24 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.files import check_outputs, check_picture, load_route, load_vehicle
+from das.command_line.files import load_route, load_vehicle
 from das.command_line.options import (
     FromOption,
-    JsonOption,
     LevelOption,
     LoadOption,
     LossMapOption,
     ModeOption,
-    OutCsvOption,
-    OverwriteOption,
-    PlotOption,
     PointMassOption,
     ReverseOption,
     RouteArgument,
     ToOption,
     VehicleArgument,
 )
-from das.command_line.printing import tell
 from das.domain.errors import DasError
 from das.domain.units import KMH, KN, KW
 
@@ -50,10 +45,6 @@ TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="T
 BufferOption = Annotated[
     float | None, typer.Option("--buffer", metavar="PERCENT", help="Trip time as % above the least possible one.")
 ]
-OutTrajectoryOption = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Trajectory to write (.csv): one row a grid node.")
-]
-
 RefineOption = Annotated[
     str,
     typer.Option(
@@ -183,44 +174,6 @@ class TripTime:
         return self.time_s if self.buffer_percent is None else buffered(min_time_s, self.buffer_percent)
 
 
-@dataclass(frozen=True, kw_only=True)
-class TableFiles:
-    """The files that a command writes (rows as CSV, a picture), and whether it prints JSON."""
-
-    out: OutCsvOption = None
-    plot: PlotOption = None
-    overwrite: OverwriteOption = False
-    as_json: JsonOption = False
-
-    def check(self, *inputs: str | Path | None) -> None:
-        """Refuse, before the work begins, files that cannot be written or would replace an input."""
-        check_picture(self.plot)
-        check_outputs(self.out, self.plot, inputs=inputs, overwrite=self.overwrite)
-
-    def tell(self) -> None:
-        """Print which files were written."""
-        for path in (self.out, self.plot):
-            if path is not None:
-                tell(f"written: {path}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunFiles(TableFiles):
-    """The files that a command writes of one run (its trajectory as CSV, a picture), and whether it prints JSON."""
-
-    out: OutTrajectoryOption = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class MapFiles(TableFiles):
-    """The files that `loss-map` writes (the map as CSV, a picture), and whether it prints JSON."""
-
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Loss map to write (.csv), as --loss-map reads it."),
-    ] = None
-
-
 def buffered(min_time_s: float, buffer_percent: float) -> float:
     """Trip time (s) of a buffer in % on the least time; DasError for an impossible buffer."""
     if not 0 <= buffer_percent < MOST_PERCENT:
@@ -324,11 +277,7 @@ class TrainOnLine:
         from das.domain.vehicle import BrakePolicy
 
         asked = self.driven
-        vehicle = load_vehicle(asked.vehicle)
-        if asked.mode is not None:
-            vehicle = vehicle.in_mode(asked.mode)
-        if asked.load is not None:
-            vehicle = vehicle.loaded(asked.load)
+        vehicle = picked(load_vehicle(asked.vehicle), asked.mode, asked.load)
         if asked.loss_map is not None:
             vehicle = vehicle.with_loss_map(read_loss_map(asked.loss_map))
         power_w = asked.max_power_kw * KW if asked.max_power_kw is not None else None
@@ -369,6 +318,12 @@ class Pose(TrainOnLine):
                 longest_step_m=self.grid.step_m,
             ),
         )
+
+
+def picked(vehicle: Vehicle, mode: str | None, load: str | None) -> Vehicle:
+    """The vehicle in a mode and a load state; None leaves it as its file says. DasError if it has no such one."""
+    vehicle = vehicle if mode is None else vehicle.in_mode(mode)
+    return vehicle if load is None else vehicle.loaded(load)
 
 
 def _either(own_mps: float | None, both_mps: float) -> float:

@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from rich import box
-from rich.table import Table
 
-from das.command_line.printing import print_table, tell
+from das.command_line.printing import new_table, print_table, tell
 from das.domain.errors import DasError
 from das.domain.journey import Held, Window, clock
 from das.domain.plotted import PlottedFront
@@ -130,10 +128,8 @@ LEGEND = {
 def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
     """Print runs, as `solution_json` gives them, one a row; of several, also the savings relative to the first."""
     several = len(results) > 1
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    energies = (f"{name}\nkWh" for name in ("input", "lost", "stored"))
-    for name in ("time s", "buffer %", *energies, *(["saved\n%"] if several else []), "λ kW", "gap %", "ms", "fit"):
-        table.add_column(name, justify="right", no_wrap=True)
+    energies = (*(f"{name}\nkWh" for name in ("input", "lost", "stored")), *(["saved\n%"] if several else []))
+    table = new_table(title, (), ("time s", "buffer %", *energies, "λ kW", "gap %", "ms", "fit"))
     first = results[0]["energy_kwh"]
     for result in results:
         buffer = 100 * (result["time_s"] / result["min_time_s"] - 1)
@@ -274,10 +270,8 @@ def _timing_json(timing: PlannedTime) -> dict[str, Any]:
 
 def print_plan(plan: JourneyPlan, title: str, others_j: dict[str, float], missed: Sequence[MissedWish]) -> None:
     """Sections and passings as a table, then the totals and the wishes that are missed."""
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    table.add_column("section")
-    for name in ("departs", "arrives", "km/h", "run\ns", "buffer\n%", "input\nkWh", "λ\nkW"):
-        table.add_column(name, justify="right", no_wrap=True)
+    figures = ("departs", "arrives", "km/h", "run\ns", "buffer\n%", "input\nkWh", "λ\nkW")
+    table = new_table(title, ("section",), figures)
     for section in plan.sections:
         table.add_row(
             f"{section.start.name} – {section.end.name}",

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from das.command_line.application import Entry
-from das.command_line.files import check_outputs, check_picture, load_route
-from das.command_line.options import JsonOption, OverwriteOption, PlotOption, RouteArgument
-from das.command_line.printing import busy, paragraph, print_table, tell
+from das.command_line.files import load_route
+from das.command_line.options import JsonOption, RouteArgument
+from das.command_line.printing import busy, new_table, paragraph, print_table, tell
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, PERMILLE, kmh
+from precompute.cli.files import ShownFiles, TableFiles, end_check
 
 if TYPE_CHECKING:
     from das.domain.route import Route
@@ -57,7 +58,6 @@ COMMANDS = (
     ),
 )
 """The commands of `das-precompute route`."""
-EXIT_WARNINGS = 1
 FASTEST_KMH = 600.0
 
 
@@ -74,7 +74,7 @@ class FromWhere:
     end: Annotated[str | None, typer.Option("--to", metavar="STATION", help="Last stop, as for --from.")] = None
     via: Annotated[
         list[str] | None,
-        typer.Option("--via", metavar="STATION", help="Station that the way leads over; may be given several times."),
+        typer.Option(metavar="STATION", help="Station that the way leads over; may be given several times."),
     ] = None
     only_named_stops: Annotated[
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
@@ -99,17 +99,15 @@ class Heights:
     altitudes: Annotated[
         Path | None,
         typer.Option(
-            "--altitudes",
             metavar="FILE",
             help="Altitudes (CSV): altitude_m with position_km, with latitude_deg and longitude_deg, or with name.",
         ),
     ] = None
     smooth_m: Annotated[
-        float,
-        typer.Option("--smooth-m", min=0.0, max=50_000.0, help="Length over which altitudes are averaged; 0: none."),
+        float, typer.Option(min=0.0, max=50_000.0, help="Length over which altitudes are averaged; 0: none.")
     ] = 2000.0
     cap_permille: Annotated[
-        float, typer.Option("--cap-permille", min=1.0, max=200.0, help="Steepest gradient that altitudes may give.")
+        float, typer.Option(min=1.0, max=200.0, help="Steepest gradient that altitudes may give.")
     ] = 40.0
 
 
@@ -135,9 +133,7 @@ class Missing:
     ] = 50.0
     length_km: Annotated[
         float | None,
-        typer.Option(
-            "--length-km", min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."
-        ),
+        typer.Option(min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."),
     ] = None
 
 
@@ -146,21 +142,14 @@ class Stated:
     """What the user states of a line; it goes into its file, its pictures and its reports."""
 
     source: Annotated[
-        str | None,
-        typer.Option(
-            "--source", metavar="TEXT", help="Origin of the data [default of OpenStreetMap: its attribution]."
-        ),
+        str | None, typer.Option(metavar="TEXT", help="Origin of the data [default of OpenStreetMap: its attribution].")
     ] = None
-    licence: Annotated[str | None, typer.Option("--licence", metavar="TEXT", help="Licence of the data.")] = None
-    id: Annotated[
-        str | None, typer.Option("--id", metavar="WORD", help="Id of the route [default: from its name].")
-    ] = None
+    licence: Annotated[str | None, typer.Option(metavar="TEXT", help="Licence of the data.")] = None
+    id: Annotated[str | None, typer.Option(metavar="WORD", help="Id of the route [default: from its name].")] = None
     name: Annotated[
-        str | None, typer.Option("--name", metavar="TEXT", help="Name of the route [default: its first and last stop].")
+        str | None, typer.Option(metavar="TEXT", help="Name of the route [default: its first and last stop].")
     ] = None
-    time_zone: Annotated[
-        str, typer.Option("--time-zone", metavar="ZONE", help='Time zone of the line, like "Europe/Rome".')
-    ] = "UTC"
+    time_zone: Annotated[str, typer.Option(metavar="ZONE", help='Time zone of the line, like "Europe/Rome".')] = "UTC"
 
     def words(self) -> Words:
         """What is stated; DasError for a text that a file cannot hold, and for an unknown time zone."""
@@ -185,20 +174,11 @@ class Stated:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RouteFiles:
+class RouteFiles(TableFiles):
     """The file of a route that a command writes, and its picture."""
 
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")]
-    plot: PlotOption = None
-    overwrite: OverwriteOption = False
-    as_json: JsonOption = False
-
-    def check(self, *inputs: str | Path | None) -> None:
-        """Refuse, before the work begins, files that cannot be written or would replace an input."""
-        if self.out.suffix.lower() != ".toml":
-            raise DasError(f"{self.out}: expected a file name that ends in .toml")
-        check_picture(self.plot)
-        check_outputs(self.out, self.plot, inputs=inputs, overwrite=self.overwrite)
+    suffix = ".toml"
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Route to write (.toml).")] = field()
 
     def write(self, line: ImportedLine) -> None:
         """Write the route and its picture, and print what it is and what was assumed."""
@@ -215,9 +195,7 @@ class RouteFiles:
         _print_route(route)
         for remark in line.remarks:
             paragraph(remark)
-        for path in (self.out, self.plot):
-            if path is not None:
-                tell(f"written: {path}")
+        self.tell()
 
 
 def import_route(
@@ -277,25 +255,21 @@ def _order(files: tuple[Path, ...], where: FromWhere, heights: Heights, missing:
     )
 
 
-def show(
-    route: RouteArgument, plot: PlotOption = None, overwrite: OverwriteOption = False, as_json: JsonOption = False
-) -> None:
+def show(route: RouteArgument, files: ShownFiles) -> None:
     """Show a route: stops, limits, gradients, curves, tunnels, origin of the data; --plot draws it.
 
     The picture has limits, altitude, gradients, curves, tunnels and stops over the position, and the course of the line
     on a map without a background.
     """
-    check_picture(plot)
-    check_outputs(plot, inputs=(route,), overwrite=overwrite)
+    files.check(route)
     line = load_route(route)
-    if plot is not None:
-        _draw(plot, line)
-    if as_json:
+    if files.plot is not None:
+        _draw(files.plot, line)
+    if files.as_json:
         print(json.dumps(route_json(line)))
         return
     _print_route(line)
-    if plot is not None:
-        tell(f"written: {plot}")
+    files.tell()
 
 
 def check(route: RouteArgument, as_json: JsonOption = False) -> None:
@@ -307,42 +281,31 @@ def check(route: RouteArgument, as_json: JsonOption = False) -> None:
     from precompute.route_import.checks import findings_of
 
     found = findings_of(read(route))
-    if as_json:
-        print(json.dumps({"warnings": list(found.warnings), "notes": list(found.notes)}))
-    else:
+
+    def show() -> None:
         for kind, texts in (("warning", found.warnings), ("note", found.notes)):
             for text in texts:
                 paragraph(f"{kind}: {text}", hanging="  ")
         tell(f"{len(found.warnings)} warnings, {len(found.notes)} notes")
-    if found.warnings:
-        raise typer.Exit(EXIT_WARNINGS)
+
+    end_check(found.warnings, show, as_json=as_json, notes=found.notes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TakenFrom:
     """From which other route each quantity is taken; None: from the first."""
 
-    limits: Annotated[str | None, typer.Option("--limits", metavar="ROUTE", help="Take the limits of this route.")] = (
-        None
-    )
+    limits: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the limits of this route.")] = None
     gradients: Annotated[
-        str | None, typer.Option("--gradients", metavar="ROUTE", help="Take gradients and altitudes of this route.")
+        str | None, typer.Option(metavar="ROUTE", help="Take gradients and altitudes of this route.")
     ] = None
-    curves: Annotated[str | None, typer.Option("--curves", metavar="ROUTE", help="Take the curves of this route.")] = (
-        None
-    )
-    tunnels: Annotated[
-        str | None, typer.Option("--tunnels", metavar="ROUTE", help="Take the tunnels of this route.")
-    ] = None
-    stops: Annotated[str | None, typer.Option("--stops", metavar="ROUTE", help="Take the stops of this route.")] = None
-    geometry: Annotated[
-        str | None, typer.Option("--geometry", metavar="ROUTE", help="Take the geometry of this route.")
-    ] = None
+    curves: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the curves of this route.")] = None
+    tunnels: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the tunnels of this route.")] = None
+    stops: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the stops of this route.")] = None
+    geometry: Annotated[str | None, typer.Option(metavar="ROUTE", help="Take the geometry of this route.")] = None
     supply: Annotated[
         str | None,
-        typer.Option(
-            "--supply", metavar="ROUTE", help="Take receptivity, neutral sections and zones without regeneration."
-        ),
+        typer.Option(metavar="ROUTE", help="Take receptivity, neutral sections and zones without regeneration."),
     ] = None
 
     def given(self) -> dict[str, str]:
@@ -423,13 +386,9 @@ def route_json(route: Route) -> dict[str, Any]:
 
 
 def _print_route(route: Route) -> None:
-    from rich import box
-    from rich.table import Table
-
     found = route_json(route)
-    table = Table(title=f"{route.id}: {route.name}", title_justify="left", box=box.SIMPLE_HEAD, show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column()
+    table = new_table(f"{route.id}: {route.name}", ("", ""), ())
+    table.show_header, table.columns[0].no_wrap = False, True
     radius_m = found["smallest_radius_m"]
     rows = {
         "length": f"{route.length_m / KM:.3f} km, {'one way' if route.one_way else 'both ways'}",

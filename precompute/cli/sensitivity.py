@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from rich import box
-from rich.table import Table
 
 from das.command_line.files import offscreen_pyplot, save_figure
-from das.command_line.printing import busy, loading_solver, paragraph, print_table, shown, tell
+from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, shown, tell
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
 from das.drawing.colors import SEVERAL
-from precompute.cli.options import Pose, TableFiles, TripTime
+from precompute.cli.files import TableFiles
+from precompute.cli.options import Pose, TripTime
 
 if TYPE_CHECKING:
     from das.solver.section import Section
@@ -170,10 +169,8 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 
 def print_rows(section: Section, planned: dict[str, Any], rows: list[dict[str, Any]]) -> None:
     """Print the rows of `outcome_row` as a table with its legend, then the plan that they are compared with."""
-    table = Table(title=f"{section.name}, the plan in a changed world", title_justify="left", box=box.SIMPLE_HEAD)
-    table.add_column("changed", no_wrap=True)
-    for name in COLUMNS:
-        table.add_column(name, justify="right", no_wrap=True)
+    table = new_table(f"{section.name}, the plan in a changed world", ("changed",), COLUMNS)
+    table.columns[0].no_wrap = True
     for row in rows:
         table.add_row(row["label"], *(_figure(row, *what) for what in COLUMNS.values()))
     print_table(table, LEGEND)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 import typer
 
 from das.command_line.application import Entry
-from das.command_line.files import check_outputs, check_picture, load_vehicle
-from das.command_line.options import JsonOption, LoadOption, ModeOption, OverwriteOption, PlotOption, VehicleArgument
+from das.command_line.files import load_vehicle
+from das.command_line.options import JsonOption, LoadOption, ModeOption, VehicleArgument
 from das.command_line.printing import print_table, tell, typed, warn
 from das.domain.errors import DasError
 from das.domain.units import TONNE, kmh
+from precompute.cli.files import MadeFile, ShownFiles, end_check
+from precompute.cli.options import picked
 from precompute.vehicle_import.figures import Figures
-
-if TYPE_CHECKING:
-    from das.domain.vehicle import Vehicle
 
 COMMANDS: Final = (
     Entry(
@@ -50,7 +49,12 @@ COMMANDS: Final = (
     ),
 )
 
-OutVehicleOption = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Vehicle file to write (.toml).")]
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleFile(MadeFile):
+    """The vehicle file that a command makes."""
+
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Vehicle file to write (.toml).")] = field()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,24 +64,19 @@ class AssumedOptions:
     losses: Annotated[
         str | None,
         typer.Option(
-            "--losses",
             metavar="NAME",
             help="Losses of the traction chain: lossless, a mean efficiency like 0.85, or the vehicle (bundled name or "
             "file) whose efficiency the train has.",
         ),
     ] = None
     train: Annotated[
-        str | None, typer.Option("--train", metavar="ID", help="Train of a railtoolkit file [default: the first].")
+        str | None, typer.Option(metavar="ID", help="Train of a railtoolkit file [default: the first].")
     ] = None
     electric_brake: Annotated[
-        float | None,
-        typer.Option(
-            "--electric-brake", metavar="RATIO", help="Give it an electric brake: this share of the traction."
-        ),
+        float | None, typer.Option(metavar="RATIO", help="Give it an electric brake: this share of the traction.")
     ] = None
     accept: Annotated[
-        list[str] | None,
-        typer.Option("--accept", metavar="CHECK", help="Accept an implausible value; the error names the check."),
+        list[str] | None, typer.Option(metavar="CHECK", help="Accept an implausible value; the error names the check.")
     ] = None
 
 
@@ -85,10 +84,9 @@ def import_vehicle(
     source: Annotated[
         Path, typer.Argument(metavar="FILE", help="Rolling stock (.json, .yaml), or a table (.csv, .yaml).")
     ],
-    out: OutVehicleOption,
     assumed: AssumedOptions,
     figures: Figures,
-    overwrite: OverwriteOption = False,
+    written: VehicleFile,
 ) -> None:
     """Make a vehicle file from rolling stock of OSRD or railtoolkit, or from a table of efforts.
 
@@ -98,8 +96,7 @@ def import_vehicle(
     if assumed.losses is None:
         known = "lossless, a mean efficiency like 0.85, or a vehicle like re460-ic"
         raise DasError(f"--losses is missing: {source.name} gives no losses; expected {known}")
-    check_outputs(out, inputs=(source, assumed.losses), overwrite=overwrite)
-    from das.domain.files.writing import write_whole
+    written.check(source, assumed.losses)
     from precompute.vehicle_import.importing import import_train
 
     found = import_train(
@@ -110,44 +107,36 @@ def import_vehicle(
         electric_brake=assumed.electric_brake,
         accepted=assumed.accept or (),
     )
-    write_whole(out, found.text.encode())
-    for note in found.notes:
-        tell(f"note: {note}")
     made = found.vehicle
     modes = f", modes: {len(made.modes)}, default {made.mode}" if made.modes else ""
-    tell(f"written: {out}: {made.name}, {made.mass_kg / TONNE:.4g} t, {kmh(made.max_speed_mps):.4g} km/h{modes}")
-    tell(f"look at it: {typed('das-precompute')} vehicle show {out} --plot train.png")
+    about = f"{made.name}, {made.mass_kg / TONNE:.4g} t, {kmh(made.max_speed_mps):.4g} km/h{modes}"
+    written.write(found.text, found.notes, about)
+    tell(f"look at it: {typed('das-precompute')} vehicle show {written.out} --plot train.png")
 
 
 def show_vehicle(
-    vehicle: VehicleArgument,
-    mode: ModeOption = None,
-    load: LoadOption = None,
-    plot: PlotOption = None,
-    overwrite: OverwriteOption = False,
-    as_json: JsonOption = False,
+    vehicle: VehicleArgument, *, mode: ModeOption = None, load: LoadOption = None, files: ShownFiles
 ) -> None:
     """Show forces, resistance, losses and the energy of cruising of a train, as a table and as a picture.
 
     Forces are those on a dry rail; the energy of cruising is that per kilometre on a level straight line.
     """
-    check_picture(plot)
-    check_outputs(plot, inputs=(vehicle,), overwrite=overwrite)
+    files.check(vehicle)
     from precompute.cli import vehicle_report
 
-    train = vehicle_report.picked(load_vehicle(vehicle), mode, load)
-    if plot is not None:
+    train = picked(load_vehicle(vehicle), mode, load)
+
+    if files.plot is not None:
         from das.drawing.train import draw_train
 
-        draw_train(train).save(plot, overwrite=True)
-    if as_json:
+        draw_train(train).save(files.plot, overwrite=True)
+    if files.as_json:
         print(json.dumps(vehicle_report.as_dict(train)))
         return
     for line in vehicle_report.facts(train):
         tell(line)
     print_table(vehicle_report.table(train), vehicle_report.LEGEND)
-    if plot is not None:
-        tell(f"written: {plot}")
+    files.tell()
 
 
 def check_vehicle(vehicle: VehicleArgument, as_json: JsonOption = False) -> None:
@@ -155,30 +144,27 @@ def check_vehicle(vehicle: VehicleArgument, as_json: JsonOption = False) -> None
 
     The exit code is 1 if there are warnings, and 2 if the file cannot be used.
     """
-    from das.domain.files import load
+    from das.domain.files.load import load_vehicle
     from precompute.cli import vehicle_report
 
-    train: Vehicle = load.load_vehicle(vehicle)
+    train = load_vehicle(vehicle)
     found = vehicle_report.warnings(train)
-    if as_json:
-        print(json.dumps({"warnings": found}))
-    else:
+
+    def show() -> None:
         for text in found:
             warn(text)
         tell(f"{train.source}: modes: {len(train.modes)}, loads: {len(train.loads)}, warnings: {len(found)}")
-    if found:
-        raise typer.Exit(1)
+
+    end_check(found, show, as_json=as_json)
 
 
-def new_vehicle(out: OutVehicleOption, overwrite: OverwriteOption = False) -> None:
+def new_vehicle(written: VehicleFile) -> None:
     """Write a vehicle file to fill in: every key with its meaning.
 
     Its figures are those of no real train; replace them.
     """
-    check_outputs(out, overwrite=overwrite)
-    from das.domain.files.writing import write_whole
+    written.check()
     from precompute.cli.vehicle_report import TEMPLATE
 
-    write_whole(out, TEMPLATE.encode())
-    tell(f"written: {out}")
-    tell(f"fill it in, then: {typed('das-precompute')} vehicle check {out}")
+    written.write(TEMPLATE)
+    tell(f"fill it in, then: {typed('das-precompute')} vehicle check {written.out}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from das.command_line.printing import new_table
 from das.domain.errors import DasError
 from das.domain.performance import performance_of
 from das.domain.plausibility import warnings_of
@@ -31,12 +32,6 @@ RISES = 0.02
 """A curve that rises with speed by more than this share of its largest force causes a warning."""
 COARSE_MPS = 30.0 * KMH
 """Points of an effort curve further apart than this (m/s) cause a warning."""
-
-
-def picked(train: Vehicle, mode: str | None, load: str | None) -> Vehicle:
-    """The train in a mode and in a load state; None leaves it as its file says."""
-    train = train if mode is None else train.in_mode(mode)
-    return train if load is None else train.loaded(load)
 
 
 def facts(train: Vehicle) -> list[str]:
@@ -85,15 +80,10 @@ def as_dict(train: Vehicle) -> dict[str, Any]:
 
 def table(train: Vehicle) -> Table:
     """Forces, acceleration, losses and the energy of cruising at some speeds."""
-    from rich import box
-    from rich.table import Table
-
     speeds = _speeds(train)
     found = performance_of(train, speeds)
-    shown = Table(box=box.SIMPLE_HEAD)
     heads = ("km/h", "traction\nkN", "brake\nkN", "resistance\nkN", "spare\nm/s²", "loss\ncruising kW", "loss\nfull kW")
-    for name in (*heads, "cruising\nkWh/km"):
-        shown.add_column(name, justify="right", no_wrap=True)
+    shown = new_table("", (), (*heads, "cruising\nkWh/km"))
     columns = [
         *(values / KN for values in (found.traction_n, found.electric_brake_n, found.resistance_n)),
         found.acceleration_mps2,
@@ -108,15 +98,12 @@ def table(train: Vehicle) -> Table:
 
 def warnings(train: Vehicle) -> list[str]:
     """A line for everything unusual in a train, in each of its modes."""
-    found = list(warnings_of(train))
+    found = [*warnings_of(train)]
+    if not train.mode:
+        found += [f"{train.source}: {text}" for text in _of_efforts(train)]
     for name in train.modes:
-        found += [
-            one.replace(": ", f": mode {name}: ", 1) for one in warnings_of(train.in_mode(name)) if one not in found
-        ]
-    for name, one in {"": train, **{name: train.in_mode(name) for name in train.modes}}.items():
-        if name == "" and train.mode:
-            continue
-        place = f"{train.source}: " + (f"mode {name}: " if name else "")
+        one, place = train.in_mode(name), f"{train.source}: mode {name}: "
+        found += [text.replace(": ", f": mode {name}: ", 1) for text in warnings_of(one) if text not in found]
         found += [place + text for text in _of_efforts(one)]
     return found
 

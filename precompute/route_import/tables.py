@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,10 +14,11 @@ from numpy.typing import NDArray
 
 from das.domain.earth import steps_m
 from das.domain.errors import DasError, InputError
-from das.domain.files.reading import MOST_BYTES, MOST_OF_A_NAME, in_si, number, read_text
+from das.domain.files.reading import MOST_BYTES, MOST_OF_A_NAME, in_si, number
 from das.domain.files.ttobench import curvature_stretches
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
+from precompute.csv_table import CsvTable, read_csv
 from precompute.route_import.line import ImportedLine, Words, made_route, stretches
 from precompute.yaml_file import read_yaml
 
@@ -92,32 +92,19 @@ def read_table(path: Path) -> LineTable:
 
 
 def _csv_table(path: Path) -> LineTable:
-    lines = read_text(path, MOST_BYTES).split("\n")
-    header = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), None)
-    if header is None:
-        raise DasError(f"{path}: empty, expected a line of column names like position_km, limit_kmh")
-    mark = next((one for one in ";\t" if one in lines[header]), ",")
-    cells: dict[int, list[str]] = {}
-    try:
-        for i, line in enumerate(lines[header:], header + 1):
-            if line.strip() and not line.startswith("#"):
-                cells[i] = [cell.strip() for row in csv.reader([line], delimiter=mark, strict=True) for cell in row]
-    except csv.Error as error:
-        raise DasError(f"{path}: not a usable CSV file ({error})") from error
-    first, *rows = cells.items()
-    columns = [_column(path, name) for name in first[1]]
+    table = read_csv(path, MOST_BYTES, "a line of column names like position_km, limit_kmh")
+    (first, header), *rows = table.rows
+    columns = [_column(path, name) for name in header]
     read = [quantity for quantity, _ in columns if quantity not in REMARKS]
     if len(set(read)) < len(read):
-        raise InputError(path, f"line {first[0]}", mark.join(first[1]), "each quantity once")
+        raise InputError(path, f"line {first}", table.joined(header), "each quantity once")
     if not rows or len(rows) > MOST_ROWS:
         raise InputError(path, "number of rows", len(rows), f"1 to {MOST_ROWS}")
-    for number_of_line, row in rows:
+    for line, row in rows:
         if len(row) != len(columns):
-            raise InputError(
-                path, f"line {number_of_line}", mark.join(row), f"{len(columns)} cells: {', '.join(first[1])}"
-            )
+            raise InputError(path, f"line {line}", table.joined(row), f"{len(columns)} cells: {', '.join(header)}")
     numbers = {
-        quantity: tuple(_value(path, line, (quantity, unit), row[i], comma=mark != ",") for line, row in rows)
+        quantity: tuple(_value(path, line, (quantity, unit), row[i], table) for line, row in rows)
         for i, (quantity, unit) in enumerate(columns)
         if quantity in QUANTITIES
     }
@@ -144,19 +131,15 @@ def _column(path: Path, name: str) -> tuple[str, str]:
     raise InputError(path, "column", name, f"a quantity with its unit, of {known}, longitude_deg; or name, source")
 
 
-def _value(path: Path, line: int, column: tuple[str, str], cell: str, *, comma: bool) -> float | None:
+def _value(path: Path, line: int, column: tuple[str, str], cell: str, table: CsvTable) -> float | None:
     """A cell in SI; None for an empty one."""
     quantity, unit = column
     key = f"line {line} {quantity}"
     if not cell:
         return None
-    text = cell.replace(",", ".") if comma else cell
-    if quantity in ENDLESS and text.casefold().lstrip("-+") in STRAIGHT:
+    if quantity in ENDLESS and cell.casefold().lstrip("-+") in STRAIGHT:
         return float("inf")
-    try:
-        value = float(text) if re.fullmatch(r"[-+]?[\d.]+(?:e[-+]?\d+)?", text, re.IGNORECASE | re.ASCII) else None
-    except ValueError:
-        value = None
+    value = table.number(cell)
     if value is None:
         raise InputError(path, key, cell, "a number")
     return in_si(path, key, value, (unit, QUANTITIES[quantity]), unbounded=quantity in ENDLESS)

@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table as PrintedTable
 from rich.text import Text
 
 from das.command_line.files import warn_unusual
 from das.command_line.options import JsonOption
-from das.command_line.printing import busy, error_console, print_table
+from das.command_line.printing import busy, error_console, new_table, print_table
 from das.domain.errors import DasError
 from das.domain.units import KM, kwh
 from precompute.cli.options import RefineOption, refine_seconds
 from precompute.workers import Workers
 
 if TYPE_CHECKING:
+    from rich.table import Table as PrintedTable
+
     from das.table.reading import Table
 
 MB = 1e6
@@ -216,10 +216,8 @@ def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
 
 def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
     """What `show` prints, at most 80 columns wide unless names are long; a row has two or three lines."""
-    printed = PrintedTable(box=box.SIMPLE_HEAD, pad_edge=False)
-    printed.add_column("route, section\ntrain, level")
-    for name in ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "refined\n%", "gap\n%", "\nMB"):
-        printed.add_column(name, justify="right", no_wrap=True)
+    figures = ("\nkm", "least\ns", "\nruns", "kWh\nfirst", "kWh\nlast", "refined\n%", "gap\n%", "\nMB")
+    printed = new_table("", ("route, section\ntrain, level",), figures)
     for row in rows:
         gap = row["largest_gap_ratio"]
         ends = f"{row['from']} – {row['to']}"

@@ -16,27 +16,22 @@ class Figures:
     header states none.
     """
 
-    name: Annotated[str | None, typer.Option("--name", help="Name of the train [default: that of the file].")] = None
-    mass: Annotated[str | None, typer.Option("--mass", metavar="T", help="Mass, like '440 t'.")] = None
-    length: Annotated[str | None, typer.Option("--length", metavar="M", help="Length, like '200 m'.")] = None
-    max_speed: Annotated[str | None, typer.Option("--max-speed", metavar="KMH", help="Top speed, like '160 km/h'.")] = (
-        None
-    )
+    name: Annotated[str | None, typer.Option(help="Name of the train [default: that of the file].")] = None
+    mass: Annotated[str | None, typer.Option(metavar="T", help="Mass, like '440 t'.")] = None
+    length: Annotated[str | None, typer.Option(metavar="M", help="Length, like '200 m'.")] = None
+    max_speed: Annotated[str | None, typer.Option(metavar="KMH", help="Top speed, like '160 km/h'.")] = None
     rotating_mass: Annotated[
-        str | None, typer.Option("--rotating-mass", metavar="%", help="Rotating mass on top of the mass, like '6 %'.")
+        str | None, typer.Option(metavar="%", help="Rotating mass on top of the mass, like '6 %'.")
     ] = None
     deceleration: Annotated[
-        str | None, typer.Option("--deceleration", metavar="MPS2", help="Deceleration in service, like '0.5 m/s^2'.")
+        str | None, typer.Option(metavar="MPS2", help="Deceleration in service, like '0.5 m/s^2'.")
     ] = None
     davis: Annotated[
         str | None,
-        typer.Option(
-            "--davis", metavar="A,B,C", help="Running resistance, like '20 N/t, 0.1 N/t/(km/h), 0.003 N/t/(km/h)^2'."
-        ),
+        typer.Option(metavar="A,B,C", help="Running resistance, like '20 N/t, 0.1 N/t/(km/h), 0.003 N/t/(km/h)^2'."),
     ] = None
     units: Annotated[
-        str | None,
-        typer.Option("--units", metavar="SPEED,FORCE", help="Units of a CSV table whose header has none: km/h,kN."),
+        str | None, typer.Option(metavar="SPEED,FORCE", help="Units of a CSV table whose header has none: km/h,kN.")
     ] = None
 
     def given(self) -> dict[str, str]:

@@ -58,7 +58,7 @@ def _read(source: Path, figures: Figures, train_id: str | None) -> ImportedTrain
     """The train of a file, by the kind of the file; DasError for a kind that cannot be imported."""
     suffix = source.suffix.lower()
     if suffix in (".csv", ".tsv", ".txt"):
-        return tables.read_csv(source, figures)
+        return tables.read_efforts(source, figures)
     if suffix not in (".json", ".yaml", ".yml"):
         raise DasError(f"{source}: expected rolling stock (.json, .yaml) or a table (.csv, .yaml)")
     fields = read_json(source) if suffix == ".json" else read_yaml(source)

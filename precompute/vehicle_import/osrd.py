@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from das.domain.errors import MISSING, is_seen
+from das.domain.errors import is_seen
 from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields, in_si
 from das.domain.vehicle import Resistance
+from precompute.vehicle_import.quantities import number_in_si
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points
 
 MOST_MODES = 500
@@ -34,7 +35,7 @@ def read_rolling_stock(fields: Fields) -> ImportedTrain:
     modes = {name: mode for name, mode in given.items() if name == default or any(force for _, force in mode.traction)}
     if default not in modes:
         raise curves.error("default_mode", default, f"one of the modes {', '.join(list(modes)[:20])}")
-    inertia = _number(fields, "inertia_coefficient", ("-", "ratio"))
+    inertia = number_in_si(fields, "inertia_coefficient", ("-", "ratio"))
     if not 1 <= inertia < 10:
         raise fields.error("inertia_coefficient", inertia, "a number from 1 to 10")
     version = fields.name("railjson_version", "unknown")
@@ -42,10 +43,10 @@ def read_rolling_stock(fields: Fields) -> ImportedTrain:
         id=name,
         name=name,
         source=f"{fields.source.name} (OSRD rolling stock, version {version})",
-        mass_kg=_number(fields, "mass", ("kg", "mass")),
+        mass_kg=number_in_si(fields, "mass", ("kg", "mass")),
         rotating_mass_ratio=inertia - 1.0,
-        length_m=_number(fields, "length", ("m", "length")),
-        max_speed_mps=_number(fields, "max_speed", ("m/s", "speed")),
+        length_m=number_in_si(fields, "length", ("m", "length")),
+        max_speed_mps=number_in_si(fields, "max_speed", ("m/s", "speed")),
         resistance=_resistance(fields.table("rolling_resistance")),
         modes={default: modes[default], **modes},
         deceleration_mps2=_gamma(fields),
@@ -68,25 +69,21 @@ def _notes(fields: Fields) -> Iterator[str]:
         yield f"the effort curve alone limits the acceleration; not used: {', '.join(unused)}"
 
 
-def _number(fields: Fields, key: str, unit: tuple[str, str]) -> float:
-    return in_si(fields.source, fields.prefix + key, fields.data.get(key, MISSING), unit)
-
-
 def _resistance(fields: Fields) -> Resistance:
     if fields.text("type", "davis") != "davis":
         raise fields.error("type", fields.data["type"], "davis")
     return Resistance(
-        c0_n=_number(fields, "A", ("N", "force")),
-        c1_n_per_mps=_number(fields, "B", ("N/(m/s)", "resistance_1")),
-        c2_n_per_mps2=_number(fields, "C", ("N/(m/s)^2", "resistance_2")),
+        c0_n=number_in_si(fields, "A", ("N", "force")),
+        c1_n_per_mps=number_in_si(fields, "B", ("N/(m/s)", "resistance_1")),
+        c2_n_per_mps2=number_in_si(fields, "C", ("N/(m/s)^2", "resistance_2")),
     )
 
 
 def _gamma(fields: Fields) -> float:
     """The braking deceleration (m/s²): a number (`const_gamma`), or the value of the table `gamma`."""
     if fields.has("const_gamma"):
-        return abs(_number(fields, "const_gamma", ("m/s^2", "acceleration")))
-    return abs(_number(fields.table("gamma"), "value", ("m/s^2", "acceleration")))
+        return abs(number_in_si(fields, "const_gamma", ("m/s^2", "acceleration")))
+    return abs(number_in_si(fields.table("gamma"), "value", ("m/s^2", "acceleration")))
 
 
 def _modes(fields: Fields) -> Iterator[tuple[str, Mode]]:

@@ -1,12 +1,12 @@
-"""Figures with their units as text ("440 t", "2.1 N/t", "0.02 kN/(km/h)"), in SI; without a unit they are refused."""
+"""Figures in SI: numbers whose unit a format fixes, and text with a unit ("440 t", "2.1 N/t", "0.02 kN/(km/h)")."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-from das.domain.errors import InputError
-from das.domain.files.reading import LARGEST
+from das.domain.errors import MISSING, InputError
+from das.domain.files.reading import LARGEST, Fields, in_si
 from das.domain.units import FACTORS, PERMILLE, STANDARD_GRAVITY_MPS2, to_si
 
 EXAMPLES = {
@@ -31,6 +31,12 @@ _TERMS = (
     "N/(km/h), kN/(m/s), N/t/(km/h) or ‰/(km/h)",
     "N/(km/h)^2, kN/(m/s)^2 or N/t/(km/h)^2",
 )
+
+
+def number_in_si(fields: Fields, key: str, unit: tuple[str, str], default: float | None = None) -> float:
+    """The number under a key, of the unit and dimension that its format fixes, in SI; InputError as for `in_si`."""
+    value = fields.data.get(key, MISSING if default is None else default)
+    return in_si(fields.source, fields.prefix + key, value, unit)
 
 
 def known_unit(unit: str, dimension: str) -> str | None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from das.domain.errors import MISSING, DasError
+from das.domain.errors import DasError
 from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import Fields, in_si
 from das.domain.units import KMH, TONNE
 from das.domain.vehicle import Load, Resistance
+from precompute.vehicle_import.quantities import number_in_si
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points
 
 SCHEMA = "https://railtoolkit.org/schema/rolling-stock.json"
@@ -40,17 +39,19 @@ def read_rolling_stock(fields: Fields, train_id: str | None = None) -> ImportedT
     pulling = [one for one in vehicles if one.text("vehicle_type") in _TRACTION]
     if not pulling:
         raise train.error("formation", [one.text("id") for one in vehicles], "a traction unit or multiple unit in it")
-    masses_kg = [_number(one, "mass", ("t", "mass")) for one in vehicles]
-    loads_kg = [_number(one, "load_limit", ("t", "mass"), 0.0) for one in vehicles]
+    masses_kg = [number_in_si(one, "mass", ("t", "mass")) for one in vehicles]
+    loads_kg = [number_in_si(one, "load_limit", ("t", "mass"), 0.0) for one in vehicles]
     for one, mass_kg in zip(vehicles, masses_kg, strict=True):
         if mass_kg <= 0:
             raise one.error("mass", one.data["mass"], "a mass above 0 (t)")
     mass_kg, load_kg = sum(masses_kg), sum(loads_kg)
-    turning = [_number(one, "rotation_mass", ("-", "ratio"), 1.09 if one in pulling else 1.06) for one in vehicles]
+    turning = [number_in_si(one, "rotation_mass", ("-", "ratio"), 1.09 if one in pulling else 1.06) for one in vehicles]
     passenger = any(one.text("vehicle_type") in _PASSENGER for one in vehicles)
-    braking = [abs(_number(one, "a_braking", ("m/s^2", "acceleration"))) for one in pulling if one.has("a_braking")]
+    braking = [
+        abs(number_in_si(one, "a_braking", ("m/s^2", "acceleration"))) for one in pulling if one.has("a_braking")
+    ]
     usual_mps2 = PASSENGER_MPS2 if passenger else FREIGHT_MPS2
-    limits = [_number(one, "speed_limit", ("km/h", "speed")) for one in vehicles if one.has("speed_limit")]
+    limits = [number_in_si(one, "speed_limit", ("km/h", "speed")) for one in vehicles if one.has("speed_limit")]
     if not limits:
         raise DasError(f"{fields.source}: speed_limit is missing in every vehicle of {train.text('id')}")
     notes = ["the file gives no losses and no electric brake"]
@@ -64,7 +65,7 @@ def read_rolling_stock(fields: Fields, train_id: str | None = None) -> ImportedT
         source=f"{fields.source.name} (railtoolkit rolling stock)",
         mass_kg=mass_kg + load_kg,
         rotating_mass_ratio=float(np.average(turning, weights=masses_kg)) - 1.0,
-        length_m=sum(_number(one, "length", ("m", "length")) for one in vehicles),
+        length_m=sum(number_in_si(one, "length", ("m", "length")) for one in vehicles),
         max_speed_mps=min(limits),
         resistance=_sum([_resistance(one, load) for one, load in zip(vehicles, loads_kg, strict=True)]),
         modes={"": Mode(_added([_points(one) for one in pulling]))},
@@ -72,12 +73,6 @@ def read_rolling_stock(fields: Fields, train_id: str | None = None) -> ImportedT
         notes=tuple(notes),
         empty=Load(mass_kg=mass_kg, c0_n=_sum([_resistance(one, 0.0) for one in vehicles]).c0_n) if load_kg else None,
     )
-
-
-def _number(fields: Fields, key: str, unit: tuple[str, str], default: float | None = None) -> float:
-    """A number of the file in SI."""
-    value: Any = fields.data.get(key, MISSING if default is None else default)
-    return in_si(fields.source, fields.prefix + key, value, unit)
 
 
 def _tables(fields: Fields, key: str) -> list[Fields]:
@@ -108,12 +103,13 @@ def _resistance(one: Fields, load_kg: float) -> Resistance:
     Traction units: m_d·g·f0 + m_c·g·f1 + m·g·f2·((v + w)/100 km/h)², with the masses on driven and on other axles.
     Coaches: (m + load)·g·(f0 + f1·v/100 km/h + f2·((v + w)/100 km/h)²); for freight wagons w = 0.
     """
-    mass_kg, kind = _number(one, "mass", ("t", "mass")), one.text("vehicle_type")
+    mass_kg, kind = number_in_si(one, "mass", ("t", "mass")), one.text("vehicle_type")
     f0, f1, f2 = (
-        _number(one, key, ("‰", "gradient"), 0.0) for key in ("base_resistance", "rolling_resistance", "air_resistance")
+        number_in_si(one, key, ("‰", "gradient"), 0.0)
+        for key in ("base_resistance", "rolling_resistance", "air_resistance")
     )
     if kind in _TRACTION:
-        driven_kg = _number(one, "mass_traction", ("t", "mass"), mass_kg / TONNE)
+        driven_kg = number_in_si(one, "mass_traction", ("t", "mass"), mass_kg / TONNE)
         weight_n = mass_kg * GRAVITY_MPS2
         c0_n, c1 = GRAVITY_MPS2 * (driven_kg * f0 + max(mass_kg - driven_kg, 0.0) * f1), 0.0
     elif kind in ("passenger", "freight"):

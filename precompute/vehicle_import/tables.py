@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Mapping
 from dataclasses import fields
@@ -11,9 +10,10 @@ from typing import Any
 
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.efforts import MOST_POINTS
-from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields, read_text
+from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields
 from das.domain.units import FACTORS
 from das.domain.vehicle import Resistance
+from precompute.csv_table import read_csv
 from precompute.vehicle_import.figures import Figures
 from precompute.vehicle_import.quantities import LONGEST, known_unit, quantity, resistance_term
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points
@@ -24,61 +24,40 @@ MOST_COLUMNS = 50
 BRAKE = "brake"
 """A column of forces whose name begins with this word holds those of the electric brake."""
 _UNIT = re.compile(r"(.*?)[\s_,]*(?:[\[(]\s*([^\[\]()]+?)\s*[\])]|\bin\s+(\S+)|_(\w+)|\s(\S+/?\S*))\s*$")
-_NUMBER = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?\s*")
 
 
-def read_csv(path: Path, figures: Figures) -> ImportedTrain:
+def read_efforts(path: Path, figures: Figures) -> ImportedTrain:
     """A train from a CSV table of its efforts and the figures beside it; DasError or InputError if unusable.
 
     The first column holds speeds, each other one the forces of a mode (or, if there is one, of the train). The header
     states the units: `speed_kmh,force_kn`, `v [km/h];F [kN]`. A column called brake… holds the electric brake.
     """
-    rows = _rows(path)
-    header, body = (rows[0][1], rows[1:]) if not _is_number(rows[0][1][0]) else ([], rows)
-    width = len(header or body[0][1])
-    names, units = _columns(path, header, width, figures.units)
-    columns: list[list[float]] = [[] for _ in range(width)]
+    table = read_csv(path, MOST_BYTES, "a header and rows of speed and force")
+    rows = table.rows
+    if not 2 <= len(rows) <= MOST_POINTS + 1:
+        raise InputError(path, "number of rows", len(rows), f"a header and 1 to {MOST_POINTS} rows of speed and force")
+    line, first = rows[0]
+    width = len(first)
+    if not 2 <= width <= MOST_COLUMNS:
+        expected = f"2 to {MOST_COLUMNS} columns: the speed, and the force of each mode"
+        raise InputError(path, f"line {line}", table.joined(first), expected)
+    header, body = (first, rows[1:]) if table.number(first[0]) is None else ([], rows)
+    names, factors = _columns(path, header, width, figures.units)
+    points = []
     for line, cells in body:
-        if len(cells) != width or not all(map(_is_number, cells)):
+        values = [
+            value * x for cell, x in zip(cells, factors, strict=False) if (value := table.number(cell)) is not None
+        ]
+        if not len(values) == len(cells) == width:
             raise InputError(path, f"line {line}", ",".join(cells), f"{width} numbers")
-        for column, cell, factor in zip(columns, cells, units, strict=True):
-            column.append(float(cell) * factor)
-    speeds, *forces = columns
+        points.append(values)
     if len(set(names)) < len(names):
         raise InputError(
             path, "header", ",".join(names), "a name of its own for each column, which is that of its mode"
         )
+    speeds, *forces = zip(*points, strict=True)
     curves = {name: tuple(zip(speeds, force, strict=True)) for name, force in zip(names[1:], forces, strict=True)}
     return _train(path, figures.given(), _modes(path, curves), "option --")
-
-
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """The rows of a CSV file with their line numbers; the separator is a semicolon, a tab or a comma."""
-    lines = [
-        (number, line)
-        for number, line in enumerate(read_text(path, MOST_BYTES).splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if len(lines) < 2:
-        raise DasError(f"{path}: {len(lines)} rows, expected a header and rows of speed and force")
-    if len(lines) > MOST_POINTS + 1:
-        raise InputError(path, "number of rows", len(lines), f"at most {MOST_POINTS} and a header")
-    separator = next((one for one in ";\t" if one in lines[0][1]), ",")
-    try:
-        split = [(number, next(csv.reader([line], delimiter=separator))) for number, line in lines]
-    except csv.Error as error:
-        raise DasError(f"{path}: not a CSV table ({error})") from None
-    decimal = [(number, [x.strip().replace(",", ".") if separator != "," else x.strip() for x in row])
-               for number, row in split[1:]]  # fmt: skip
-    first = [cell.strip() for cell in split[0][1]]
-    if not 2 <= len(first) <= MOST_COLUMNS:
-        expected = f"2 to {MOST_COLUMNS} columns: the speed, and the force of each mode"
-        raise InputError(path, f"line {split[0][0]}", lines[0][1], expected)
-    return [(split[0][0], first), *decimal]
-
-
-def _is_number(cell: str) -> bool:
-    return len(cell) <= LONGEST and _NUMBER.fullmatch(cell) is not None
 
 
 def _columns(path: Path, header: list[str], width: int, units: str | None) -> tuple[list[str], list[float]]:

@@ -254,7 +254,7 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
     dry = replace(vehicle, adhesion_ratio=1.0)
     bare = replace(vehicle, auxiliary_power_w=0.0).loss_model(level)
     drawn_w = vehicle.loss_model(level).loss_w(0.0, DRAWN_AT_MPS) - bare.loss_w(0.0, DRAWN_AT_MPS)
-    numbers = TrainNumbers(
+    numbers = (
         vehicle.mass_kg,
         vehicle.inertial_mass_kg,
         vehicle.train_length_m,
@@ -271,19 +271,16 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
         vehicle.adhesion_ratio,
         min(vehicle.max_acceleration_mps2, NO_LIMIT_MPS2),
         min(vehicle.max_deceleration_mps2, NO_LIMIT_MPS2),
-        float(drawn_w),
+        drawn_w,
         vehicle.comfort_power_w,
-        _points(vehicle.traction),
-        _points(electric),
     )
-    return TrainNumbers(*map(float, numbers[:-2]), *numbers[-2:])  # type: ignore[call-arg, arg-type]
+    return TrainNumbers(*map(float, numbers), _points(vehicle.traction), _points(electric))  # type: ignore[call-arg, arg-type]
 
 
 def _points(effort: EffortEnvelope) -> Floats:
     """The points of an effort curve (n, 2): speed (m/s) and force (N); none if there is no curve."""
-    return (
-        np.empty((0, 2)) if effort.curve is None else np.array([effort.curve.speed_mps, effort.curve.force_n]).T.copy()
-    )
+    curve = effort.curve
+    return np.empty((0, 2)) if curve is None else np.array([curve.speed_mps, curve.force_n]).T.copy()
 
 
 def _line_numbers(route: Route, vehicle: Vehicle, patches: Sequence[Patch]) -> LineNumbers:

@@ -128,6 +128,14 @@ def printed(folder: Path, *args: str) -> str:
     return done.stdout
 
 
+def refused(folder: Path, *args: str) -> str:
+    """The one line with which das-precompute refuses in a folder, with nothing on standard output."""
+    done = das_precompute(folder, *args)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    return done.stderr
+
+
 def das_sim(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run das-sim in a folder, within this process; it still starts a node, a recorder and workers as processes."""
     return run_here(sim.cli.program.main, sim.cli.program.__file__, args, cwd)

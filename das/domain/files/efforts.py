@@ -49,10 +49,9 @@ def read_efforts(fields: Fields, top_mps: float) -> ReadEfforts:
     modes = {name: _mode(table.table(name), every, electric, top_mps) for name in table.data}
     if default and default not in modes:
         raise main.error("default_mode", default, f"one of the modes {', '.join(modes) or '(the file has none)'}")
-    chosen = modes.get(default)
-    if chosen is None:
-        return ReadEfforts(_traction(fields, top_mps), electric, modes, "")
-    return ReadEfforts(chosen.traction, chosen.electric_brake, modes, default)
+    if every is None or default:
+        return ReadEfforts(modes[default].traction, modes[default].electric_brake, modes, default)
+    return ReadEfforts(every, electric, modes, "")
 
 
 def _traction(fields: Fields, top_mps: float) -> EffortEnvelope:

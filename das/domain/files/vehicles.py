@@ -129,10 +129,7 @@ def _friction_brake_n(fields: Fields) -> float:
 
 def _service_brake(fields: Fields) -> ServiceBrake:
     """How the train is braked in service; usual figures replace those that the file does not give."""
-    usual = ServiceBrake()
-    if not fields.has("service_brake"):
-        return usual
-    table = fields.table("service_brake")
+    usual, table = ServiceBrake(), fields.optional_table("service_brake")
     table.check_keys(["source", *table.quantity_keys({"deceleration": "acceleration", "build_up": "time"})])
     return ServiceBrake(
         deceleration_mps2=table.quantity("deceleration", "acceleration", usual.deceleration_mps2),
@@ -150,11 +147,9 @@ def _adhesive_mass(fields: Fields) -> float:
 
 
 def _loads(fields: Fields) -> dict[str, Load]:
-    if not fields.has("loads"):
-        return {}
-    loads, quantities = {}, {"mass": "mass", "c0": "force"}
-    for name in fields.table("loads").data:
-        table = fields.table("loads").table(name)
+    loads, quantities, tables = {}, {"mass": "mass", "c0": "force"}, fields.optional_table("loads")
+    for name in tables.data:
+        table = tables.table(name)
         table.check_keys(["source", *table.quantity_keys(quantities)])
         loads[name] = Load(
             mass_kg=table.quantity("mass", "mass"),

@@ -179,6 +179,11 @@ def force_limits(task: Task) -> tuple[Floats, Floats]:
     return np.maximum(traction, LEAST_FORCE_N), np.maximum(electric, LEAST_FORCE_N)
 
 
+def _slowness(task: Task) -> Floats:
+    """The mean slowness τ of each interval in the given run (s/m)."""
+    return 2.0 / np.maximum(task.speeds_mps[:-1] + task.speeds_mps[1:], tol.CREEP_MPS)
+
+
 def _power_cut(task: Task, power_w: float, resisting_n: Floats) -> _Cut:
     """The power limit at the faster end of an interval as a limit that is linear in the slowness.
 
@@ -188,7 +193,7 @@ def _power_cut(task: Task, power_w: float, resisting_n: Floats) -> _Cut:
     """
     power_w *= 1.0 + ROUNDING_RATIO
     step, mass_kg = task.line.step_m, task.section.train.inertial_mass_kg
-    tau = 2.0 / np.maximum(task.speeds_mps[:-1] + task.speeds_mps[1:], tol.CREEP_MPS)
+    tau = _slowness(task)
     bend = 0.5 * step * tau**2 / mass_kg
     rest = 1.0 - bend * resisting_n
     force = 2.0 * power_w * tau / (rest + np.sqrt(rest**2 + 4.0 * bend * power_w * tau))
@@ -216,14 +221,14 @@ def _curve_cut(task: Task, samples_n: Floats) -> _Cut:
     at_tau, at_n = hull_tau[0, : count[0]], -hull_psi[0, : count[0]]
     slope = np.append(np.diff(at_n) / np.diff(at_tau), 0.0).clip(min=0.0)
     offset = at_n - slope * at_tau
-    run_tau = 2.0 / np.maximum(task.speeds_mps[:-1] + task.speeds_mps[1:], tol.CREEP_MPS)
+    run_tau = _slowness(task)
     lowest = np.argmin(run_tau[:, None] * slope + offset, axis=1)
     return _Cut(slope[lowest] * (1.0 + LIMIT_SLACK), offset[lowest] + LIMIT_SLACK * np.abs(offset[lowest]))
 
 
 def _tighter(task: Task, one: _Cut, other: _Cut) -> _Cut:
     """In each interval the cut that is lower at the given run."""
-    tau = 2.0 / np.maximum(task.speeds_mps[:-1] + task.speeds_mps[1:], tol.CREEP_MPS)
+    tau = _slowness(task)
     lower = one.slope * tau + one.offset <= other.slope * tau + other.offset
     return _Cut(np.where(lower, one.slope, other.slope), np.where(lower, one.offset, other.offset))
 

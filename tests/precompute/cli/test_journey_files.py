@@ -14,7 +14,7 @@ from das.domain.units import KM
 from precompute.cli.journey_files import COMMANDS
 from precompute.sheet import half_minutes, span_words
 from tests.support.feeds import NAMES, PLACES_M, write_feed
-from tests.support.making import das_precompute, in_a_process, printed
+from tests.support.making import das_precompute, in_a_process, printed, refused
 
 ROUTE = f"""
 schema_version = 1
@@ -40,13 +40,6 @@ def folder(tmp_path: Path) -> Path:
     write_feed(tmp_path / "feed.zip")
     (tmp_path / "line.toml").write_text(ROUTE, encoding="utf-8")
     return tmp_path
-
-
-def refused(folder: Path, *args: str) -> str:
-    done = das_precompute(folder, *args)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.count("\n") == 1
-    return done.stderr
 
 
 @pytest.mark.parametrize("entry", COMMANDS, ids=[entry.name for entry in COMMANDS])

@@ -4,27 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from subprocess import CompletedProcess
 
 import pytest
 
 from das.domain.files.load import load_vehicle
-from precompute.cli import program
 from tests.precompute.test_vehicle_import import CSV, stock
-from tests.support.making import run_here
-
-
-def das_precompute(folder: Path, *words: str) -> CompletedProcess[str]:
-    return run_here(program.main, "das-precompute", words, folder)
+from tests.support.making import das_precompute, printed
 
 
 @pytest.fixture
 def train(tmp_path: Path) -> Path:
     """An imported train of two modes and a condition."""
     (tmp_path / "own.json").write_text(json.dumps(stock()))
-    done = das_precompute(tmp_path, "vehicle", "import", "own.json", "-o", "train.toml", "--losses", "0.85")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "note: the file gives no losses and no electric brake" in done.stdout
+    out = printed(tmp_path, "vehicle", "import", "own.json", "-o", "train.toml", "--losses", "0.85")
+    assert "note: the file gives no losses and no electric brake" in out
     return tmp_path / "train.toml"
 
 
