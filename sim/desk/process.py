@@ -9,7 +9,7 @@ import sys
 
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
-from sim.desk.line import line_of, presentations, train_of, utc_offset_min
+from sim.desk.line import hello_of
 from sim.desk.messages import GIVEN, DeskGiven, given_of
 from sim.desk.server import Desk, server_of
 from sim.world.scenario import load_scenario
@@ -33,15 +33,9 @@ def main() -> None:
 
 
 async def _serve(given: DeskGiven) -> None:
-    scenario = load_scenario(given.scenario)
-    scenario = scenario if given.journey is None else scenario.timed_by(given.journey)
-    route, vehicle, stops = lay_out(scenario)
-    still = {
-        "title": scenario.title, "language": given.language, "notches": given.notches,
-        "punctuality": given.punctuality, "line": line_of(route, stops), "train": train_of(vehicle),
-        "presentations": presentations(), "utc_offset_min": utc_offset_min(route, scenario.departure_ns),
-    }  # fmt: skip
-    desk = Desk(given, still, route)
+    scenario = load_scenario(given.scenario, given.journey)
+    line = lay_out(scenario)
+    desk = Desk(given, hello_of(scenario.title, line, scenario.departure_ns, given.language, given.page), line[0])
     watching = asyncio.create_task(_end_with_parent(int(sys.argv[sys.argv.index("--with-parent") + 1])))
     try:
         door = socket.socket(fileno=given.door)
