@@ -132,13 +132,17 @@ def drive_at_desk(
 
     files = recorded.folder(asked.train)
     read = scenario_asked(name_or_path, asked.journey, recorded.out)
-    lay_out(read, level=asked.level)  # what cannot be driven is refused before anybody sees a page
+    # What cannot be driven is refused before anybody sees a page.
+    lay_out(read, level=asked.level)
+    own = None if files is None else files.file(Role.DESK)
+    if own is not None:
+        own.config(asked.train)
     places = [endpoint(port) for port in free_ports(2)]
     page = PageSettings(notches=looks.notches, punctuality=looks.punctuality)
     given = DeskGiven(
         door=-1, token=new_token(), scenario=str(read.source), journey=asked.journey, train=asked.train,
         language=str(looks.language), page=page, connect=() if files else tuple(places),
-        bus=None if files is None else str(files.file(Role.DESK).path), insecure_bus=recorded.insecure_bus,
+        bus=None if own is None else str(own.path), insecure_bus=recorded.insecure_bus,
     )  # fmt: skip
     how = How(
         driver=DESK, advice=asked.advice, train=asked.train, command=typed_command(), bus=files,

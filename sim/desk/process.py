@@ -6,6 +6,7 @@ import asyncio
 import os
 import socket
 import sys
+import threading
 
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
@@ -22,6 +23,7 @@ PARENT_LOOK_S = 1.0
 def main() -> None:
     """Serve the desk."""
     interrupt_on_termination()
+    threading.excepthook = _end_with_thread
     try:
         given = given_of(os.environ.pop(GIVEN, ""))
         asyncio.run(_serve(given))
@@ -30,6 +32,12 @@ def main() -> None:
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(0)
+
+
+def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
+    """End this process when a thread fails: without its session on the bus, a run would wait for the desk for good."""
+    print(f"error: {failed.exc_value}", file=sys.stderr, flush=True)
+    os._exit(2)
 
 
 async def _serve(given: DeskGiven) -> None:
