@@ -33,6 +33,8 @@ from das.command_line.options import (
 )
 from das.domain.errors import DasError
 
+MOST_NOTCHES = 20
+"""Most steps of the lever of the cab desk each way."""
 LATE_KERNELS = "sim.world.late_kernels"
 """The module that compiles what a simulated day needs last, beside a command that compiles."""
 LineOption = Annotated[

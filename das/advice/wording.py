@@ -282,6 +282,12 @@ def deviation(late_s: float, language: Language = Language.EN) -> str:
     return (said.late if late_s > 0 else said.early).format(seconds=seconds)
 
 
+def lateness(language: Language = Language.EN) -> dict[str, str]:
+    """The words of `deviation` for a display that writes the time itself; "{seconds} s" stands for it."""
+    said = _WORDS[language]
+    return {"on_time": said.on_time, "late": said.late, "early": said.early}
+
+
 def mode_words(mode: Regime, language: Language = Language.EN) -> str:
     """What a display shows for a driving mode."""
     return _WORDS[language].modes[mode]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -10,39 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from das.advice.wording import Language
-from das.command_line.options import (
-    DEFAULT_TRAIN,
-    BusFolderOption,
-    InsecureBusOption,
-    JsonOption,
-    LevelOption,
-    OutRecordingOption,
-    OverwriteOption,
-    SeedOption,
-    TrainOption,
-)
+from das.command_line.options import JsonOption
 from das.command_line.printing import busy, loading_solver, say
 from das.domain.errors import DasError
-from sim.cli.driving import (
-    DayAsked,
-    RecordingAsked,
-    check_not_an_input,
-    check_run_outputs,
-    drive_recorded,
-    prepared_day,
-    tell_result,
-)
-from sim.cli.options import AdviceOption, JourneyOption, check_packages, new_recording, removed_if_unused
-from sim.drivers.kinds import DESK, Presentation
-from sim.options import OfTrainOption, SpeedOption, speed_factor, typed_command
+from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
+from sim.cli.options import check_packages, new_recording, removed_if_unused
+from sim.drivers.kinds import DESK
+from sim.options import MOST_NOTCHES, OfTrainOption, SpeedOption, speed_factor, typed_command
 
 if TYPE_CHECKING:
+    from sim.world.outcome import DayResult
     from sim.world.over_bus import How
     from sim.world.scenario import Scenario
 
 USUAL_SCENARIO: Final = "clear-day"
-MOST_NOTCHES: Final = 20
-
 
 WhatArgument = Annotated[
     str,
@@ -80,18 +62,12 @@ class DeskLooks:
 
 
 def desk(
-    looks: DeskLooks,
     what: WhatArgument = USUAL_SCENARIO,
-    journey: JourneyOption = None,
-    advice: AdviceOption = Presentation.COACH,
-    seed: SeedOption = 0,
+    *,
+    looks: DeskLooks,
+    asked: DayAsked,
     speed: SpeedOption = "real",
-    out: OutRecordingOption = None,
-    overwrite: OverwriteOption = False,
-    level: LevelOption = None,
-    train: TrainOption = DEFAULT_TRAIN,
-    bus: BusFolderOption = None,
-    insecure_bus: InsecureBusOption = False,
+    recorded: RecordingAsked,
     at: AtOption = None,
     of_train: OfTrainOption = None,
     as_json: JsonOption = False,
@@ -101,18 +77,22 @@ def desk(
     The advice node runs beside it, and everything is recorded. A recording plays on the same page, at any speed.
     """
     if Path(what).suffix == ".mcap":
-        if out is not None:
-            raise DasError(f"--out: {what} is a recording to look at; nothing is recorded")
+        unused = {"--out": recorded.out, "--bus": recorded.bus, "--journey": asked.journey, "--level": asked.level}
+        _refuse(unused, f"{what} is a recording to look at; nothing is driven, nothing is recorded")
         _look_at(Path(what), of_train, at, looks)
         return
-    if at is not None or of_train is not None:
-        raise DasError(f"--at and --of-train: {what} is a scenario; expected a recording (.mcap)")
-    asked = DayAsked(scenario=what, journey=journey, seed=seed, level=level, advice=advice, train=train)
-    recorded = RecordingAsked(out=out, overwrite=overwrite, bus=bus, insecure_bus=insecure_bus, as_json=as_json)
+    _refuse({"--at": at, "--of-train": of_train}, f"{what} is a scenario; expected a recording (.mcap)")
     factor = speed_factor(speed)
     if factor is None:
         raise DasError("--speed max: a person needs a pace; expected real or a number of times real time")
-    drive_at_desk(asked, recorded, factor, looks)
+    drive_at_desk(what, asked, recorded, factor, looks, as_json=as_json)
+
+
+def _refuse(options: Mapping[str, object], why: str) -> None:
+    """Raise DasError for the first of some options that is given."""
+    for option, value in options.items():
+        if value is not None:
+            raise DasError(f"{option}: {why}")
 
 
 def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) -> None:
@@ -133,57 +113,56 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
         play(replay, door, token)
 
 
-def drive_at_desk(asked: DayAsked, recorded: RecordingAsked, speed: float, looks: DeskLooks) -> None:
-    """Simulate a day that a person drives in the browser, and print the result.
+def drive_at_desk(
+    name_or_path: str, asked: DayAsked, recorded: RecordingAsked, speed: float, looks: DeskLooks, *, as_json: bool
+) -> None:
+    """Simulate a day that a person drives in the browser, at a multiple of real time, and print the result.
 
     The page is there first. Line and train are prepared while the person reads it, and the run begins when the person
     is ready.
     """
-    check_run_outputs(False, recorded.out, recorded.bus, overwrite=recorded.overwrite)
+    recorded.check()
     _check_packages()
     from das.bus.access import Role
-    from das.bus.config import bus_folder
     from das.bus.session import endpoint, free_ports
-    from das.bus.topics import check_train_name
     from sim.desk.host import DeskHost, listening, new_token
-    from sim.desk.messages import DeskGiven
-    from sim.world.scenario import load_scenario
+    from sim.desk.messages import SETTINGS_KEY, DeskGiven, PageSettings, encoded
+    from sim.world.over_bus import How
     from sim.world.service import lay_out
 
-    files = bus_folder(recorded.bus, recorded.insecure_bus, check_train_name(asked.train))
-    read = load_scenario(asked.scenario)
-    read = read if asked.journey is None else read.timed_by(asked.journey)
-    check_not_an_input(recorded.out, read)
-    lay_out(read, level=asked.level)  # what cannot be driven is refused before anybody sees a page
+    files = recorded.folder(asked.train)
+    read = scenario_asked(name_or_path, asked.journey, recorded.out)
+    # What cannot be driven is refused before anybody sees a page.
+    lay_out(read, level=asked.level)
+    own = None if files is None else files.file(Role.DESK)
+    if own is not None:
+        own.config(asked.train)
     places = [endpoint(port) for port in free_ports(2)]
+    page = PageSettings(notches=looks.notches, punctuality=looks.punctuality)
     given = DeskGiven(
         door=-1, token=new_token(), scenario=str(read.source), journey=asked.journey, train=asked.train,
-        language=str(looks.language), notches=looks.notches, punctuality=looks.punctuality,
-        connect=() if files else tuple(places), bus=None if files is None else str(files.file(Role.DESK).path),
-        insecure_bus=recorded.insecure_bus,
+        language=str(looks.language), page=page, connect=() if files else tuple(places),
+        bus=None if own is None else str(own.path), insecure_bus=recorded.insecure_bus,
     )  # fmt: skip
-    from sim.world.over_bus import How
-
     how = How(
         driver=DESK, advice=asked.advice, train=asked.train, command=typed_command(), bus=files,
-        driver_at=places[0], recorder_at=places[1], paced=True,
+        driver_at=places[0], recorder_at=places[1], paced=True, metadata={SETTINGS_KEY: encoded(page)},
     )  # fmt: skip
     reserved = new_recording("desk") if recorded.out is None else None
     with removed_if_unused(reserved), DeskHost(given, listening(looks.port)) as host:
         _show(host.address, looks)
-        _drive(asked, read, how, recorded, reserved or recorded.out, speed)
+        tell_result(_driven(read, asked, how, reserved or recorded.out, speed), as_json)
 
 
-def _drive(asked: DayAsked, read: Scenario, how: How, recorded: RecordingAsked, out: Path | None, speed: float) -> None:
+def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, speed: float) -> DayResult:
     """Prepare the day while the person reads the page, then let the person drive it."""
     with loading_solver():
         from das.cab.warm_up import warm_up
         from sim.world.external import AT_THE_DESK, ExternalDriver
 
         warm_up()
-    day = prepared_day(read, asked.level, asked.seed)
-    driver = ExternalDriver(day, times_real=speed, patience=AT_THE_DESK)
-    tell_result(drive_recorded(day, driver, how, out, speed), recorded.as_json)
+    day = prepared_day(read, asked)
+    return drive_recorded(day, ExternalDriver(day, times_real=speed, patience=AT_THE_DESK), how, out, speed)
 
 
 def _check_packages() -> None:

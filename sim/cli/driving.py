@@ -1,4 +1,4 @@
-"""How run and desk drive a day: what they check before, the recorded drive itself, and its result."""
+"""What the commands run and desk share: options on the day and its recording, the recorded drive, and its result."""
 
 from __future__ import annotations
 
@@ -9,16 +9,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from das.command_line.options import (
+    DEFAULT_TRAIN,
+    BusFolderOption,
+    InsecureBusOption,
+    LevelOption,
+    OutRecordingOption,
+    OverwriteOption,
+    SeedOption,
+    TrainOption,
+)
 from das.command_line.printing import busy, progress_bar
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
-from das.domain.levels import Level
 from das.domain.units import KM
-from sim.cli.options import naming_recorded
+from sim.cli.options import AdviceOption, JourneyOption, naming_recorded
 from sim.drivers.kinds import Presentation
 
 if TYPE_CHECKING:
+    from das.bus.config import BusFolder
     from sim.drivers.cab import Driver
     from sim.drivers.parameters import Participant
     from sim.world.lockstep import Traffic
@@ -30,53 +40,56 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DayAsked:
-    """The day that a command line asks for."""
+    """Options on the day to simulate, beside its scenario."""
 
-    scenario: str
-    seed: int
-    level: Level | None
-    advice: Presentation
-    train: str
-    journey: str | None = None
+    journey: JourneyOption = None
+    advice: AdviceOption = Presentation.COACH
+    seed: SeedOption = 0
+    level: LevelOption = None
+    train: TrainOption = DEFAULT_TRAIN
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingAsked:
-    """Where a command line wants a run to be recorded, over which bus, and how its result is told."""
+    """Options on where the run is recorded, and over which bus."""
 
-    out: Path | None
-    overwrite: bool
-    bus: Path | None
-    insecure_bus: bool
-    as_json: bool
+    out: OutRecordingOption = None
+    overwrite: OverwriteOption = False
+    bus: BusFolderOption = None
+    insecure_bus: InsecureBusOption = False
+
+    def check(self) -> None:
+        """Raise DasError if the recording cannot be written."""
+        if self.out is not None:
+            check_writable(self.out, overwrite=self.overwrite)
+
+    def folder(self, train: str) -> BusFolder | None:
+        """The folder of bus files for a train; DasError for a bad one, and for a name that no train can have."""
+        from das.bus.config import bus_folder
+        from das.bus.topics import check_train_name
+
+        return bus_folder(self.bus, self.insecure_bus, check_train_name(train))
 
 
-def check_run_outputs(in_process: bool, out: Path | None, bus: Path | None, *, overwrite: bool) -> None:
-    """Raise DasError if options that need the bus are given for a run without one, or an output cannot be written."""
-    if in_process and out is not None:
-        raise DasError("--out: a run --in-process records nothing")
-    if in_process and bus is not None:
-        raise DasError("--bus: a run --in-process has no bus")
-    if out is not None:
-        check_writable(out, overwrite=overwrite)
-
-
-def check_not_an_input(out: Path | None, scenario: Scenario) -> None:
-    """Raise DasError if the recording would replace a file of the scenario."""
+def scenario_asked(name_or_path: str, journey: str | None, out: Path | None) -> Scenario:
+    """The scenario with its journey; DasError if the recording would replace a file of either."""
+    from sim.world.scenario import load_scenario
     from sim.world.service import scenario_files
 
+    scenario = load_scenario(name_or_path, journey)
     for what, path in scenario_files(scenario).items():
         if out is not None and out.resolve() == path.resolve():
             raise DasError(f"{out}: the recording to write would replace the {what.replace('_', ' ')} that is read")
+    return scenario
 
 
-def prepared_day(read: Scenario, level: Level | None, seed: int, person: Participant | None = None) -> Day:
+def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None = None) -> Day:
     """The day of a seed, with its sections solved; warns of what is unusual about line and train."""
     from das.command_line.files import warn_unusual
     from sim.world.service import make_day, prepare_service
 
     with busy("solving the sections …"):
-        day = make_day(prepare_service(read, level=level), seed, person)
+        day = make_day(prepare_service(scenario, level=asked.level), asked.seed, person)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
     return day
 

@@ -13,33 +13,21 @@ from das.command_line.options import (
     BusFolderOption,
     InsecureBusOption,
     JsonOption,
-    LevelOption,
-    OutRecordingOption,
-    OverwriteOption,
     SeedOption,
     TrainOption,
 )
 from das.command_line.printing import loading_solver, one_line, print_table, say, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
-from sim.cli.driving import (
-    DayAsked,
-    RecordingAsked,
-    check_not_an_input,
-    check_run_outputs,
-    drive_recorded,
-    prepared_day,
-    tell_result,
-)
+from sim.cli.desk import DeskLooks, drive_at_desk
+from sim.cli.driving import DayAsked, RecordingAsked, drive_recorded, prepared_day, scenario_asked, tell_result
 from sim.cli.options import (
     DEFAULT_DRIVER_AT,
-    AdviceOption,
     DriverAtOption,
     DriverHereOption,
     DriverOption,
     FrictionOption,
     InProcessOption,
-    JourneyOption,
     RunAtOption,
     ScenarioArgument,
     new_recording,
@@ -52,7 +40,6 @@ from sim.drivers.kinds import (
     DriverName,
     External,
     FrictionPolicy,
-    Presentation,
     named_driver,
 )
 from sim.options import (
@@ -67,7 +54,6 @@ from sim.options import (
 if TYPE_CHECKING:
     from sim.world.external import ExternalDriver
     from sim.world.over_bus import How
-    from sim.world.scenario import Scenario
     from sim.world.service import Day
 
 
@@ -109,69 +95,63 @@ def scenarios(as_json: JsonOption = False) -> None:
 
 def run(
     scenario: ScenarioArgument,
-    journey: JourneyOption = None,
+    *,
     driver: DriverOption = DriverKind.HUMAN,
-    advice: AdviceOption = Presentation.COACH,
+    asked: DayAsked,
     friction: FrictionOption = FrictionPolicy.AS_MEASURED,
-    seed: SeedOption = 0,
     speed: SpeedOption = "max",
-    out: OutRecordingOption = None,
-    overwrite: OverwriteOption = False,
+    recorded: RecordingAsked,
     in_process: InProcessOption = False,
-    level: LevelOption = None,
     participant: ParticipantOption = None,
     population: PopulationOption = None,
-    train: TrainOption = DEFAULT_TRAIN,
-    bus: BusFolderOption = None,
-    insecure_bus: InsecureBusOption = False,
     driver_at: DriverAtOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Simulate a day: a train and its driver with the advice node over the bus, everything recorded."""
     who, factor = named_driver("--driver", driver), speed_factor(speed)
     if who is DESK:
-        asked = DayAsked(scenario=scenario, journey=journey, seed=seed, level=level, advice=advice, train=train)
-        recorded = RecordingAsked(out=out, overwrite=overwrite, bus=bus, insecure_bus=insecure_bus, as_json=as_json)
-        return _at_desk(asked, recorded, factor, elsewhere=in_process or driver_at is not None)
-    check_run_outputs(in_process, out, bus, overwrite=overwrite)
-    listens = _driver_at(who, in_process, bus, driver_at)
+        _check_at_desk(participant, population, elsewhere=in_process or driver_at is not None)
+        drive_at_desk(scenario, asked, recorded, factor or 1.0, DeskLooks(), as_json=as_json)
+        return
+    if in_process:
+        _check_in_process(recorded)
+    recorded.check()
+    listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
-        from das.bus.config import bus_folder
-        from das.bus.topics import check_train_name
         from das.cab.warm_up import warm_up
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
         from sim.world.over_bus import How
-        from sim.world.scenario import load_scenario
 
         driver_versions(who)
         person = participant_of(who, participant, population)
-        files = bus_folder(bus, insecure_bus, check_train_name(train))
-        read = _checked(load_scenario(scenario), journey, out)
+        files = recorded.folder(asked.train)
+        read = scenario_asked(scenario, asked.journey, recorded.out)
         warm_up()
-    day, paced = prepared_day(read, level, seed, person), who is EXTERNAL and factor is not None
-    reserved = new_recording("run") if out is None and not in_process else None
-    how = How(driver=who, friction=friction, advice=advice, train=train, command=typed_command(), bus=files,
-              driver_at=listens, paced=paced)  # fmt: skip
+    day, paced = prepared_day(read, asked, person), who is EXTERNAL and factor is not None
+    reserved = new_recording("run") if recorded.out is None and not in_process else None
+    how = How(driver=who, friction=friction, advice=asked.advice, train=asked.train, command=typed_command(),
+              bus=files, driver_at=listens, paced=paced)  # fmt: skip
     made = _external(day, how, factor) if who is EXTERNAL else day.driver(who, friction)
     with removed_if_unused(reserved):
-        return tell_result(drive_recorded(day, made, how, out or reserved, factor), as_json)
+        tell_result(drive_recorded(day, made, how, recorded.out or reserved, factor), as_json)
 
 
-def _checked(scenario: Scenario, journey: str | None, out: Path | None) -> Scenario:
-    """The scenario with the journey; DasError if the recording would replace a file of either."""
-    scenario = scenario if journey is None else scenario.timed_by(journey)
-    check_not_an_input(out, scenario)
-    return scenario
+def _check_in_process(recorded: RecordingAsked) -> None:
+    """Raise DasError if options that need the bus are given for a run without one."""
+    if recorded.out is not None:
+        raise DasError("--out: a run --in-process records nothing")
+    if recorded.bus is not None:
+        raise DasError("--bus: a run --in-process has no bus")
 
 
-def _at_desk(asked: DayAsked, recorded: RecordingAsked, speed: float | None, *, elsewhere: bool) -> None:
-    """Let a person drive in the browser; DasError if options say that the driver is `elsewhere`."""
-    from sim.cli.desk import DeskLooks, drive_at_desk
+def _check_at_desk(participant: int | None, population: str | None, *, elsewhere: bool) -> None:
+    """Raise DasError if options give a person at the desk a simulated driver's parameters, or another place."""
+    from sim.drivers.parameters import participant_of
 
+    participant_of(DESK, participant, population)
     if elsewhere:
         raise DasError("--driver desk: the desk finds its run itself; expected neither --in-process nor --driver-at")
-    drive_at_desk(asked, recorded, speed or 1.0, DeskLooks())
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:

@@ -1,19 +1,21 @@
-"""Who may see the desk: a browser on this machine, at this address, with the token. Everybody else gets an empty 403.
+"""The desk's server answers only a browser on this machine that has the token; all others get an empty answer 403.
 
-The token is once in the address; it becomes a cookie that scripts cannot read and other sites cannot use. Cookies do
-not know ports, which is why the cookie's name has the port. The name of the host is checked because a foreign page can
-let its own name lead to 127.0.0.1, and the origin because a foreign page may open sockets to 127.0.0.1.
+The address that the user opens has the token once. The server turns it into a cookie, which scripts cannot read and
+other sites cannot use. Browsers send a cookie to every port of a host, so the cookie's name has the port. The server
+checks the name of the host, because a foreign page can let its own name lead to 127.0.0.1, and the origin, because a
+foreign page may open sockets to 127.0.0.1.
 """
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
-from typing import Any, Final
-from urllib.parse import parse_qs
+from typing import Final
 
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
 from starlette.responses import RedirectResponse, Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
 
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
@@ -25,14 +27,12 @@ HEADERS: Final = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
     "Cache-Control": "no-store",
 }
-REFUSED: Final = 4403
-"""Code with which a socket is closed that may not be opened."""
 
 
 class Doorkeeper:
     """Lets through only requests that name this host, come from its own page, and have the token.
 
-    `?token=…` of an address that is typed or clicked sets the cookie and leads to the page.
+    `?token=…` of an address that is typed or clicked sets the cookie and leads to the page. All answers have `HEADERS`.
     """
 
     def __init__(self, app: ASGIApp, port: int, token: str) -> None:
@@ -41,60 +41,41 @@ class Doorkeeper:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""
-        kind = scope["type"]
-        if kind == "lifespan":
-            await self._app(scope, receive, send)
-            return
-        heads = _heads(scope)
-        if self._comes_from_here(kind, scope.get("method", "GET"), heads):
-            if kind == "http" and self._brings_token(scope):
-                await self._entered(scope, receive, send)
-                return
-            if self._is_known(heads):
-                await self._app(scope, receive, send)
-                return
-        if kind == "websocket":
-            await receive()
-            await send({"type": "websocket.close", "code": REFUSED})
-            return
-        await Response(status_code=403, headers=HEADERS)(scope, receive, send)
 
-    def _comes_from_here(self, kind: str, method: str, heads: dict[str, list[str]]) -> bool:
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        await self._answering(scope)(scope, receive, send_guarded)
+
+    def _answering(self, scope: Scope) -> ASGIApp:
+        """What answers a request: the page's application, the way into the page, or a refusal."""
+        if scope["type"] == "lifespan":
+            return self._app
+        request = HTTPConnection(scope)
+        if self._comes_from_here(request):
+            tokens = request.query_params.getlist("token")
+            if scope["type"] == "http" and scope["path"] == "/" and len(tokens) == 1 and self._is_token(tokens[0]):
+                return self._way_in()
+            if self._is_token(request.cookies.get(self._cookie, "")):
+                return self._app
+        return WebSocketClose() if scope["type"] == "websocket" else Response(status_code=403)
+
+    def _comes_from_here(self, request: HTTPConnection) -> bool:
         """Whether host, origin and method are those of our own page; a socket always has an origin."""
-        origins, own = heads.get("origin", []), [f"http://{self._host}"]
-        if heads.get("host") != [self._host]:
+        origins, own = request.headers.getlist("origin"), [f"http://{self._host}"]
+        if request.headers.getlist("host") != [self._host]:
             return False
-        return origins == own if kind == "websocket" else origins in ([], own) and method in ("GET", "HEAD")
-
-    def _brings_token(self, scope: Scope) -> bool:
-        tokens = parse_qs(scope["query_string"].decode("latin1")).get("token", [])
-        return scope["path"] == "/" and len(tokens) == 1 and self._is_token(tokens[0])
-
-    def _is_known(self, heads: dict[str, list[str]]) -> bool:
-        cookies = [one.strip().partition("=") for text in heads.get("cookie", []) for one in text.split(";")]
-        return any(name == self._cookie and self._is_token(value) for name, _, value in cookies)
+        if request.scope["type"] == "websocket":
+            return origins == own
+        return origins in ([], own) and request.scope["method"] in ("GET", "HEAD")
 
     def _is_token(self, text: str) -> bool:
         return secrets.compare_digest(text.encode(), self._token.encode())
 
-    async def _entered(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Set the cookie and lead to the page, so that the token leaves the address."""
-        answer = RedirectResponse("/", status_code=303, headers=HEADERS)
+    def _way_in(self) -> Response:
+        """Sets the cookie and leads to the page, so that the token leaves the address."""
+        answer = RedirectResponse("/", status_code=303)
         answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
-        await answer(scope, receive, send)
-
-
-def _heads(scope: Scope) -> dict[str, list[str]]:
-    """The headers of a request by their names in small letters."""
-    pairs: Sequence[tuple[bytes, bytes]] = scope["headers"]
-    found: dict[str, list[str]] = {}
-    for name, value in pairs:
-        found.setdefault(name.decode("latin1").lower(), []).append(value.decode("latin1"))
-    return found
-
-
-def app_of(routes: Sequence[Any], port: int, token: str) -> ASGIApp:
-    """The guarded application with these routes."""
-    from starlette.applications import Starlette
-
-    return Doorkeeper(Starlette(routes=routes), port, token)
+        return answer

@@ -17,7 +17,7 @@ import msgspec
 
 from das.command_line.printing import warn
 from das.domain.errors import DasError
-from sim.desk.messages import GIVEN, DeskGiven, given_text
+from sim.desk.messages import GIVEN, DeskGiven, encoded
 from sim.world.lockstep import Process
 
 LOOK_S: Final = 0.5
@@ -71,7 +71,7 @@ class DeskHost:
         self._door.close()
 
     def _start(self) -> None:
-        told = {GIVEN: given_text(msgspec.structs.replace(self._given, door=self._door.fileno()))}
+        told = {GIVEN: encoded(msgspec.structs.replace(self._given, door=self._door.fileno()))}
         self._child = Process("desk", "sim.desk", (), given=told, door=self._door.fileno())
         self._started_s = time.monotonic()
 

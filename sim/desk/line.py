@@ -1,4 +1,4 @@
-"""What never changes while a page is open: the line, the train, and the words of the advice. Nothing is solved."""
+"""What a page is told when it opens: the line, the train, and the words of the advice. Nothing is solved."""
 
 from __future__ import annotations
 
@@ -6,25 +6,56 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
-from das.advice.wording import Language, words
+from das.advice import wording
+from das.advice.regimes import KIND_OF, Regime
+from das.advice.wording import Language
 from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from sim.desk.messages import plain
-from sim.drivers.cab import AdviceView, Efforts
+from sim.desk.messages import PageSettings
+from sim.drivers.cab import AT_STOP_M, AdviceView, Efforts
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.plant.plant import train_numbers
 
 SPEED_STEP_MPS: Final = 2.0
 """Step of the table of efforts (m/s)."""
-MODES: Final = range(10)
-"""The numbers of the modes on the bus."""
 
 
-def line_of(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
+def hello_of(
+    title: str,
+    line: tuple[Route, Vehicle, Sequence[Stop]],
+    time_ns: int,
+    language: str,
+    page: PageSettings,
+) -> dict[str, Any]:
+    """What never changes while a page is open, as its message `hello`.
+
+    `time_ns` (since 1970) is a moment of the drive, for the line's clock. `kinds` has, for each mode by its number on
+    the bus, the kind of its instruction, by which the page draws its sign.
+    """
+    route, vehicle, stops = line
+    return {
+        "t": "hello",
+        "title": title,
+        "language": language,
+        **msgspec.structs.asdict(page),
+        "at_stop_m": AT_STOP_M,
+        "line": _line(route, stops),
+        "train": _train(vehicle),
+        "kinds": [KIND_OF.get(mode, mode.name.lower()) for mode in Regime],
+        "presentations": _presentations(),
+        "words": {
+            one: {"no_advice": wording.mode_words(Regime.NONE, one), **wording.lateness(one)} for one in Language
+        },
+        "utc_offset_min": _utc_offset_min(route, time_ns),
+    }
+
+
+def _line(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
     """The line for the way ahead: limits, gradients, tunnels and stops, positions in m."""
     return {
         "length_m": route.length_m,
@@ -35,7 +66,7 @@ def line_of(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
     }
 
 
-def train_of(vehicle: Vehicle) -> dict[str, Any]:
+def _train(vehicle: Vehicle) -> dict[str, Any]:
     """The train: its length (m), top speed (m/s), and largest efforts (N) at speeds 0, 2, 4 … m/s.
 
     An effort has three figures: traction, the electric brake, and both brakes together.
@@ -50,45 +81,42 @@ def train_of(vehicle: Vehicle) -> dict[str, Any]:
     }
 
 
-def presentations() -> dict[int, dict[str, Any]]:
+def _presentations() -> dict[int, dict[str, Any]]:
     """How the page shows each presentation, by its number on the bus: what its speed means, and the words of modes."""
-    shown = {}
-    for name in Presentation:
-        if name is Presentation.NONE:
-            continue
-        presenter = presenter_of(name)
-        shown[presenter.number] = {
-            "name": str(name),
-            "says_mode": presenter.says_mode,
-            "highest": presenter.speed_is(0) is SpeedIs.HIGHEST,
-            "modes": {str(one): [presenter.mode_words(number, one) for number in MODES] for one in Language},
+    presenters = {name: presenter_of(name) for name in Presentation if name is not Presentation.NONE}
+    return {
+        one.number: {
+            "name": name,
+            "highest": one.speed_is(Regime.NONE) is SpeedIs.HIGHEST,
+            "modes": {language: [one.mode_words(mode, language) for mode in Regime] for language in Language},
         }
-    return shown
+        for name, one in presenters.items()
+    }
 
 
-def utc_offset_min(route: Route, time_ns: int) -> int:
+def _utc_offset_min(route: Route, time_ns: int) -> int:
     """The line's clock less UTC (min) at a moment (ns since 1970)."""
     offset = datetime.fromtimestamp(time_ns * NS, UTC).astimezone(route.zone).utcoffset()
     return 0 if offset is None else round(offset.total_seconds() / 60)
 
 
 def cab_fields(message: Any) -> dict[str, Any]:
-    """Every field of a message Cab by its name, for JSON: exactly what is recorded, with null for NaN."""
+    """Every field of a message Cab by its name: exactly what is recorded."""
     found: dict[str, Any] = {}
     for field in message.DESCRIPTOR.fields:
         value = getattr(message, field.name)
-        if field.is_repeated:
-            found[field.name] = [cab_fields(one) if field.message_type else plain(one) for one in value]
+        if field.message_type is None:
+            found[field.name] = list(value) if field.is_repeated else value
         else:
-            found[field.name] = cab_fields(value) if field.message_type else plain(value)
+            found[field.name] = [cab_fields(one) for one in value] if field.is_repeated else cab_fields(value)
     return found
 
 
-def reasons(view: AdviceView | None, route: Route) -> dict[str, str]:
+def reasons(view: AdviceView | None, route: Route) -> dict[Language, str]:
     """Why the advice says what it says, in every language; empty where it does not say it."""
     if view is None or not view.reason:
         return {}
-    return {str(one): words(view.reason, one, route.zone) for one in Language}
+    return {one: wording.words(view.reason, one, route.zone) for one in Language}
 
 
 def _pairs(stretches: Stretches) -> list[list[float]]:

@@ -5,15 +5,14 @@ Everything is JSON. A message that does not fit these types is refused (`heard`)
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Final
 
 import msgspec
 
+from das.bus.recording import Recording
 from das.domain.errors import DasError
+from sim.options import MOST_NOTCHES
 
-VERSION: Final = 1
-"""Version of the protocol; `hello` states it."""
 LARGEST_BYTES: Final = 4096
 """Longest message of a page (bytes); the longest that our own page sends has 120."""
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
@@ -69,25 +68,43 @@ def heard(text: str) -> Said | None:
 
 
 def encoded(message: Any) -> str:
-    """A message to the page as JSON; NaN and infinity become null, because JSON has no words for them."""
+    """A message, or what the server is given, as JSON; NaN and infinity become null, for which JSON has no words."""
     return _encoder.encode(message).decode()
-
-
-def plain(value: Any) -> Any:
-    """A number for JSON: None for NaN and infinity."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 GIVEN: Final = "DAS_DESK"
 """The environment variable that has what the server is given: other users of the machine cannot read it."""
 
 
-class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
-    """What the server of a run is given: the door (a listening socket), the token, the day, and the desk's looks.
+class PageSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """What an experimenter sets on the page, and the recording states.
 
-    `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file. `notches` is the
-    number of steps of the controller each way (0: none, whole percents). `punctuality`: the page says how late the
-    train is.
+    `notches` is the number of steps of the controller each way (0: none, whole percents). `punctuality`: the page says
+    how late the train is.
+    """
+
+    notches: Annotated[int, msgspec.Meta(ge=0, le=MOST_NOTCHES)] = 10
+    punctuality: bool = True
+
+
+SETTINGS_KEY: Final = "desk"
+"""The key of a recording's metadata under which its page's settings are, as JSON."""
+
+
+def recorded_settings(recording: Recording) -> PageSettings:
+    """The page's settings that a recording states; the defaults without a desk. DasError for any other text."""
+    text = recording.metadata.get("run", {}).get(SETTINGS_KEY, "{}")
+    try:
+        return msgspec.json.decode(text, type=PageSettings)
+    except msgspec.MsgspecError as error:
+        expected = f"the settings of a desk's page ({error})"
+        raise DasError(f"{recording.path}: metadata {SETTINGS_KEY} = {text!r}: expected {expected}") from error
+
+
+class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
+    """What the server of a run is given: the door (a listening socket), the token, the day, and the page's settings.
+
+    `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file.
     """
 
     door: int
@@ -99,8 +116,7 @@ class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
     connect: tuple[str, ...] = ()
     bus: str | None = None
     insecure_bus: bool = False
-    notches: int = 10
-    punctuality: bool = True
+    page: PageSettings = PageSettings()
 
 
 def given_of(text: str) -> DeskGiven:
@@ -109,8 +125,3 @@ def given_of(text: str) -> DeskGiven:
         return msgspec.json.decode(text, type=DeskGiven)
     except msgspec.MsgspecError as error:
         raise DasError(f"the desk's server is started by das-sim desk, not by itself ({error})") from error
-
-
-def given_text(given: DeskGiven) -> str:
-    """The settings as text."""
-    return _encoder.encode(given).decode()

@@ -15,7 +15,7 @@ from typing import Any, Final
 from das.bus import das_pb2
 from das.bus.config import bus_options
 from das.bus.session import Bus
-from das.bus.topics import ACTION, CAB, CONTROL, CONTROLS, LOG, MARK
+from das.bus.topics import ACTION, CAB, CONTROL, CONTROLS, MARK
 from das.domain.clocks import WALL, Clocks
 from sim.desk.messages import DeskGiven, Lever, Marked
 
@@ -31,8 +31,8 @@ DEVICES: Final = {
 """The devices by the names that the page has for them."""
 OPENED, GONE, AWAY = das_pb2.Mark.KIND_OPENED, das_pb2.Mark.KIND_GONE, das_pb2.Mark.KIND_AWAY
 BACK, SETTING, MARKED = das_pb2.Mark.KIND_BACK, das_pb2.Mark.KIND_SETTING, das_pb2.Mark.KIND_MARK
-Told = Callable[[str, Any], None]
-"""Told, in the bus's thread: "cab" with its message, "log" with a text, or "over" when the run is over."""
+Told = Callable[[Any | None], None]
+"""Called in the bus's thread with each message Cab, and with None when the run is over."""
 
 
 class Attention:
@@ -63,9 +63,8 @@ class Attention:
 class Peer:
     """The desk's session on the bus; `begin` opens it in a thread, `close` ends it. `tell` hears what comes.
 
-    The run begins when it hears a driver; `announce` lets it.
-
-    `clocks` are injected. Methods may be called from any thread.
+    The run begins when it hears a driver, which `announce` allows. `clocks` are injected. Methods may be called from
+    any thread.
     """
 
     def __init__(self, given: DeskGiven, tell: Told, clocks: Clocks = WALL) -> None:
@@ -170,8 +169,7 @@ class Peer:
         """Hear the bus until the run is over, or until this session is closed."""
         given = self._given
         file = None if given.bus is None else bus_options(Path(given.bus), given.insecure_bus, None, None)
-        heard = (CAB, CONTROL, LOG)
-        with Bus(given.train, connect=given.connect, hear=heard, file=file) as bus:
+        with Bus(given.train, connect=given.connect, hear=(CAB, CONTROL), file=file) as bus:
             with self._lock:
                 self._bus = bus
             while not self._over.is_set():
@@ -182,11 +180,9 @@ class Peer:
                 if received is None or message is None:
                     continue
                 if received.topic is CONTROL and message.command == das_pb2.Control.COMMAND_FINISH:
-                    self._tell("over", None)
+                    self._tell(None)
                     break
-                if received.topic is LOG:
-                    self._tell("log", message.message)
-                elif received.topic is CAB and message.look:
+                if received.topic is CAB and message.look:
                     self._look(message)
             with self._lock:
                 self._bus = None
@@ -199,4 +195,4 @@ class Peer:
                 self._answer()
         if self._attention.left():
             self.mark(AWAY)
-        self._tell("cab", cab)
+        self._tell(cab)

@@ -6,10 +6,11 @@ import asyncio
 import os
 import socket
 import sys
+import threading
 
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
-from sim.desk.line import line_of, presentations, train_of, utc_offset_min
+from sim.desk.line import hello_of
 from sim.desk.messages import GIVEN, DeskGiven, given_of
 from sim.desk.server import Desk, server_of
 from sim.world.scenario import load_scenario
@@ -22,6 +23,7 @@ PARENT_LOOK_S = 1.0
 def main() -> None:
     """Serve the desk."""
     interrupt_on_termination()
+    threading.excepthook = _end_with_thread
     try:
         given = given_of(os.environ.pop(GIVEN, ""))
         asyncio.run(_serve(given))
@@ -32,16 +34,16 @@ def main() -> None:
         sys.exit(0)
 
 
+def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
+    """End this process when a thread fails: without its session on the bus, a run would wait for the desk for good."""
+    print(f"error: {failed.exc_value}", file=sys.stderr, flush=True)
+    os._exit(2)
+
+
 async def _serve(given: DeskGiven) -> None:
-    scenario = load_scenario(given.scenario)
-    scenario = scenario if given.journey is None else scenario.timed_by(given.journey)
-    route, vehicle, stops = lay_out(scenario)
-    still = {
-        "title": scenario.title, "language": given.language, "notches": given.notches,
-        "punctuality": given.punctuality, "line": line_of(route, stops), "train": train_of(vehicle),
-        "presentations": presentations(), "utc_offset_min": utc_offset_min(route, scenario.departure_ns),
-    }  # fmt: skip
-    desk = Desk(given, still, route)
+    scenario = load_scenario(given.scenario, given.journey)
+    line = lay_out(scenario)
+    desk = Desk(given, hello_of(scenario.title, line, scenario.departure_ns, given.language, given.page), line[0])
     watching = asyncio.create_task(_end_with_parent(int(sys.argv[sys.argv.index("--with-parent") + 1])))
     try:
         door = socket.socket(fileno=given.door)

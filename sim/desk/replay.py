@@ -14,9 +14,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from das.bus import topics
 from das.domain.errors import DasError
 from das.domain.units import NS
-from sim.desk.guard import HEADERS
-from sim.desk.line import line_of, presentations, train_of, utc_offset_min
-from sim.desk.messages import VERSION, encoded
+from sim.desk.line import hello_of
+from sim.desk.messages import encoded, recorded_settings
 from sim.desk.server import Outbox, cab_of, page_routes, server_of
 from sim.drive.drive import Drive
 from sim.drive.events.event import bookmarks
@@ -25,7 +24,7 @@ from sim.drive.events.event import bookmarks
 class Replay:
     """The page's view of a recorded drive, from the time `at` of its clock on (default: from its beginning).
 
-    Raises DasError for a recording without a cab, and for one whose line or train is not known.
+    Raises DasError for a recording without a cab, and for one whose line, train or page's settings are not known.
     """
 
     def __init__(self, drive: Drive, language: str, *, at: str | None = None) -> None:
@@ -39,12 +38,9 @@ class Replay:
         self._start_s = 0.0 if at is None else (drive.clock.moment_ns(at) - first_ns) * NS
         served = {call.name for call in drive.calls}
         stops = [stop for stop in inputs.route.stops if not served or stop.name in served]
-        self.hello: dict[str, Any] = {
-            "t": "hello", "v": VERSION, "phase": "replay", "title": path.name, "language": language, "notches": 10,
-            "punctuality": True, "line": line_of(inputs.route, stops), "train": train_of(inputs.vehicle),
-            "presentations": presentations(), "utc_offset_min": utc_offset_min(inputs.route, first_ns),
-            "lever": 0.0, "seq": 0,
-        }  # fmt: skip
+        page = recorded_settings(drive.recording)
+        line = (inputs.route, inputs.vehicle, stops)
+        self.hello = hello_of(path.name, line, first_ns, language, page) | {"phase": "replay", "lever": 0.0, "seq": 0}
         self.bookmarks = _bookmarks(drive, first_ns)
         """The events worth a look: seconds from the first cab, and words."""
 
@@ -58,7 +54,7 @@ class Replay:
         text = self.drive_text()
 
         async def drive(_request: Request) -> Response:
-            return Response(text, media_type="application/json", headers=HEADERS)
+            return Response(text, media_type="application/json")
 
         return [WebSocketRoute("/desk", self._connect), Route("/drive.json", drive), *page_routes()]
 

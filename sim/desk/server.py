@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
+from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from das.domain.route import Route as Line
 from sim.desk import peer as on_bus
-from sim.desk.guard import HEADERS, app_of
+from sim.desk.guard import Doorkeeper
 from sim.desk.line import cab_fields, reasons
-from sim.desk.messages import LARGEST_BYTES, VERSION, DeskGiven, FrameDrawn, Lever, Marked, Ready, encoded, heard
+from sim.desk.messages import LARGEST_BYTES, DeskGiven, FrameDrawn, Lever, Ready, Said, encoded, heard
 from sim.desk.peer import Peer
 from sim.drivers.messages import recorded_view
 
@@ -73,14 +75,14 @@ class Allowance:
 
 
 class Desk:
-    """A person's desk in a run: what the page is told, and what it does. `still` is what never changes (`hello`).
+    """A person's desk in a run: what the page is told, and what it does. `hello` is what never changes.
 
     The phases: welcome, preparing (the person is ready, the run has not begun), driving, over. A server that takes the
     place of one that was killed finds a run that has begun, and is driving at once.
     """
 
-    def __init__(self, given: DeskGiven, still: dict[str, Any], route: Any) -> None:
-        self._still, self._route = still, route
+    def __init__(self, given: DeskGiven, hello: dict[str, Any], route: Line) -> None:
+        self._hello, self._route = hello, route
         self._phase = "welcome"
         self._box: Outbox | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -99,20 +101,19 @@ class Desk:
         if self._box is not None:
             self._box.put(message)
 
-    def _tell(self, what: str, value: Any) -> None:
+    def _tell(self, cab: Any | None) -> None:
         """Take what the bus says, in the bus's thread."""
         if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._take, what, value)
+            self._loop.call_soon_threadsafe(self._take, cab)
 
-    def _take(self, what: str, value: Any) -> None:
-        if what == "over":
+    def _take(self, cab: Any | None) -> None:
+        """Tell the page of a cab; None: the run is over."""
+        if cab is None:
             self._enter("over")
-        elif what == "log":
-            self._put({"t": "log", "text": value})
-        else:
-            if self._phase != "driving":
-                self._enter("driving")
-            self._put(cab_of(value, self._route) | {"seq": self.peer.state[1]})
+            return
+        if self._phase != "driving":
+            self._enter("driving")
+        self._put(cab_of(cab, self._route) | {"seq": self.peer.state[1]})
 
     async def _connect(self, socket: WebSocket) -> None:
         self._loop = asyncio.get_running_loop()
@@ -123,7 +124,7 @@ class Desk:
         self.peer.settle()
         self._box = box
         ratio, number = self.peer.state
-        box.put({"t": "hello", "v": VERSION, **self._still, "phase": self._phase, "lever": ratio, "seq": number})
+        box.put(self._hello | {"phase": self._phase, "lever": ratio, "seq": number})
         self.peer.mark(on_bus.OPENED)
         sender = asyncio.create_task(box.send())
         try:
@@ -149,7 +150,7 @@ class Desk:
                 if box is self._box:
                     self._on_page(said)
 
-    def _on_page(self, said: Any) -> None:
+    def _on_page(self, said: Said) -> None:
         if isinstance(said, Lever):
             if self._phase == "driving" and self.peer.lever(said):
                 self._flush()
@@ -159,7 +160,7 @@ class Desk:
             if self._phase == "welcome":
                 self._enter("preparing")
                 self.peer.announce()
-        elif isinstance(said, Marked):
+        else:
             self.peer.mark(on_bus.SETTING if said.text else on_bus.MARKED, said)
 
     def _flush(self) -> None:
@@ -168,7 +169,7 @@ class Desk:
             self._loop.call_later(on_bus.SETTLES_S, self._flush)
 
 
-def cab_of(message: Any, route: Any) -> dict[str, Any]:
+def cab_of(message: Any, route: Line) -> dict[str, Any]:
     """The message with which the page is told a Cab: every field as it is recorded, and the reason in words."""
     return {"t": "cab", "cab": cab_fields(message), "why": reasons(recorded_view(message), route)}
 
@@ -178,7 +179,7 @@ def page_routes() -> list[BaseRoute]:
 
     async def page(request: Request) -> Response:
         path = FILES.get(request.path_params.get("name", "desk.html"))
-        return Response(status_code=404, headers=HEADERS) if path is None else FileResponse(path, headers=HEADERS)
+        return Response(status_code=404) if path is None else FileResponse(path)
 
     return [Route("/", page), Route("/{name}", page)]
 
@@ -186,8 +187,9 @@ def page_routes() -> list[BaseRoute]:
 def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Server:
     """The server of these routes; its `serve(sockets=[…])` answers until the process is told to stop."""
     config = uvicorn.Config(
-        app_of(routes, port, token), log_level="warning", access_log=False, ws="websockets-sansio",
-        ws_max_size=LARGEST_BYTES, ws_ping_interval=5, ws_ping_timeout=10, ws_per_message_deflate=False,
-        server_header=False, timeout_graceful_shutdown=1, lifespan="off",
+        Doorkeeper(Starlette(routes=routes), port, token),
+        log_level="warning", access_log=False, server_header=False, lifespan="off", timeout_graceful_shutdown=1,
+        ws="websockets-sansio", ws_max_size=LARGEST_BYTES, ws_ping_interval=5, ws_ping_timeout=10,
+        ws_per_message_deflate=False,
     )  # fmt: skip
     return uvicorn.Server(config)

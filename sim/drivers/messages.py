@@ -20,20 +20,22 @@ from sim.drivers.presentations.presenter import presenter_of, shown_presentation
 from sim.plant.kernels import FORCE, LEVER, Command, demanded
 from sim.plant.plant import force, lever, speed
 
+_SAME: Final = (
+    *("valid_until_s", "display_speed_mps", "due_s", "target_way_m", "deviation_s"),
+    *("next_change_s", "next_change_m", "next_speed_mps", "next_effort_ratio"),
+    *("second_change_s", "second_change_m", "second_speed_mps", "second_effort_ratio"),
+)
+"""Figures of `AdviceView` that the message has under the same names."""
 _FIELDS: Final = {
     "time_s": "advice_s",
     "speed_mps": "advised_speed_mps",
     "lever_ratio": "advised_lever_ratio",
     "force_n": "advised_force_n",
-    **{name: name for name in ("valid_until_s", "display_speed_mps", "next_change_s", "next_speed_mps")},
-    **{name: name for name in ("next_effort_ratio", "due_s", "target_way_m", "deviation_s", "next_change_m")},
-    **{name: name for name in ("second_change_s", "second_change_m", "second_speed_mps", "second_effort_ratio")},
+    **{name: name for name in _SAME},
 }
 """The figures of `AdviceView` with their names in the message, which has NaN for them while nothing is shown."""
 _MODES: Final = ("mode", "next_mode", "second_mode")
 """The modes of `AdviceView`; the message has them under the same names."""
-
-
 _SEEN: Final = ("late_s", "gradient_ratio", "force_el_n", "force_friction_n", "cause")
 """Fields of `CabView` that the message has under the same names, where an external driver is asked."""
 

@@ -13,7 +13,6 @@ from das.domain.errors import DasError, InputError
 from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import Shown
 
-"""Advice to brake, which is never held back."""
 ROUNDING_S: Final = 1e-6
 """Times of ticks are compared with this margin."""
 LONGEST_S: Final = 600.0

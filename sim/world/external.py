@@ -21,7 +21,7 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from sim.drivers.cab import CabView, Driver
 from sim.drivers.drivers import make_driver
-from sim.drivers.kinds import DriverKind
+from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, External
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.kernels import Command
@@ -34,7 +34,7 @@ from sim.world.service import Day
 
 @dataclass(frozen=True, kw_only=True)
 class Patience:
-    """How long a run waits for its driver (s).
+    """How long a run waits for its driver (s), and what its errors call this driver.
 
     After `silent_s` without an answer the dead-man brake is applied. A run waits `awaited_s` for its driver before it
     begins, and `given_up_s` for one that is gone, once the dead-man brake has stopped the train; then it ends.
@@ -43,9 +43,10 @@ class Patience:
     silent_s: float = 2.0
     given_up_s: float = 30.0
     awaited_s: float = 120.0
+    driver: External = EXTERNAL
 
 
-AT_THE_DESK: Final = Patience(given_up_s=600.0, awaited_s=math.inf)
+AT_THE_DESK: Final = Patience(given_up_s=600.0, awaited_s=math.inf, driver=DESK)
 """A person reads before a run begins, and may come back after a break."""
 
 
@@ -148,7 +149,7 @@ class ExternalDriver:
         plant.advance(plant.at(stop_m), COAST, LOOK_S)  # loads the compiled code, for which no look must wait
         if not lockstep.hear(lambda: answers.controls is not None, awaited_s):
             key = CONTROLS.key(lockstep.processes.train)
-            raise DasError(f"--driver external: no driver has published {key} in {awaited_s:.0f} s")
+            raise DasError(f"--driver {self._patience.driver}: no driver has published {key} in {awaited_s:.0f} s")
         self._lockstep, self._heard_s = lockstep, self._clocks.seconds()
         if self._look_s is not None:
             self._pace = Pace(self._look_s, self._clocks.seconds)
@@ -218,7 +219,7 @@ class ExternalDriver:
         away_s = self._clocks.seconds() - self._heard_s
         if self._dead_man.braking and cab.speed_mps <= 0 and away_s >= self._patience.given_up_s:
             raise DasError(
-                f"--driver external: the driver is gone, and the dead-man brake has stopped the train "
+                f"--driver {self._patience.driver}: the driver is gone, and the dead-man brake has stopped the train "
                 f"({cab.s_m:.0f} m, {cab.time_s:.0f} s after the departure)"
             )
 

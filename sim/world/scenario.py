@@ -142,9 +142,13 @@ def bundled_scenarios() -> dict[str, Path]:
     return bundled_files("sim.world", "scenarios")
 
 
-def load_scenario(name_or_path: str) -> Scenario:
-    """Read a bundled scenario or a TOML file; raises DasError or InputError for anything unusable."""
-    return read_scenario(locate(name_or_path, "scenario", bundled_scenarios()))
+def load_scenario(name_or_path: str, journey: str | None = None) -> Scenario:
+    """Read a bundled scenario or a TOML file, to be timed by a journey if one is named (its bundled name, or its file).
+
+    Raises DasError or InputError for anything unusable.
+    """
+    scenario = read_scenario(locate(name_or_path, "scenario", bundled_scenarios()))
+    return scenario if journey is None else scenario.timed_by(journey)
 
 
 def read_scenario(path: Path) -> Scenario:

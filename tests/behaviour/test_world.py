@@ -386,6 +386,8 @@ def test_the_list_of_scenarios(folder: Path) -> None:
         (["clear-day", "--speed", "fast"], "--speed fast: expected max, real or a number"),
         (["clear-day", "--out", "no/where.mcap"], "no such folder"),
         (["clear-day", "--out", "x.mcap", "--in-process"], "--out: a run --in-process records nothing"),
+        (["clear-day", "--driver", "desk", "--in-process"], "expected neither --in-process nor --driver-at"),
+        (["clear-day", "--driver", "desk", "--participant", "3"], "--participant 3: needs --driver human"),
         (["eventful.toml", "--overwrite", "--out", "eventful.toml"], "would replace the scenario that is read"),
         (["eventful.toml", "--overwrite", "--out", "line.toml"], "would replace the route that is read"),
         (["eventful.toml", "--train", "a/b", "--out", "x.mcap"], "train name 'a/b'"),

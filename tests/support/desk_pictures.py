@@ -18,10 +18,8 @@ from tests.support.making import REPOSITORY
 
 IMAGES: Final = REPOSITORY / "docs" / "images" / "desk"
 TAKEN: Final = {
-    "welcome": "welcome", "lost": "lost", "taken": "taken", "replay": "replay", "markup": "markup",
     "desk-en-restriction": "restriction", "desk-en-arriving": "arriving", "desk-en-braked": "braked",
-    "desk-en-signal": "signal", "desk-de-waiting": "waiting-de", "large-en-coasting": "large",
-    "tablet-fr-signal": "tablet-fr", "upright-de-coasting": "upright-de", "shown-none": "none",
+    "tablet-fr-signal": "tablet-fr", "upright-de-coasting": "upright-de", "replay": "replay",
     "shown-rms": "rms", "shown-four-mode": "four-mode", "shown-vector": "vector", "shown-deviation": "deviation",
 }  # fmt: skip
 """The pictures by the names that the tests give them, and their names in the documents."""

@@ -21,7 +21,7 @@ from das.bus.topics import CAB, CONTROL, Received, Topic
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 from sim.desk.host import listening
-from sim.desk.line import line_of, presentations, train_of
+from sim.desk.line import hello_of
 from sim.desk.messages import DeskGiven
 from sim.desk.server import Desk, server_of
 from tests.support.making import flat, make_train
@@ -135,15 +135,11 @@ def say(socket: ClientConnection, kind: str, **fields: Any) -> None:
 def desk_server(title: str = "", line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]:
     """A server whose run is ours to make up, by default on 6 flat km."""
     door = listening(0)
-    route, vehicle, stops = line or (flat(6000.0), make_train(), flat(6000.0).stops)
-    still = {
-        "title": title, "language": "en", "notches": 10, "punctuality": True, "line": line_of(route, stops),
-        "train": train_of(vehicle), "presentations": presentations(), "utc_offset_min": 60,
-    }  # fmt: skip
+    line = line or (flat(6000.0), make_train(), flat(6000.0).stops)
     given = DeskGiven(door=-1, token=TOKEN, scenario="", train="T1", language="en")
     loop = asyncio.new_event_loop()
     with patch("sim.desk.peer.Bus", MadeUpBus):
-        desk = Desk(given, still, route)
+        desk = Desk(given, hello_of(title, line, 0, "en", given.page), line[0])
         until(lambda: desk.peer.joined, "the made-up bus")
         server = server_of(desk.routes(), door.getsockname()[1], TOKEN)
         thread = threading.Thread(target=lambda: loop.run_until_complete(server.serve(sockets=[door])), daemon=True)

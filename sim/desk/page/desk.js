@@ -1,146 +1,394 @@
-// The cab desk: shows the last Cab, and sends where the lever is set. It keeps nothing that the server lacks but zoom, sound and language.
+// The cab desk: shows the last Cab, and sends where the lever is set. It keeps nothing that the server lacks, but zoom,
+// sound and language.
 import * as draw from "./draw.js";
 import { Lever } from "./lever.js";
 import { Replay } from "./replay.js";
-import { $, SILENCE, Shown, distance, fill, kmh } from "./show.js";
-import { WORDS } from "./words.js";
+import { $, distance, fill, kmh, Shown, SILENCE } from "./show.js";
+import { LANGUAGES, WORDS } from "./words.js";
 
-const body = document.body, LANGUAGES = Object.keys(WORDS), STALE_MS = 1500, DRAWN_MS = 400, KEPT = 4000;
+const STALE_MS = 1500; // a link that has been silent for this long is lost, and so is advice
+const DRAWN_MS = 400; // the desk hears that the page draws at least this often
+const RESTARTS = 1012; // code with which a server that is told to stop closes its sockets
+const AHEAD_M = { least: 1000, usual: 4000, most: 8000 }; // how much of the way ahead the keys + and - show
+const CHANGED = [660, 880], BRAKED = [440, 330]; // tones (Hz)
+
+const body = document.body;
 const wall = (stamp) => performance.timeOrigin + stamp;
-const stats = { frames: 0, since: 0, fps: [], longest: 0, last: 0, cabs: 0, lag: [] };
-window.deskStats = stats;
-let lang = localStorage.getItem("desk-language") || "", W = WORDS.en, sound = false, tone = null, socket = null, tries = 0, heard = -1e9;
-let hello = null, show = null, replay = null, phase = "connecting", cab = null, before = null, why = {}, got = 0, seq = 0, drawn = -1, said = 0, card = null, wasBraked = false, ready = false;
-let ahead = Number(localStorage.getItem("desk-ahead")) || 4000, painted = 0;
+const link = () => body.dataset.link;
 
-const lever = new Lever($("leverbox"), (ratio, stamp, device) => { seq += 1; wasBraked = false; send({ t: "lever", k: seq, ratio, at: wall(stamp), by: device, look: cab?.look ?? 0 }); });
-const send = (message) => { if (socket?.readyState === 1 && phase !== "taken") socket.send(JSON.stringify(message)); };
-const live = () => body.dataset.link === "up" || phase === "replay";
+let lang = LANGUAGES.find((one) => one === localStorage.getItem("desk-language"));
+let words = WORDS[lang ?? "en"];
+let ahead = Number(localStorage.getItem("desk-ahead")) || AHEAD_M.usual;
+let sound = false, tone = null;
+
+let socket = null, tries = 0, heard = -Infinity;
+let phase = "connecting", hello = null, show = null, replay = null, ready = false;
+let cab = null, before = null, why = {}, got = 0; // the last Cab, the one before it, its reasons, and when it came
+let card = null, wasBraked = false, seq = 0;
+let frameAt = 0, drawn = -1, said = 0, named = 0;
+
+// For measurements: the last times (ms) from frame to frame, and from the sending of a Cab to its drawing.
+const measured = window.deskMeasured = { frames: [], drawn: [] };
+const keep = (times, ms) => {
+  times.push(ms);
+  if (times.length > 4000) times.shift();
+};
+
+const lever = new Lever($("leverbox"), (ratio, stamp, device) => {
+  seq += 1;
+  wasBraked = false;
+  send({ t: "lever", k: seq, ratio, at: wall(stamp), by: device, look: cab?.look ?? 0 });
+});
+
+function send(message) {
+  if (socket?.readyState === WebSocket.OPEN && phase !== "taken") socket.send(JSON.stringify(message));
+}
+
+function mark(stamp, text) {
+  send({ t: "mark", at: wall(stamp), look: cab?.look ?? 0, text });
+}
 
 // ---- words
 function speak() {
-  W = WORDS[lang] ?? WORDS.en; document.documentElement.lang = lang; document.title = W.desk;
-  document.querySelectorAll("[data-word]").forEach((one) => fill(one, W[one.dataset.word]));
-  fill($("language"), lang.toUpperCase()); $("language").setAttribute("aria-label", `${W.language}: ${W.name}`);
-  $("sound").setAttribute("aria-label", W.sound); $("sound").setAttribute("aria-pressed", sound); $("sound").title = W.sound; $("leverbox").setAttribute("aria-label", W.lever);
-  show?.speak(W, lang); replay?.speak(W); veil(); if (cab) write();
+  words = WORDS[lang];
+  document.documentElement.lang = lang;
+  document.title = words.desk;
+  document.querySelectorAll("[data-word]").forEach((one) => fill(one, words[one.dataset.word]));
+  fill($("language"), lang.toUpperCase());
+  $("language").setAttribute("aria-label", `${words.language}: ${words.name}`);
+  $("sound").setAttribute("aria-label", words.sound);
+  $("sound").setAttribute("aria-pressed", sound);
+  $("sound").title = words.sound;
+  $("leverbox").setAttribute("aria-label", words.lever);
+  show.speak(words, lang);
+  replay?.speak(words);
+  veil();
+  if (cab) write();
 }
+
+// The title and text of the veil, which hides the page in every phase but driving and replay.
+function veiled(state) {
+  return {
+    welcome: () => [`${words.desk} · ${hello.title}`, words.welcome.replace("{m}", hello.at_stop_m)],
+    preparing: () => [words.preparing, ""],
+    over: () => [words.over, arrived()],
+    broken: () => [words.broken, words.broken_why],
+    taken: () => [words.taken, words.taken_why],
+    lost: () => [words.lost, words.lost_why],
+    connecting: () => [words.connecting, ""],
+  }[state]?.();
+}
+
 function veil() {
-  const lost = body.dataset.link === "down" && ["driving", "preparing", "welcome"].includes(phase), state = lost ? "lost" : phase;
-  const text = { welcome: [hello && `${W.desk} · ${hello.title}`, W.welcome], preparing: [W.preparing, ""], over: [W.over, arrived()], broken: [W.broken, W.broken_why], taken: [W.taken, W.taken_why], refused: [W.refused, W.refused_why], lost: [W.lost, W.lost_why], connecting: [W.connecting, ""] }[state];
-  if (!text) return;
-  fill($("title"), text[0] || W.desk); fill($("text"), text[1]); $("go").hidden = state !== "welcome"; fill($("go"), W.ready);
-  const keys = state === "welcome" ? [["↑ W", W.k_up], ["↓ S", W.k_down], ["0", W.k_zero], ["End", W.k_full], ["+ −", W.k_zoom], ["M", W.k_sound], ["L", W.k_language], ["B", W.k_mark]] : [];
-  $("keys").replaceChildren(...keys.map(([key, words]) => { const li = document.createElement("li"), k = document.createElement("kbd"); k.textContent = key; li.append(k, words); return li; }));
-  if (state === "welcome") { const li = document.createElement("li"); li.append(W.k_pointer); $("keys").append(li); $("go").focus(); }
+  const lost = link() === "down" && ["driving", "preparing", "welcome"].includes(phase);
+  const found = veiled(lost ? "lost" : phase), welcome = phase === "welcome" && !lost;
+  if (!found) return;
+  fill($("title"), found[0]);
+  fill($("text"), found[1]);
+  fill($("go"), words.ready);
+  $("go").hidden = !welcome;
+  $("keys").replaceChildren(...(welcome ? keyList() : []));
+  if (welcome) $("go").focus();
 }
+
+function keyList() {
+  const item = (...parts) => {
+    const li = document.createElement("li");
+    li.append(...parts);
+    return li;
+  };
+  const keys = [
+    ["↑ W", words.k_up],
+    ["↓ S", words.k_down],
+    ["0", words.k_zero],
+    ["End", words.k_full],
+    ["+ −", words.k_zoom],
+    ["M", words.k_sound],
+    ["L", words.k_language],
+    ["B", words.k_mark],
+  ];
+  const items = keys.map(([key, text]) => {
+    const kbd = document.createElement("kbd");
+    kbd.textContent = key;
+    return item(kbd, text);
+  });
+  return [...items, item(words.k_pointer)];
+}
+
 function arrived() {
-  if (!cab) return W.over_why;
-  const by = cab.stop_m - cab.s_m, where = (by >= 0 ? W.stood_before : W.stood_beyond).replace("{m}", Math.round(Math.abs(by)));
-  return `${where}\n${W.over_why}`;
+  if (!cab) return words.over_why;
+  const by = cab.stop_m - cab.s_m, where = by >= 0 ? words.stood_before : words.stood_beyond;
+  return `${where.replace("{m}", Math.round(Math.abs(by)))}\n${words.over_why}`;
 }
-function enter(to) { ready ||= to === "driving"; phase = body.dataset.phase = to; lever.active = to === "driving"; veil(); if (to === "driving") $("leverbox").focus({ focusVisible: false }); }
 
 // ---- the line to the server
-function link(state) { if (body.dataset.link === state) return; body.dataset.link = state; $("link").setAttribute("aria-label", state === "up" ? W.connected : W.unconnected); veil(); if (cab && phase !== "replay") write(); }
 function connect() {
   const mine = socket = new WebSocket(`ws://${location.host}/desk`);
-  mine.onmessage = (e) => { heard = performance.now(); take(JSON.parse(e.data)); };
+  mine.onmessage = (e) => {
+    heard = performance.now();
+    const message = JSON.parse(e.data);
+    take[message.t](message);
+  };
   mine.onclose = (e) => {
     if (mine !== socket) return;
-    link("down");
-    if (e.code === 1012 && !["over", "replay"].includes(phase)) enter("broken");
+    linked("down");
+    if (e.code === RESTARTS && !["over", "replay"].includes(phase)) enter("broken");
     if (["over", "broken", "taken", "replay"].includes(phase)) return;
     setTimeout(connect, Math.min(200 * 2 ** tries++, 2000));
   };
 }
-function take(m) {
-  if (m.t === "hello") {
-    tries = 0; hello = m; lang ||= m.language; show = new Shown(m); show.speak(WORDS[lang] ?? WORDS.en, lang); lever.notches = m.notches; lever.place(m.lever); seq = m.seq;
-    if (m.phase === "welcome" && ready) send({ t: "ready" }); // a new server has taken the place of one that was killed
-    enter(m.phase === "welcome" && ready ? "preparing" : m.phase); link("up"); speak();
-    if (m.phase === "replay" && !replay) fetch("drive.json").then((r) => r.json()).then((drive) => { replay = new Replay(drive, (item, last) => { before = last.cab; lever.place(item.cab.lever_ratio); $("say").textContent = ""; receive(item); }); replay.speak(W); });
-  } else if (m.t === "phase") enter(m.phase);
-  else if (m.t === "cab") {
-    before = cab; stats.cabs += 1; receive(m); link("up"); if (phase !== "driving") enter("driving");
-    if (cab.interlock === SILENCE) { wasBraked = true; if (m.seq >= seq && lever.ratio > 0 && cab.speed_mps > 0) lever.set(0, performance.now(), "desk"); }
-  }
-  if (body.dataset.link === "down" && m.t === "beat") link("up");
+
+function linked(state) {
+  if (link() === state) return;
+  body.dataset.link = state;
+  $("link").setAttribute("aria-label", state === "up" ? words.connected : words.unconnected);
+  veil();
+  if (cab && phase !== "replay") write();
 }
-function receive(m) { cab = m.cab; why = m.why; got = performance.now(); write(); }
+
+function enter(to) {
+  ready ||= to === "driving";
+  phase = body.dataset.phase = to;
+  lever.active = to === "driving";
+  veil();
+  if (to === "driving") $("leverbox").focus({ focusVisible: false });
+}
+
+// What the server says, by the kind of message.
+const take = {
+  hello(m) {
+    tries = 0;
+    hello = m;
+    lang ??= m.language;
+    show = new Shown(m);
+    lever.notches = m.notches;
+    lever.place(m.lever);
+    seq = m.seq;
+    const again = m.phase === "welcome" && ready; // a new server has taken the place of one that was killed
+    if (again) send({ t: "ready" });
+    show.speak(WORDS[lang], lang);
+    enter(again ? "preparing" : m.phase);
+    linked("up");
+    speak();
+    if (m.phase === "replay" && !replay) fetchDrive();
+  },
+  phase: (m) => enter(m.phase),
+  cab(m) {
+    before = cab;
+    receive(m);
+    linked("up");
+    if (phase !== "driving") enter("driving");
+    if (cab.interlock !== SILENCE) return;
+    wasBraked = true;
+    if (m.seq >= seq && lever.ratio > 0 && cab.speed_mps > 0) lever.set(0, performance.now(), "desk");
+  },
+  beat: () => linked("up"),
+};
+
+async function fetchDrive() {
+  const drive = await (await fetch("drive.json")).json();
+  replay = new Replay(drive, (item, last) => {
+    before = last.cab;
+    lever.place(item.cab.lever_ratio);
+    $("say").textContent = "";
+    receive(item);
+  });
+  replay.speak(words);
+}
+
+function receive(m) {
+  cab = m.cab;
+  why = m.why;
+  got = performance.now();
+  write();
+}
 
 // ---- what is written: exactly what the Cab says
-const advised = () => (live() && cab && (phase === "replay" || performance.now() - got < STALE_MS) ? show.advice(cab, why) : null);
-function write() {
-  const advice = advised(), was = card; card = show.write(cab, advice, wasBraked && cab.interlock !== SILENCE && phase === "driving");
-  const now = `${card.do} ${card.speed == null ? "" : kmh(card.speed)}`;
-  if (was && was.now !== now && (advice || cab.interlock === SILENCE)) {
-    $("advice").classList.add("fresh"); requestAnimationFrame(() => setTimeout(() => $("advice").classList.remove("fresh"), 300));
-    fill($("say"), `${now}${card.speed == null ? "" : " km/h"}. ${card.why}`); if (sound) beep(card.mode === "braked" ? [440, 330] : [660, 880]);
-  }
-  card.now = now;
+function advised() {
+  const fresh = phase === "replay" || (link() === "up" && performance.now() - got < STALE_MS);
+  return cab && fresh ? show.advice(cab, why) : null;
 }
-function beep(tones) {
-  tone ||= new AudioContext(); tone.resume();
-  tones.forEach((pitch, i) => {
-    const o = tone.createOscillator(), g = tone.createGain(), t = tone.currentTime + 0.13 * i; o.frequency.value = pitch;
-    g.gain.setValueAtTime(0.0001, t); g.gain.exponentialRampToValueAtTime(0.12, t + 0.02); g.gain.exponentialRampToValueAtTime(0.0001, t + 0.14); o.connect(g).connect(tone.destination); o.start(t); o.stop(t + 0.16);
+
+function write() {
+  const advice = advised(), braked = cab.interlock === SILENCE, was = card;
+  card = show.write(cab, advice, wasBraked && !braked && phase === "driving");
+  const unit = card.speed == null ? "" : " km/h";
+  card.now = `${card.do} ${card.speed == null ? "" : kmh(card.speed)}`;
+  if (!was || was.now === card.now || !(advice || braked)) return;
+  $("advice").classList.add("fresh");
+  requestAnimationFrame(() => setTimeout(() => $("advice").classList.remove("fresh"), 300));
+  fill($("say"), `${card.now}${unit}. ${card.why}`);
+  if (sound) beep(braked ? BRAKED : CHANGED);
+}
+
+function beep(pitches) {
+  tone ||= new AudioContext();
+  tone.resume();
+  pitches.forEach((pitch, i) => {
+    const note = tone.createOscillator(), loud = tone.createGain(), at = tone.currentTime + 0.13 * i;
+    note.frequency.value = pitch;
+    loud.gain.setValueAtTime(0.0001, at);
+    loud.gain.exponentialRampToValueAtTime(0.12, at + 0.02);
+    loud.gain.exponentialRampToValueAtTime(0.0001, at + 0.14);
+    note.connect(loud).connect(tone.destination);
+    note.start(at);
+    note.stop(at + 0.16);
   });
 }
 
 // ---- frames: between two Cabs only needle and strip move on, at the last rate
 function frame(now) {
   requestAnimationFrame(frame);
-  if (stats.last) stats.longest = Math.max(stats.longest, now - stats.last);
-  if (replay) replay.tick(now - (stats.last || now));
-  stats.last = now; stats.frames += 1;
-  if (now - stats.since >= 1000) { if (stats.since) stats.fps.push(stats.frames * 1000 / (now - stats.since)); if (stats.fps.length > KEPT) stats.fps.shift(); stats.frames = 0; stats.since = now; body.dataset.fps = (stats.fps.at(-1) ?? 0).toFixed(1); }
+  const passed = frameAt ? now - frameAt : 0;
+  if (frameAt) keep(measured.frames, passed);
+  frameAt = now;
+  replay?.tick(passed);
   lever.pad(now);
-  if (phase === "driving" && body.dataset.link === "up" && performance.now() - heard > STALE_MS) link("down");
-  if (hello && cab) paint();
-  if (phase === "replay" || (drawn === (cab?.look ?? -1) && now - said < DRAWN_MS)) return;
-  const fresh = drawn !== (cab?.look ?? -1), sent = cab?.wall_ns; drawn = cab?.look ?? -1; said = now;
+  if (phase === "driving" && performance.now() - heard > STALE_MS) linked("down");
+  if (cab) paint();
+  if (phase !== "replay") tellDrawn(now);
+}
+
+// Tells the desk, once a frame is on the screen, that somebody can see it.
+function tellDrawn(now) {
+  const look = cab?.look ?? 0, fresh = look !== drawn, sent_ns = cab?.wall_ns;
+  if (!fresh && now - said < DRAWN_MS) return;
+  drawn = look;
+  said = now;
   const { port1, port2 } = new MessageChannel();
-  port1.onmessage = () => { send({ t: "drawn", look: Math.max(drawn, 0) }); if (fresh && sent) { stats.lag.push(wall(performance.now()) - sent / 1e6); if (stats.lag.length > KEPT) stats.lag.shift(); } };
+  port1.onmessage = () => {
+    send({ t: "drawn", look: drawn });
+    if (fresh && sent_ns) keep(measured.drawn, wall(performance.now()) - sent_ns / 1e6);
+  };
   port2.postMessage(0);
 }
+
+// Where the train is now: since the last Cab it has gone on at its speed, and the needle at the last rate.
+function moved() {
+  const gap = before && before !== cab ? cab.clock_s - before.clock_s : 0, steady = gap > 0 && gap < 2;
+  const since = (performance.now() - got) / 1000 * (replay?.pace ?? 1);
+  const age = phase === "driving" || replay?.playing ? Math.min(since, steady ? gap + 0.1 : 0.3) : 0;
+  const rate = steady ? draw.clamp((cab.speed_mps - before.speed_mps) / gap, -2, 2) : 0;
+  const v = cab.speed_mps < 0.01 ? 0 : Math.max(cab.speed_mps + rate * age, 0);
+  return { v, rolled: cab.speed_mps * age };
+}
+
+// The speeds that presentation vector shows ahead, by the place where they are reached: [m, m/s], a second apart.
+function horizon(advice) {
+  if (!advice || show.presentation(cab).name !== "vector") return [];
+  const path = [[cab.s_m, cab.speed_mps]];
+  for (const next of cab.horizon_speed_mps) {
+    const [s, v] = path.at(-1);
+    path.push([s + (v + next) / 2, next]);
+  }
+  return path;
+}
+
+// How much of the way ahead is seen (m): less of it near the stop.
+function view(left) {
+  const near = left > -50 && (left < 190 ? 200 : left < 760 && 800);
+  return Math.min(ahead, near || ahead);
+}
+
+// The speed after the next change, where the dial shows it: within a minute, and unlike the advised one.
+function reach(changes, advice) {
+  const next = changes.find((one) => !one.second);
+  if (!next || next.time >= 60 || !["brake", "hold", "traction"].includes(next.mode)) return null;
+  const speed = cab.next_speed_mps, other = advice?.speed ?? -Infinity;
+  return Math.abs(speed - other) > 8 / draw.KMH ? speed : null;
+}
+
 function paint() {
-  const gap = before && before !== cab ? cab.clock_s - before.clock_s : 0, runs = phase === "driving" || replay?.playing;
-  const age = runs ? Math.min((performance.now() - got) / 1000 * (replay ? replay.pace : 1), gap > 0 && gap < 2 ? gap + 0.1 : 0.3) : 0;
-  const rate = gap > 0 && gap < 2 ? Math.min(Math.max((cab.speed_mps - before.speed_mps) / gap, -2), 2) : 0;
-  const v = cab.speed_mps < 0.01 ? 0 : Math.max(cab.speed_mps + rate * age, 0), s = cab.s_m + cab.speed_mps * age, advice = advised();
-  const left = cab.stop_m - s, near = left < 300 && (left > -200) ? left : null, changes = show.changes(cab, advice), limit = show.limit(cab), braked = cab.interlock === SILENCE;
-  const reach = changes.find((x) => !x.second && ["brake", "hold", "traction"].includes(x.mode) && x.time < 60) ? cab.next_speed_mps : null;
-  draw.dial($("dial"), { v, shown: kmh(cab.speed_mps), limit, top: hello.train.top_mps, advice: advice?.speed ?? null, reach: reach != null && Math.abs(reach - (advice?.speed ?? -99)) > 8 / draw.KMH ? reach : null, left: near, words: W });
-  const given = cab.look && cab.force_el_n != null ? [cab.force_el_n, cab.force_friction_n] : null;
-  draw.lever($("lever"), { ratio: lever.ratio, advised: advice?.effort ?? null, notches: hello.notches, most: show.efforts(cab.speed_mps), given, braked, words: W });
-  const path = [], horizon = advice && hello.presentations[cab.presentation].name === "vector" ? cab.horizon_speed_mps : [];
-  if (horizon.length) { let x = cab.s_m, u = cab.speed_mps; path.push([x, u]); for (const p of horizon) { x += (u + p) / 2; u = p; path.push([x, u]); } }
-  const view = Math.min(ahead, left < 190 && left > -50 ? 200 : left < 760 && left > -50 ? 800 : ahead);
-  draw.way($("ahead"), { s, v, ahead: view, limits: show.allowed(cab), slow: show.slow(cab), gradients: hello.line.gradients, tunnels: hello.line.tunnels, stops: hello.line.stops, signal: cab.signal_m, path, changes: changes.filter((x) => x.way != null).map((x) => ({ ...x, way: x.way - cab.speed_mps * age })), lang });
-  draw.sign($("sign"), card?.mode ?? "none"); draw.lamp($("lamp"), cab.signal_m == null && (cab.may_depart || cab.speed_mps > 0.05));
-  if (performance.now() - painted > 1000) { painted = performance.now(); $("dial").setAttribute("aria-label", `${kmh(cab.speed_mps)} km/h, ${W.limit_is} ${kmh(limit)}`); $("ahead").setAttribute("aria-label", `${W.stop} ${show.stopName(cab)} ${distance(Math.max(left, 0), lang)}`); }
+  const { v, rolled } = moved(), s = cab.s_m + rolled, left = cab.stop_m - s;
+  const advice = advised(), changes = show.changes(cab, advice), limit = show.limit(cab);
+  const { gradients, tunnels, stops } = hello.line;
+  draw.dial($("dial"), {
+    v,
+    limit,
+    words,
+    shown: kmh(cab.speed_mps),
+    top: hello.train.top_mps,
+    advice: advice?.speed,
+    reach: reach(changes, advice),
+    left: left < 300 && left > -200 ? left : null,
+    missed: left < -hello.at_stop_m,
+  });
+  draw.lever($("lever"), {
+    words,
+    ratio: lever.ratio,
+    advised: advice?.effort,
+    notches: hello.notches,
+    most: show.efforts(cab.speed_mps),
+    given: cab.look && cab.force_el_n != null ? [cab.force_el_n, cab.force_friction_n] : null,
+    braked: cab.interlock === SILENCE,
+  });
+  draw.way($("ahead"), {
+    s,
+    v,
+    gradients,
+    tunnels,
+    stops,
+    lang,
+    ahead: view(left),
+    limits: show.allowed(cab),
+    slow: show.slow(cab),
+    signal: cab.signal_m,
+    path: horizon(advice),
+    changes: changes.filter((one) => one.way != null).map((one) => ({ ...one, way: one.way - rolled })),
+  });
+  draw.sign($("sign"), card.mode);
+  draw.lamp($("lamp"), cab.signal_m == null && (cab.may_depart || cab.speed_mps > 0.05));
+  if (performance.now() - named < 1000) return;
+  named = performance.now();
+  $("dial").setAttribute("aria-label", `${kmh(cab.speed_mps)} km/h, ${words.limit_is} ${kmh(limit)}`);
+  const way = distance(Math.max(left, 0), lang);
+  $("ahead").setAttribute("aria-label", `${words.stop} ${show.stopName(cab)} ${way}`);
 }
 
 // ---- keys and buttons
-const zoom = (factor) => { ahead = Math.min(Math.max(ahead * factor, 1000), 8000); localStorage.setItem("desk-ahead", ahead); };
-const setting = (text) => send({ t: "mark", at: wall(performance.now()), look: cab?.look ?? 0, text });
-const other = () => { lang = LANGUAGES[(LANGUAGES.indexOf(lang) + 1) % LANGUAGES.length]; localStorage.setItem("desk-language", lang); setting(`language ${lang}`); speak(); };
-const quiet = () => { sound = !sound; if (sound) beep([660, 880]); setting(`sound ${sound ? "on" : "off"}`); speak(); };
-addEventListener("keydown", (e) => {
-  if (e.ctrlKey || e.altKey || e.metaKey || !hello) return;
-  const onButton = document.activeElement?.tagName === "BUTTON" && (e.code === "Enter" || e.code === "Space");
-  let mine = true;
-  if (phase === "driving" && !onButton && lever.key(e)) mine = true;
-  else if (replay && !onButton && replay.key(e)) mine = true;
-  else if (e.key === "+" || e.key === "=") zoom(0.5);
+function zoom(factor) {
+  ahead = draw.clamp(ahead * factor, AHEAD_M.least, AHEAD_M.most);
+  localStorage.setItem("desk-ahead", ahead);
+}
+
+function nextLanguage() {
+  lang = LANGUAGES[(LANGUAGES.indexOf(lang) + 1) % LANGUAGES.length];
+  localStorage.setItem("desk-language", lang);
+  mark(performance.now(), `language ${lang}`);
+  speak();
+}
+
+function switchSound() {
+  sound = !sound;
+  if (sound) beep(CHANGED);
+  mark(performance.now(), `sound ${sound ? "on" : "off"}`);
+  speak();
+}
+
+// Takes a key; returns whether it was one of the page's.
+function key(e) {
+  const pressed = document.activeElement?.tagName === "BUTTON" && (e.code === "Enter" || e.code === "Space");
+  if (!pressed && phase === "driving" && lever.key(e)) return true;
+  if (!pressed && replay?.key(e)) return true;
+  if (e.key === "+" || e.key === "=") zoom(0.5);
   else if (e.key === "-" || e.key === "−") zoom(2);
-  else if (e.code === "KeyM" && !e.repeat) quiet();
-  else if (e.code === "KeyL" && !e.repeat) other();
-  else if (e.code === "KeyB" && !e.repeat && phase === "driving") send({ t: "mark", at: wall(e.timeStamp), look: cab?.look ?? 0, text: "" });
-  else mine = false;
-  if (mine) e.preventDefault();
+  else if (e.repeat) return false;
+  else if (e.code === "KeyM") switchSound();
+  else if (e.code === "KeyL") nextLanguage();
+  else if (e.code === "KeyB" && phase === "driving") mark(e.timeStamp, "");
+  else return false;
+  return true;
+}
+
+addEventListener("keydown", (e) => {
+  if (hello && !e.ctrlKey && !e.altKey && !e.metaKey && key(e)) e.preventDefault();
 });
-$("language").onclick = other; $("sound").onclick = quiet;
-$("go").onclick = () => { ready = true; $("go").hidden = true; send({ t: "ready" }); };
-connect(); requestAnimationFrame(frame);
+$("language").onclick = nextLanguage;
+$("sound").onclick = switchSound;
+$("go").onclick = () => {
+  ready = true;
+  $("go").hidden = true;
+  send({ t: "ready" });
+};
+connect();
+requestAnimationFrame(frame);

@@ -1,98 +1,242 @@
 // What a Cab says, in words and numbers. Every figure is the Cab's own, rounded for reading; nothing is guessed.
 import { KMH } from "./draw.js";
 
+export const SILENCE = 1; // Cab.INTERLOCK_SILENCE: the dead-man brake
 export const $ = (id) => document.getElementById(id);
-export const MODES = ["none", "traction", "traction", "hold", "coast", "brake", "brake", "brake", "stop", "depart"];
-export const SILENCE = 1;
-export const fill = (node, words) => { if (node.textContent !== words) node.textContent = words; };
+export const fill = (node, words) => {
+  if (node.textContent !== words) node.textContent = words;
+};
 export const kmh = (v) => `${Math.round(v * KMH)}`;
+export const minutes = (s) => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 const big = (words) => words.charAt(0).toUpperCase() + words.slice(1);
-const nice = (m, step) => Math.max(Math.round(m / step) * step, 0);
-export const distance = (m, lang) => (m >= 10000 ? `${nice(m / 1000, 1)} km` : m >= 1000 ? `${(m / 1000).toLocaleString(lang, { minimumFractionDigits: 1, maximumFractionDigits: 1 })} km` : `${nice(m, m > 200 ? 50 : m > 30 ? 10 : 1)} m`);
-export const span = (s) => (Math.abs(s) >= 90 ? `${Math.floor(Math.abs(s) / 60)}:${String(Math.floor(Math.abs(s) % 60)).padStart(2, "0")} min` : `${Math.round(Math.abs(s))} s`);
+
+export function distance(m, lang) {
+  if (m >= 10000) return `${Math.round(m / 1000)} km`;
+  const digits = { minimumFractionDigits: 1, maximumFractionDigits: 1 };
+  if (m >= 1000) return `${(m / 1000).toLocaleString(lang, digits)} km`;
+  const step = m > 200 ? 50 : m > 30 ? 10 : 1;
+  return `${Math.max(Math.round(m / step) * step, 0)} m`;
+}
+
+export function span(s) {
+  const long = Math.abs(s);
+  return long >= 90 ? `${minutes(long)} min` : `${Math.round(long)} s`;
+}
 
 export class Shown {
-  // `hello` is what never changes; `words` and `lang` are set by the page.
-  constructor(hello) { this.hello = hello; }
-  speak(words, lang) { this.W = words; this.lang = lang; }
+  // `hello` is what never changes while the page is open.
+  constructor(hello) {
+    this.hello = hello;
+  }
+
+  // Sets the language: the page's words, and the words of the advice.
+  speak(words, lang) {
+    this.words = words;
+    this.lang = lang;
+    this.advised = this.hello.words[lang];
+  }
+
   // The time of day on the line's clock, of a moment on the cab's clock (s).
-  clock(cab, at) { return new Date(cab.time_ns / 1e6 + (at - cab.clock_s) * 1000 + this.hello.utc_offset_min * 60000).toISOString().slice(11, 19); }
-  stopName(cab) { return this.hello.line.stops.find(([s]) => Math.abs(s - cab.stop_m) < 1)?.[1] ?? ""; }
-  words(number, mode) { return this.hello.presentations[number].modes[this.lang][mode] ?? ""; }
+  clock(cab, at_s) {
+    const utc_ms = cab.time_ns / 1e6 + (at_s - cab.clock_s) * 1000;
+    return new Date(utc_ms + this.hello.utc_offset_min * 60000).toISOString().slice(11, 19);
+  }
+
+  stopName(cab) {
+    return this.hello.line.stops.find(([s]) => Math.abs(s - cab.stop_m) < 1)?.[1] ?? "";
+  }
+
+  presentation(cab) {
+    return this.hello.presentations[cab.presentation];
+  }
+
+  modeWords(cab, mode) {
+    return big(this.presentation(cab).modes[this.lang][mode] ?? "");
+  }
+
+  // How late (> 0) or early a train is, as a text.
+  lateness(s) {
+    return (s > 0 ? this.advised.late : this.advised.early).replace("{seconds} s", span(s));
+  }
+
   // The advice of a Cab as the card, the dial and the lever show it; null if there is none.
   advice(cab, why) {
-    const kind = cab && this.hello.presentations[cab.presentation];
-    if (!kind || cab.clock_s > cab.valid_until_s + 1e-9) return null;
-    const mode = MODES[cab.mode] ?? "none", told = cab.display_speed_mps ?? cab.advised_speed_mps, W = this.W;
-    if (kind.name === "deviation") { const s = Math.round(cab.deviation_s); return { mode: "deviation", do: s ? `${span(s)} ${s > 0 ? W.late : W.early}` : W.on_time, why: "", speed: null, effort: null, due: 0 }; }
-    const stands = mode === "stop" || mode === "depart", departs = mode === "depart", speed = departs ? cab.next_speed_mps : stands ? null : told;
-    const effort = stands || mode === "coast" || mode === "hold" ? null : cab.advised_lever_ratio;
-    const said = effort == null ? "" : `${Math.round(Math.abs(effort) * 100)} % ${effort < 0 ? W.brake : W.power}`;
+    const presentation = this.presentation(cab);
+    if (!presentation || cab.clock_s > cab.valid_until_s + 1e-9) return null;
+    if (presentation.name === "deviation") {
+      const late_s = Math.round(cab.deviation_s);
+      const said = late_s ? this.lateness(late_s) : this.advised.on_time;
+      return { mode: "deviation", do: said, why: "", speed: null, effort: null, due: 0 };
+    }
+    const kind = this.hello.kinds[cab.mode] ?? "none", stands = kind === "stop" || kind === "depart";
+    let speed = cab.display_speed_mps ?? cab.advised_speed_mps;
+    if (stands) speed = kind === "depart" ? cab.next_speed_mps : null;
+    const effort = stands || kind === "coast" || kind === "hold" ? null : cab.advised_lever_ratio;
+    const top = presentation.highest && !stands;
     return {
-      mode: kind.highest && !stands ? "top" : mode, do: kind.highest && !stands ? W.at_most : big(this.words(cab.presentation, cab.mode)),
-      why: [said, why?.[this.lang] ?? ""].filter(Boolean).join(" · "), speed: speed != null && speed > 0.5 ? speed : null, effort: mode === "coast" ? 0 : effort,
-      due: cab.due_s > 0.5 ? cab.due_s - (cab.clock_s - cab.advice_s) : 0, stands,
+      mode: top ? "top" : kind,
+      do: top ? this.words.at_most : this.modeWords(cab, cab.mode),
+      why: [this.effort(effort), why?.[this.lang]].filter(Boolean).join(" · "),
+      speed: speed > 0.5 ? speed : null,
+      effort: kind === "coast" ? 0 : effort,
+      due: cab.due_s > 0.5 ? cab.due_s - (cab.clock_s - cab.advice_s) : 0,
+      stands,
     };
   }
+
+  effort(ratio) {
+    if (ratio == null) return "";
+    return `${Math.round(Math.abs(ratio) * 100)} % ${ratio < 0 ? this.words.brake : this.words.power}`;
+  }
+
   // The next changes of the advice: way (m; null: not said), time (s), mode and words.
   changes(cab, advice) {
     if (!advice || advice.stands) return [];
-    const since = cab.clock_s - cab.advice_s, rolled = cab.speed_mps * since, found = [];
-    const add = (number, way, time, speed, second) => {
-      const mode = MODES[number]; if (!mode || mode === "none" || time == null || time - since <= 0) return;
-      const at = speed != null && speed > 0.5 && mode !== "coast" ? ` ${kmh(speed)}` : "";
-      found.push({ mode, second, way: way == null ? null : Math.max(way - rolled, 0), time: time - since, words: `${big(this.words(cab.presentation, number))}${at}` });
-    };
-    add(cab.next_mode, cab.next_change_m, cab.next_change_s, cab.next_speed_mps, false);
-    add(cab.second_mode, cab.second_change_m, cab.second_change_s, cab.second_speed_mps, true);
-    return found;
+    const since_s = cab.clock_s - cab.advice_s, rolled_m = cab.speed_mps * since_s;
+    return ["next", "second"].flatMap((which) => {
+      const mode = cab[`${which}_mode`], kind = this.hello.kinds[mode] ?? "none", speed = cab[`${which}_speed_mps`];
+      const way = cab[`${which}_change_m`], time = cab[`${which}_change_s`];
+      if (kind === "none" || time == null || time <= since_s) return [];
+      const reached = speed > 0.5 && kind !== "coast" ? ` ${kmh(speed)}` : "";
+      return [{
+        mode: kind,
+        second: which === "second",
+        way: way == null ? null : Math.max(way - rolled_m, 0),
+        time: time - since_s,
+        words: `${this.modeWords(cab, mode)}${reached}`,
+      }];
+    });
   }
+
   // The lowest of the line's limits and the temporary ones, place by place.
   allowed(cab) {
-    const ahead = cab.limits_ahead.length ? cab.limits_ahead.map((x) => [x.s_m, x.limit_mps]) : this.hello.line.limits.filter(([s]) => s > cab.s_m && s < cab.stop_m);
-    const line = [[cab.s_m - 1, cab.limit_mps], ...ahead], slow = this.slow(cab).map(([a, b, v]) => [a, b + this.hello.train.length_m, v]);
-    const at = [...new Set([...line.map(([s]) => s), ...slow.flatMap(([a, b]) => [a, b])])].filter((s) => s >= cab.s_m - 1).sort((a, b) => a - b);
-    return at.map((s) => [s, Math.min(line.filter(([x]) => x <= s + 0.01).at(-1)[1], ...slow.filter(([a, b]) => a <= s && s < b).map(([, , v]) => v))]);
+    const told = cab.limits_ahead.map((x) => [x.s_m, x.limit_mps]);
+    const known = this.hello.line.limits.filter(([s]) => s > cab.s_m && s < cab.stop_m);
+    const here_m = cab.s_m - 1, line = [[here_m, cab.limit_mps], ...(told.length ? told : known)];
+    const slow = this.slow(cab).map(([from, to, v]) => [from, to + this.hello.train.length_m, v]);
+    const places = [...line.map(([s]) => s), ...slow.flatMap(([from, to]) => [from, to])];
+    const ahead = [...new Set(places)].filter((s) => s >= here_m).sort((a, b) => a - b);
+    return ahead.map((s) => {
+      const limit = line.findLast(([from]) => from <= s + 0.01)[1];
+      const temporary = slow.filter(([from, to]) => from <= s && s < to).map(([, , v]) => v);
+      return [s, Math.min(limit, ...temporary)];
+    });
   }
-  slow(cab) { return cab.restrictions.map((x) => [x.start_m, x.end_m, x.limit_mps]); }
-  limit(cab) { return Math.min(cab.limit_mps, ...this.slow(cab).filter(([a, b]) => a < cab.s_m && cab.s_m - this.hello.train.length_m < b).map(([, , v]) => v)); }
-  efforts(v) { const { efforts_n: rows, step_mps: step } = this.hello.train; return rows[Math.min(Math.round(v / step), rows.length - 1)]; }
+
+  // The restrictions: where they begin and end (m), and their speed.
+  slow(cab) {
+    return cab.restrictions.map((x) => [x.start_m, x.end_m, x.limit_mps]);
+  }
+
+  // The limit for the whole train where it is.
+  limit(cab) {
+    const rear_m = cab.s_m - this.hello.train.length_m;
+    const under = this.slow(cab).filter(([from, to]) => from < cab.s_m && rear_m < to);
+    return Math.min(cab.limit_mps, ...under.map(([, , v]) => v));
+  }
+
+  efforts(v) {
+    const { efforts_n: rows, step_mps: step } = this.hello.train;
+    return rows[Math.min(Math.round(v / step), rows.length - 1)];
+  }
 
   // Writes the header, the card, what comes up, and the order to drive; returns what is on the card.
   write(cab, advice, wasBraked) {
-    const W = this.W, left = cab.stop_m - cab.s_m, stop = this.stopName(cab), braked = cab.interlock === SILENCE, standing = cab.speed_mps < 0.05;
-    fill($("stop"), stop); fill($("way"), left >= 0 ? distance(left, this.lang) : ""); fill($("clock"), this.clock(cab, cab.clock_s));
-    const waits = standing && !cab.may_depart, deviates = this.hello.presentations[cab.presentation]?.name === "deviation";
-    fill($("due"), waits && left > 10 ? `${W.departs} ${this.clock(cab, cab.departure_s)}` : `${W.due} ${this.clock(cab, cab.arrival_s)}`);
-    const late = this.hello.punctuality && !deviates && cab.look ? cab.late_s : null;
-    fill($("late"), late == null ? "" : Math.abs(late) < 10 ? W.on_time : `${span(late)} ${late > 0 ? W.late : W.early}`);
-    const card = braked ? { mode: "braked", do: W.braked, why: W.braked_why, speed: null, due: 0 } : advice ?? { mode: "none", do: W.no_advice, why: W.no_advice_why, speed: null, due: 0 };
-    $("advice").dataset.mode = card.mode; $("advice").dataset.due = card.due > 0.5; $("do").classList.toggle("long", card.do.length > 18);
-    fill($("do"), card.do); fill($("why"), card.why); fill($("speed"), card.speed == null ? "" : kmh(card.speed));
-    fill($("soon"), card.due > 0.5 ? `${W.soon} ${span(card.due)}` : card.speed == null ? "" : "km/h");
-    const order = braked ? [W.braked, ""] : wasBraked ? [W.was_braked, W.was_braked_why] : waits ? [W.wait, `${W.wait_why} ${this.clock(cab, cab.departure_s)}`]
-      : cab.signal_m != null && cab.signal_m > cab.s_m ? [W.signal, `${W.soon} ${distance(cab.signal_m - cab.s_m, this.lang)}`] : standing && left > 10 ? [W.depart, W.depart_why] : standing ? [W.stopped, ""] : [W.clear, ""];
-    fill($("may"), order[0]); fill($("told"), order[1]);
-    this.list(cab, advice, left, stop);
+    const braked = cab.interlock === SILENCE, card = this.card(advice, braked);
+    this.header(cab);
+    $("advice").dataset.mode = card.mode;
+    $("advice").dataset.due = card.due > 0.5;
+    $("do").classList.toggle("long", card.do.length > 18);
+    fill($("do"), card.do);
+    fill($("why"), card.why);
+    fill($("speed"), card.speed == null ? "" : kmh(card.speed));
+    fill($("soon"), card.due > 0.5 ? `${this.words.soon} ${span(card.due)}` : card.speed == null ? "" : "km/h");
+    const [may, told] = this.order(cab, braked, wasBraked);
+    fill($("may"), may);
+    fill($("told"), told);
+    this.list(this.coming(cab, advice).slice(0, 3));
     Object.assign(document.body.dataset, {
-      look: cab.look, speed: kmh(cab.speed_mps), limit: kmh(this.limit(cab)), advice: advice?.speed == null ? "" : kmh(advice.speed), mode: card.mode, braked,
-      effort: advice?.effort == null ? "" : advice.effort.toFixed(3), way: left.toFixed(1), due: card.due.toFixed(1), may: cab.may_depart, lever: Math.round(cab.lever_ratio * 100),
+      look: cab.look,
+      speed: kmh(cab.speed_mps),
+      limit: kmh(this.limit(cab)),
+      advice: advice?.speed == null ? "" : kmh(advice.speed),
+      mode: card.mode,
+      braked,
+      effort: advice?.effort == null ? "" : advice.effort.toFixed(3),
+      way: (cab.stop_m - cab.s_m).toFixed(1),
+      due: card.due.toFixed(1),
+      may: cab.may_depart,
+      lever: Math.round(cab.lever_ratio * 100),
     });
     return card;
   }
-  list(cab, advice, left, stop) {
-    const W = this.W, rows = this.changes(cab, advice).map((x) => [x.way ?? cab.speed_mps * x.time, x.words, x.way, x.time, "advised"]);
-    const limits = this.allowed(cab), next = limits.find(([s, v], i) => i && s > cab.s_m && Math.abs(v - limits[i - 1][1]) > 0.1 && s < cab.stop_m);
-    if (next) rows.push([next[0] - cab.s_m, `${W.limit} ${kmh(next[1])}`, next[0] - cab.s_m, null, ""]);
-    if (cab.signal_m != null && cab.signal_m > cab.s_m) rows.push([cab.signal_m - cab.s_m, W.signal, cab.signal_m - cab.s_m, null, ""]);
-    if (left > 0) rows.push([left, `${W.stop} ${stop}`, left, null, ""]);
-    rows.sort((a, b) => a[0] - b[0]);
-    const list = $("coming"), shown = rows.slice(0, 3);
-    while (list.children.length > shown.length) list.lastChild.remove();
-    shown.forEach(([, words, way, time, kind], i) => {
-      let li = list.children[i];
-      if (!li) { li = document.createElement("li"); li.append(document.createElement("b"), document.createElement("span"), document.createElement("i")); list.append(li); }
-      li.className = kind; fill(li.children[0], words); fill(li.children[1], way == null ? "" : distance(way, this.lang)); fill(li.children[2], time == null ? "" : span(time));
+
+  card(advice, braked) {
+    const words = this.words, bare = { speed: null, due: 0 };
+    if (braked) return { ...bare, mode: "braked", do: words.braked, why: words.braked_why };
+    return advice ?? { ...bare, mode: "none", do: big(this.advised.no_advice), why: words.no_advice_why };
+  }
+
+  // Whether the train stands before its stop, and whether it may not leave yet.
+  standing(cab) {
+    const stands = cab.speed_mps < 0.05;
+    return { stands, before: cab.stop_m - cab.s_m > this.hello.at_stop_m, waits: stands && !cab.may_depart };
+  }
+
+  header(cab) {
+    const left = cab.stop_m - cab.s_m, { before, waits } = this.standing(cab);
+    const [word, at_s] = waits && before ? [this.words.departs, cab.departure_s] : [this.words.due, cab.arrival_s];
+    const hidden = !this.hello.punctuality || this.presentation(cab)?.name === "deviation" || !cab.look;
+    const late = Math.abs(cab.late_s) < 10 ? this.advised.on_time : this.lateness(cab.late_s);
+    fill($("stop"), this.stopName(cab));
+    fill($("way"), left >= 0 ? distance(left, this.lang) : "");
+    fill($("clock"), this.clock(cab, cab.clock_s));
+    fill($("due"), `${word} ${this.clock(cab, at_s)}`);
+    fill($("late"), hidden || cab.late_s == null ? "" : late);
+  }
+
+  // Whether the train may drive, and why.
+  order(cab, braked, wasBraked) {
+    const words = this.words, { stands, before, waits } = this.standing(cab), signal_m = cab.signal_m - cab.s_m;
+    if (braked) return [words.braked, ""];
+    if (wasBraked) return [words.was_braked, words.was_braked_why];
+    if (waits) return [words.wait, `${words.wait_why} ${this.clock(cab, cab.departure_s)}`];
+    if (cab.signal_m != null && signal_m > 0) return [words.signal, `${words.soon} ${distance(signal_m, this.lang)}`];
+    if (!stands) return [words.clear, ""];
+    return before ? [words.depart, words.depart_why] : [words.stopped, ""];
+  }
+
+  // What comes up, the nearest first: its distance (m), its words, whether the distance is said, and for advice the
+  // time until then (s).
+  coming(cab, advice) {
+    const rows = this.changes(cab, advice).map(({ way, time, words }) => {
+      return { at: way ?? cab.speed_mps * time, words, said: way != null, time };
+    });
+    const add = (s, words) => {
+      if (s > cab.s_m) rows.push({ at: s - cab.s_m, words, said: true });
+    };
+    const limits = this.allowed(cab), differs = (v, i) => i && Math.abs(v - limits[i - 1][1]) > 0.1;
+    const next = limits.find(([s, v], i) => differs(v, i) && s > cab.s_m && s < cab.stop_m);
+    if (next) add(next[0], `${this.words.limit} ${kmh(next[1])}`);
+    add(cab.signal_m ?? -Infinity, this.words.signal);
+    add(cab.stop_m, `${this.words.stop} ${this.stopName(cab)}`);
+    return rows.sort((a, b) => a.at - b.at);
+  }
+
+  list(rows) {
+    const list = $("coming");
+    while (list.children.length > rows.length) list.lastChild.remove();
+    while (list.children.length < rows.length) {
+      const item = document.createElement("li");
+      item.append(...["b", "span", "i"].map((name) => document.createElement(name)));
+      list.append(item);
+    }
+    rows.forEach(({ at, words, said, time }, i) => {
+      const [name, way, when] = list.children[i].children;
+      list.children[i].className = time == null ? "" : "advised";
+      fill(name, words);
+      fill(way, said ? distance(at, this.lang) : "");
+      fill(when, time == null ? "" : span(time));
     });
   }
 }

@@ -1,48 +1,126 @@
-// The words of the page that are not advice: the server sends those of the advice. Names are always set as text, never as HTML.
-export const WORDS = {
-  en: {
-    name: "English", desk: "Cab desk", next_stop: "Next stop", coming: "Coming up", on_time: "on time", late: "late", early: "early", due: "due", departs: "departs",
-    sound: "Sound at changes of the advice", language: "Language", connected: "connected", unconnected: "not connected", limit_is: "limit",
-    no_advice: "No advice", no_advice_why: "Drive by the limits and the timetable", power: "power", brake: "brake", at_most: "Drive at most", soon: "in", to_stop: "to the stop", beyond: "beyond the stop",
-    limit: "Limit", stop: "Stop", signal: "Signal at stop", wait: "Wait", wait_why: "No power before", depart: "Depart", depart_why: "Doors closed, signal clear", clear: "Line clear", stopped: "Stopped",
-    braked: "Braked", braked_why: "The desk was away. When the train stands and the lever is at 0, you may drive on.", was_braked: "You were braked", was_braked_why: "The desk was away. You may drive on.",
-    lever: "Lever for power and brake", pwr: "POWER", brk: "BRAKE", friction: "air",
-    welcome: "You drive this train to its next stops, on time. Stay below the white limit. Stop within 10 m of the mark.\nViolet is advice that saves energy; it never allows more than the limit. Without violet, drive by the limits and the timetable.",
-    ready: "I am ready", preparing: "The train is being prepared …", over: "Arrived", over_why: "Thank you. The drive is recorded.", stood_before: "You stopped {m} m before the mark.", stood_beyond: "You stopped {m} m beyond the mark.",
-    broken: "The drive was ended", broken_why: "The recording up to here is kept. Please ask whoever started it.",
-    lost: "Connection lost", lost_why: "Trying again … The train is braked until the desk is back.", connecting: "Connecting …",
-    taken: "The desk is open in another window", taken_why: "Drive there, or reload this page to drive here.", refused: "This page may not drive", refused_why: "Open the address that das-sim printed.",
-    k_up: "more power, less brake", k_down: "more brake, less power", k_zero: "no power, no brake", k_full: "full brake", k_zoom: "see nearer / further", k_sound: "sound", k_language: "language", k_mark: "mark this moment", k_pointer: "drag the lever, or use a gamepad",
-    play: "Play", pause: "Pause", before: "Bookmark before", after: "Next bookmark", pace: "Speed of the replay", place: "Moment of the drive",
-  },
-  de: {
-    name: "Deutsch", desk: "Führerpult", next_stop: "Nächster Halt", coming: "Als Nächstes", on_time: "pünktlich", late: "verspätet", early: "zu früh", due: "an", departs: "ab",
-    sound: "Ton bei neuer Empfehlung", language: "Sprache", connected: "verbunden", unconnected: "nicht verbunden", limit_is: "Höchstgeschwindigkeit",
-    no_advice: "Keine Empfehlung", no_advice_why: "Nach Geschwindigkeit und Fahrplan fahren", power: "Zugkraft", brake: "Bremse", at_most: "Höchstens fahren", soon: "in", to_stop: "bis zum Halt", beyond: "hinter dem Halt",
-    limit: "Vmax", stop: "Halt", signal: "Signal auf Halt", wait: "Warten", wait_why: "Keine Zugkraft vor", depart: "Abfahren", depart_why: "Türen zu, Signal offen", clear: "Fahrt frei", stopped: "Steht",
-    braked: "Gebremst", braked_why: "Das Pult war weg. Wenn der Zug steht und der Hebel auf 0 ist, dürfen Sie weiterfahren.", was_braked: "Sie wurden gebremst", was_braked_why: "Das Pult war weg. Sie dürfen weiterfahren.",
-    lever: "Hebel für Zugkraft und Bremse", pwr: "KRAFT", brk: "BREMSE", friction: "Luft",
-    welcome: "Sie fahren diesen Zug pünktlich zu seinen nächsten Halten. Bleiben Sie unter der weissen Höchstgeschwindigkeit. Halten Sie auf 10 m genau an der Marke.\nViolett ist eine Empfehlung, die Energie spart; sie erlaubt nie mehr als die Höchstgeschwindigkeit. Ohne Violett fahren Sie nach Geschwindigkeit und Fahrplan.",
-    ready: "Ich bin bereit", preparing: "Der Zug wird vorbereitet …", over: "Angekommen", over_why: "Danke. Die Fahrt ist aufgezeichnet.", stood_before: "Sie hielten {m} m vor der Marke.", stood_beyond: "Sie hielten {m} m hinter der Marke.",
-    broken: "Die Fahrt wurde beendet", broken_why: "Die Aufzeichnung bis hierher bleibt. Bitte fragen Sie, wer sie gestartet hat.",
-    lost: "Verbindung verloren", lost_why: "Neuer Versuch … Der Zug wird gebremst, bis das Pult zurück ist.", connecting: "Verbindung wird aufgebaut …",
-    taken: "Das Pult ist in einem anderen Fenster offen", taken_why: "Fahren Sie dort, oder laden Sie diese Seite neu.", refused: "Diese Seite darf nicht fahren", refused_why: "Öffnen Sie die Adresse, die das-sim genannt hat.",
-    k_up: "mehr Kraft, weniger Bremse", k_down: "mehr Bremse, weniger Kraft", k_zero: "weder Kraft noch Bremse", k_full: "voll bremsen", k_zoom: "näher / weiter sehen", k_sound: "Ton", k_language: "Sprache", k_mark: "diesen Moment merken", k_pointer: "Hebel ziehen, oder Gamepad",
-    play: "Abspielen", pause: "Anhalten", before: "Lesezeichen davor", after: "Nächstes Lesezeichen", pace: "Tempo der Wiedergabe", place: "Moment der Fahrt",
-  },
-  fr: {
-    name: "Français", desk: "Pupitre", next_stop: "Prochain arrêt", coming: "À venir", on_time: "à l’heure", late: "de retard", early: "d’avance", due: "arr.", departs: "dép.",
-    sound: "Son aux changements du conseil", language: "Langue", connected: "connecté", unconnected: "déconnecté", limit_is: "limite",
-    no_advice: "Pas de conseil", no_advice_why: "Suivre les limites et l’horaire", power: "traction", brake: "frein", at_most: "Rouler au plus à", soon: "dans", to_stop: "jusqu’à l’arrêt", beyond: "après l’arrêt",
-    limit: "Limite", stop: "Arrêt", signal: "Signal fermé", wait: "Attendre", wait_why: "Pas de traction avant", depart: "Partir", depart_why: "Portes fermées, signal ouvert", clear: "Voie libre", stopped: "À l’arrêt",
-    braked: "Freiné", braked_why: "Le pupitre était absent. À l’arrêt, manipulateur à 0, vous pourrez repartir.", was_braked: "Vous avez été freiné", was_braked_why: "Le pupitre était absent. Vous pouvez repartir.",
-    lever: "Manipulateur de traction et de frein", pwr: "TRACTION", brk: "FREIN", friction: "air",
-    welcome: "Vous conduisez ce train à ses prochains arrêts, à l’heure. Restez sous la limite blanche. Arrêtez-vous à moins de 10 m du repère.\nLe violet est un conseil qui économise l’énergie ; il ne permet jamais plus que la limite. Sans violet, suivez les limites et l’horaire.",
-    ready: "Je suis prêt", preparing: "Le train se prépare …", over: "Arrivé", over_why: "Merci. Le trajet est enregistré.", stood_before: "Arrêt {m} m avant le repère.", stood_beyond: "Arrêt {m} m après le repère.",
-    broken: "Le trajet a été interrompu", broken_why: "L’enregistrement jusqu’ici est conservé. Demandez à qui l’a lancé.",
-    lost: "Connexion perdue", lost_why: "Nouvel essai … Le train est freiné jusqu’au retour du pupitre.", connecting: "Connexion …",
-    taken: "Le pupitre est ouvert dans une autre fenêtre", taken_why: "Conduisez là-bas, ou rechargez cette page.", refused: "Cette page ne peut pas conduire", refused_why: "Ouvrez l’adresse que das-sim a donnée.",
-    k_up: "plus de traction, moins de frein", k_down: "plus de frein, moins de traction", k_zero: "ni traction ni frein", k_full: "frein à fond", k_zoom: "voir plus près / loin", k_sound: "son", k_language: "langue", k_mark: "noter ce moment", k_pointer: "tirer le manipulateur, ou manette",
-    play: "Lire", pause: "Pause", before: "Signet précédent", after: "Signet suivant", pace: "Vitesse de lecture", place: "Moment du trajet",
-  },
+// The words of the page that are not advice: the server sends those of the advice.
+// Names are always set as text, never as HTML. {m} stands for a number of metres.
+export const LANGUAGES = ["en", "de", "fr"];
+const ROWS = {
+  name: ["English", "Deutsch", "Français"],
+  desk: ["Cab desk", "Führerpult", "Pupitre"],
+  next_stop: ["Next stop", "Nächster Halt", "Prochain arrêt"],
+  coming: ["Coming up", "Als Nächstes", "À venir"],
+  due: ["due", "an", "arr."],
+  departs: ["departs", "ab", "dép."],
+  sound: ["Sound at changes of the advice", "Ton bei neuer Empfehlung", "Son aux changements du conseil"],
+  language: ["Language", "Sprache", "Langue"],
+  connected: ["connected", "verbunden", "connecté"],
+  unconnected: ["not connected", "nicht verbunden", "déconnecté"],
+  limit_is: ["limit", "Höchstgeschwindigkeit", "limite"],
+  no_advice_why: [
+    "Drive by the limits and the timetable",
+    "Nach Geschwindigkeit und Fahrplan fahren",
+    "Suivre les limites et l’horaire",
+  ],
+  power: ["power", "Zugkraft", "traction"],
+  brake: ["brake", "Bremse", "frein"],
+  at_most: ["Drive at most", "Höchstens fahren", "Rouler au plus à"],
+  soon: ["in", "in", "dans"],
+  to_stop: ["to the stop", "bis zum Halt", "jusqu’à l’arrêt"],
+  beyond: ["beyond the stop", "hinter dem Halt", "après l’arrêt"],
+  limit: ["Limit", "Vmax", "Limite"],
+  stop: ["Stop", "Halt", "Arrêt"],
+  signal: ["Signal at stop", "Signal auf Halt", "Signal fermé"],
+  wait: ["Wait", "Warten", "Attendre"],
+  wait_why: ["No power before", "Keine Zugkraft vor", "Pas de traction avant"],
+  depart: ["Depart", "Abfahren", "Partir"],
+  depart_why: ["Doors closed, signal clear", "Türen zu, Signal offen", "Portes fermées, signal ouvert"],
+  clear: ["Line clear", "Fahrt frei", "Voie libre"],
+  stopped: ["Stopped", "Steht", "À l’arrêt"],
+  braked: ["Braked", "Gebremst", "Freiné"],
+  braked_why: [
+    "The desk was away. When the train stands and the lever is at 0, you may drive on.",
+    "Das Pult war weg. Wenn der Zug steht und der Hebel auf 0 ist, dürfen Sie weiterfahren.",
+    "Le pupitre était absent. À l’arrêt, manipulateur à 0, vous pourrez repartir.",
+  ],
+  was_braked: ["You were braked", "Sie wurden gebremst", "Vous avez été freiné"],
+  was_braked_why: [
+    "The desk was away. You may drive on.",
+    "Das Pult war weg. Sie dürfen weiterfahren.",
+    "Le pupitre était absent. Vous pouvez repartir.",
+  ],
+  lever: ["Lever for power and brake", "Hebel für Zugkraft und Bremse", "Manipulateur de traction et de frein"],
+  pwr: ["POWER", "KRAFT", "TRACTION"],
+  brk: ["BRAKE", "BREMSE", "FREIN"],
+  friction: ["air", "Luft", "air"],
+  welcome: [
+    "You drive this train to its next stops, on time. Stay below the white limit. Stop within {m} m of the mark.\n" +
+    "Violet is advice that saves energy; it never allows more than the limit. Without violet, drive by the " +
+    "limits and the timetable.",
+    "Sie fahren diesen Zug pünktlich zu seinen nächsten Halten. Bleiben Sie unter der weissen " +
+    "Höchstgeschwindigkeit. Halten Sie auf {m} m genau an der Marke.\n" +
+    "Violett ist eine Empfehlung, die Energie spart; sie erlaubt nie mehr als die Höchstgeschwindigkeit. " +
+    "Ohne Violett fahren Sie nach Geschwindigkeit und Fahrplan.",
+    "Vous conduisez ce train à ses prochains arrêts, à l’heure. Restez sous la limite blanche. Arrêtez-vous " +
+    "à moins de {m} m du repère.\n" +
+    "Le violet est un conseil qui économise l’énergie ; il ne permet jamais plus que la limite. Sans " +
+    "violet, suivez les limites et l’horaire.",
+  ],
+  ready: ["I am ready", "Ich bin bereit", "Je suis prêt"],
+  preparing: ["The train is being prepared …", "Der Zug wird vorbereitet …", "Le train se prépare …"],
+  over: ["Arrived", "Angekommen", "Arrivé"],
+  over_why: [
+    "Thank you. The drive is recorded.",
+    "Danke. Die Fahrt ist aufgezeichnet.",
+    "Merci. Le trajet est enregistré.",
+  ],
+  stood_before: [
+    "You stopped {m} m before the mark.",
+    "Sie hielten {m} m vor der Marke.",
+    "Arrêt {m} m avant le repère.",
+  ],
+  stood_beyond: [
+    "You stopped {m} m beyond the mark.",
+    "Sie hielten {m} m hinter der Marke.",
+    "Arrêt {m} m après le repère.",
+  ],
+  broken: ["The drive was ended", "Die Fahrt wurde beendet", "Le trajet a été interrompu"],
+  broken_why: [
+    "The recording up to here is kept. Please ask whoever started it.",
+    "Die Aufzeichnung bis hierher bleibt. Bitte fragen Sie, wer sie gestartet hat.",
+    "L’enregistrement jusqu’ici est conservé. Demandez à qui l’a lancé.",
+  ],
+  lost: ["Connection lost", "Verbindung verloren", "Connexion perdue"],
+  lost_why: [
+    "Trying again … The train is braked until the desk is back.",
+    "Neuer Versuch … Der Zug wird gebremst, bis das Pult zurück ist.",
+    "Nouvel essai … Le train est freiné jusqu’au retour du pupitre.",
+  ],
+  connecting: ["Connecting …", "Verbindung wird aufgebaut …", "Connexion …"],
+  taken: [
+    "The desk is open in another window",
+    "Das Pult ist in einem anderen Fenster offen",
+    "Le pupitre est ouvert dans une autre fenêtre",
+  ],
+  taken_why: [
+    "Drive there, or reload this page to drive here.",
+    "Fahren Sie dort, oder laden Sie diese Seite neu.",
+    "Conduisez là-bas, ou rechargez cette page.",
+  ],
+  k_up: ["more power, less brake", "mehr Kraft, weniger Bremse", "plus de traction, moins de frein"],
+  k_down: ["more brake, less power", "mehr Bremse, weniger Kraft", "plus de frein, moins de traction"],
+  k_zero: ["no power, no brake", "weder Kraft noch Bremse", "ni traction ni frein"],
+  k_full: ["full brake", "voll bremsen", "frein à fond"],
+  k_zoom: ["see nearer / further", "näher / weiter sehen", "voir plus près / loin"],
+  k_sound: ["sound", "Ton", "son"],
+  k_language: ["language", "Sprache", "langue"],
+  k_mark: ["mark this moment", "diesen Moment merken", "noter ce moment"],
+  k_pointer: ["drag the lever, or use a gamepad", "Hebel ziehen, oder Gamepad", "tirer le manipulateur, ou manette"],
+  play: ["Play", "Abspielen", "Lire"],
+  pause: ["Pause", "Anhalten", "Pause"],
+  before: ["Bookmark before", "Lesezeichen davor", "Signet précédent"],
+  after: ["Next bookmark", "Nächstes Lesezeichen", "Signet suivant"],
+  pace: ["Speed of the replay", "Tempo der Wiedergabe", "Vitesse de lecture"],
+  place: ["Moment of the drive", "Moment der Fahrt", "Moment du trajet"],
 };
+
+// The words by language.
+export const WORDS = Object.fromEntries(
+  LANGUAGES.map((lang, i) => [lang, Object.fromEntries(Object.entries(ROWS).map(([key, words]) => [key, words[i]]))]),
+);

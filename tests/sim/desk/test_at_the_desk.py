@@ -14,6 +14,7 @@ import pytest
 
 from das.bus.recording import Recording, read_recording
 from das.bus.topics import ACTION, CAB, LOG, MARK, TRUTH
+from sim.desk.messages import PageSettings, recorded_settings
 from sim.plant.plant import COAST, lever
 from sim.world.scenario import load_scenario
 from sim.world.service import make_day, prepare_service
@@ -38,7 +39,8 @@ def driven_anew(recording: Recording) -> list[tuple[float, float]]:
 def test_a_person_drives_6_km_by_keyboard_and_the_recording_is_what_was_shown_and_set(tmp_path: Path) -> None:
     """At three times real time: a stop within 10 m of the mark, 20 moments as recorded, and the same train again."""
     seen: dict[int, dict[str, str]] = {}
-    with desk_command(tmp_path, str(FLAT_DAY), "--speed", "3", "--out", "d.mcap", "--json") as (child, address):
+    options = ("--speed", "3", "--no-punctuality", "--out", "d.mcap", "--json")
+    with desk_command(tmp_path, str(FLAT_DAY), *options) as (child, address):
         with chromium() as browser:
             page = DeskPage(browser.new_context(viewport={"width": 1280, "height": 720}), address)
             page.begin()
@@ -51,6 +53,7 @@ def test_a_person_drives_6_km_by_keyboard_and_the_recording_is_what_was_shown_an
     assert abs(found["stops"][-1]["missed_m"]) <= 10
     assert (found["driver"], found["messages_lost"], found["signals_passed"]) == ("desk", 0, 0)
     recording = read_recording(tmp_path / "d.mcap")
+    assert recorded_settings(recording) == PageSettings(punctuality=False)
     cabs = {entry.message.look: entry.message for entry in recording.of(CAB)}
     moments = [seen[look] for look in sorted(seen)][:: max(len(seen) // 40, 1)]
     assert len(moments) >= 20

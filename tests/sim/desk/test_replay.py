@@ -6,14 +6,17 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 
 import pytest
 
 pytest.importorskip("starlette", reason="the extra desk is not installed")
 
+from das.bus.recording import Recording
 from das.domain.errors import DasError
 from sim.desk.host import listening
+from sim.desk.messages import SETTINGS_KEY, PageSettings, encoded, recorded_settings
 from sim.desk.replay import Replay
 from sim.desk.server import server_of
 from sim.drive.drive import Drive
@@ -67,6 +70,25 @@ def test_a_recording_without_a_cab_is_refused() -> None:
         Replay(Drive(source=in_memory(truth(0.0, 0.0, 0.0))), "en")
 
 
+def said(text: str) -> Recording:
+    """The recording of the drive, with this text as the settings of a desk's page."""
+    return replace(drive().recording, metadata={"run": {SETTINGS_KEY: text}})
+
+
+def test_the_page_is_set_as_its_driver_had_it() -> None:
+    at_desk = said(encoded(PageSettings(notches=5, punctuality=False)))
+    hello = Replay(Drive(source=at_desk, given=drive().given), "en").hello
+    assert (hello["notches"], hello["punctuality"]) == (5, False)
+    simulated = Replay(drive(), "en").hello
+    assert (simulated["notches"], simulated["punctuality"]) == (10, True)
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"notches": 1000000}', '{"notches": "5"}', '{"punctuality": 1}'])
+def test_other_settings_of_a_page_are_refused(text: str) -> None:
+    with pytest.raises(DasError, match="expected the settings of a desk's page"):
+        recorded_settings(said(text))
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -74,6 +96,7 @@ def test_a_recording_without_a_cab_is_refused() -> None:
         (("clear-day", "--at", "1:00"), "expected a recording"),
         (("none.mcap",), "none.mcap: cannot be read"),
         (("none.mcap", "--out", "x.mcap"), "nothing is recorded"),
+        (("none.mcap", "--level", "l2"), "--level: none.mcap is a recording to look at; nothing is driven"),
         (("nowhere",), "nowhere: not a bundled scenario"),
     ],
 )

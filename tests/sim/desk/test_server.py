@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,8 +18,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 
 from das.bus import das_pb2
-from sim.desk.messages import LARGEST_BYTES, encoded, heard
+from das.domain.errors import DasError
+from sim.desk.host import listening
+from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, encoded, heard
 from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, TAKEN, Allowance, Outbox
+from sim.world.lockstep import Process
 from tests.support.desk_server import TOKEN, MadeUpBus, Visitor, desk_server, next_of, say, until
 
 MARKUP = "<img src=x onerror=alert(1)>"
@@ -306,6 +310,18 @@ def test_a_slow_page_loses_old_cabs_and_nothing_else() -> None:
     asyncio.run(socket.box.send())
     assert socket.read == [{"t": "cab", "look": 1}, {"t": "cab", "look": 3}, {"t": "phase", "phase": "over"}]
     assert socket.closed == TAKEN
+
+
+@pytest.mark.processes
+def test_a_server_that_cannot_join_the_bus_ends_and_says_why(tmp_path: Path) -> None:
+    """Or the run would wait for its driver for good, and the page for the run."""
+    lost = str(tmp_path / "desk.json5")
+    with listening(0) as door:
+        given = DeskGiven(door=door.fileno(), token=TOKEN, scenario="clear-day", train="T1", language="en", bus=lost)
+        child = Process("desk", "sim.desk", (), given={GIVEN: encoded(given)}, door=door.fileno())
+        with child, pytest.raises(DasError) as raised:
+            until(child.check, "the end of the server")
+    assert lost in str(raised.value)
 
 
 def test_settings_within_10_ms_are_published_as_the_last_of_them(fresh: tuple[Visitor, MadeUpBus]) -> None:

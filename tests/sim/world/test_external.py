@@ -26,7 +26,7 @@ from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from sim.drive.stability import recorded_stability
 from sim.drivers.cab import AdviceView, CabView
-from sim.drivers.kinds import EXTERNAL, DriverKind, Presentation
+from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, Presentation
 from sim.drivers.messages import CabLook, cab_message, cab_view, command_of, controls_message
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, force, lever, speed
@@ -201,8 +201,8 @@ def test_the_first_of_two_drivers_drives(folder: Path, tmp_path: Path) -> None:
 def test_a_driver_that_is_gone_ends_the_run_with_its_recording(folder: Path, tmp_path: Path) -> None:
     day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
     with process(folder, "silent.py", place, "400", "99999"), pytest.raises(DasError) as raised:
-        driven(day, place, tmp_path / "g.mcap", Presentation.NONE, Patience(given_up_s=1.0))
-    assert "the driver is gone, and the dead-man brake has stopped the train" in str(raised.value)
+        driven(day, place, tmp_path / "g.mcap", Presentation.NONE, Patience(given_up_s=1.0, driver=DESK))
+    assert "--driver desk: the driver is gone, and the dead-man brake has stopped the train" in str(raised.value)
     assert read_recording(tmp_path / "g.mcap").of(LOG)
 
 
