@@ -191,18 +191,22 @@ def _after_brake(
 
 
 def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) -> tuple[Instruction, ...]:
-    """The announced instructions, with no speed above the limit where it applies.
+    """The announced instructions, with no speed above the limit where it applies, and none to hold a speed twice.
 
     The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due.
     """
-    kept = []
+    kept: list[Instruction] = []
     for k, one in enumerate(following):
         ends = k + 1 < len(following) and one.mode in (*BRAKES, Regime.COAST)
         ways_m = one.way_m, following[k + 1].way_m if ends else one.way_m
         nodes = np.searchsorted(section.node_m, s_m + BEGUN_M + np.array(ways_m), side="right")
         first, last = np.clip(nodes - 1, 0, len(section.limit_mps) - 1)
         limit_mps = float(section.limit_mps[first : last + 1].max())
-        kept.append(replace(one, speed_mps=limit_mps) if one.speed_mps > limit_mps else one)
+        if one.speed_mps > limit_mps:
+            one = replace(one, speed_mps=limit_mps)  # noqa: PLW2901
+        held = bool(kept) and kept[-1].mode is one.mode is Regime.CRUISE
+        if not (held and abs(kept[-1].speed_mps - one.speed_mps) < SAME_MPS):
+            kept.append(one)
     return tuple(kept)
 
 

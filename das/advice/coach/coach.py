@@ -82,7 +82,7 @@ class Coach:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
         self._lost = False
         try:
-            return self._keeper.keep(state, goal, changed_ns=self._showing.since_ns)
+            return self._keeper.keep(state, goal, changes=self._showing.changes)
         except DasError:
             self._lost = True
             return None

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
 from das.advice.coach.planning import Wanted, passes_s, planned
-from das.advice.coach.settings import CoachSettings, MarginSettings
+from das.advice.coach.settings import CoachSettings, KeepingSettings, MarginSettings
 from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
@@ -19,6 +19,18 @@ from das.solver.few_switch.few_switch import FewSwitchFront
 from das.solver.few_switch.schedule import Prospect, Schedule, Scheduled, on_section
 from das.solver.section import Section
 from das.solver.state import State
+
+
+class Changes(NamedTuple):
+    """When the instruction shown last changed, and when its next change is due (ns since 1970)."""
+
+    last_ns: int = 0
+    next_ns: int = 0
+
+    def are_near(self, now_ns: int, settings: KeepingSettings) -> bool:
+        """Whether one of them is too near to now for a new reference that can wait."""
+        just_now = (now_ns - self.last_ns) * NS < settings.quiet_s
+        return just_now or 0.0 <= (self.next_ns - now_ns) * NS < settings.due_soon_s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,6 +45,9 @@ class StandingReference:
     arrival_ns: int
     point: PassingTarget | None
     replan: Replan
+
+
+NO_CHANGES = Changes()
 
 
 class Kept(NamedTuple):
@@ -138,12 +153,12 @@ class Keeper:
         self.reference = None
         self._give_up()
 
-    def keep(self, state: TrainState, goal: Goal, *, changed_ns: int = 0) -> Kept | None:
+    def keep(self, state: TrainState, goal: Goal, *, changes: Changes = NO_CHANGES) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet).
 
-        The instruction shown has last changed at `changed_ns`: a driver is not given two changes at once, unless the
-        reference must be replaced. While a new one is being made, the present one is kept if it can be. Raises DasError
-        for a state outside the section, or from which the train cannot reach the section's end.
+        Near the last and the next of the `changes` of the instruction shown, the reference is replaced only if it must
+        be: a driver is not given two changes at once. While a new one is being made, the present one is kept if it can
+        be. Raises DasError for a state outside the section, or from which the train cannot reach the section's end.
         """
         must, forecast = self._why_at_once(state, goal)
         kept = self._kept(state, goal, forecast)
@@ -153,7 +168,7 @@ class Keeper:
             return kept
         if self._asked is not None and not self._asked.serves(must, goal):
             self._give_up()
-        quiet = (state.now_ns - changed_ns) * NS < self._settings.keeping.quiet_s
+        quiet = changes.are_near(state.now_ns, self._settings.keeping)
         if self._asked is None:
             doubted = must is ReplanCause.NONE
             cause = self._doubt(kept, state, goal) if doubted and kept and not quiet else must

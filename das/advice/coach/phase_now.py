@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ CREEPS_FOR_S = 6.0
 COAST_MISSES_MPS, COASTS_ON_S = 5.0 * KMH, 10.0
 """Coasting that would end further than this from the speed shown leads to another speed, and says that one. In the last
 `COASTS_ON_S` of it, the speed shown stays."""
-LEAST_GAIN_S = 2.0
+LEAST_GAIN_S = 2.5
 """An acceleration that a brake soon follows must gain this time: a driver gains less of it than the forecast."""
 ROLLS_MPS2 = 0.02
 """A coasting train speeds up by itself if it gains more than this."""
@@ -60,6 +61,8 @@ class PhaseNow:
         """How the train returns to the schedule: > 0 by accelerating, < 0 as a deviation says, 0: it need not."""
         self.creeping_soon: Instruction | None = None
         """The low speed that a driver who brakes too much will be told to hold; None if he need not be."""
+        self.coast_ends_m = math.inf
+        """Where the coasting that is told now ends (m); infinity for any other instruction."""
 
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
@@ -69,7 +72,7 @@ class PhaseNow:
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
     ) -> Instruction:
         """The instruction of a phase of the schedule, for the train in its present state."""
-        self._scene, self.creeping_soon = scene, None
+        self._scene, self.creeping_soon, self.coast_ends_m = scene, None, math.inf
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number), place.limit_mps)
         if state.s_m < schedule.begin_m(number) and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
@@ -81,8 +84,9 @@ class PhaseNow:
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
-            if self._coasts_in_vain(schedule, number, state, target):
-                return Instruction(mode=Regime.CRUISE, speed_mps=target)
+            held_mps = self._held_instead(schedule, number, state, place, target)
+            if held_mps is not None:
+                return Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
             return coasting(self._coasts_to(schedule, number, state, place, target))
         if self._accelerates(one, v_mps, target):
             if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
@@ -93,21 +97,32 @@ class PhaseNow:
             return traction(one.share, target)
         return self._holding(schedule, number, state, target)
 
-    def _coasts_in_vain(self, schedule: Schedule, number: int, state: TrainState, target: float) -> bool:
-        """Whether coasting would only make the train slower than its next speed, or ends in a moment.
+    def _held_instead(
+        self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, target: float
+    ) -> float | None:
+        """The speed to hold where coasting would end in a moment, or would only make the train slower than its next.
 
-        The first holds for a train that has reached the speed of the coasting, and must be as fast or faster behind it;
-        the second for one that will soon have rolled up to that speed.
+        The first holds for a train that will soon have rolled up to its speed or to the limit; the second for one that
+        has reached the speed of the coasting, and must be as fast or faster behind it. None: the train coasts.
         """
         shown, below_mps = self._scene.shown, target - state.v_mps
-        rolls_mps2 = self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
-        if rolls_mps2 > ROLLS_MPS2:
-            return shown.mode is Regime.CRUISE and below_mps < rolls_mps2 * COASTS_ON_S
+        rolled_mps = self._rolled_up_mps(state)
+        if rolled_mps > state.v_mps:
+            top_mps = target if below_mps > -SAME_MPS else place.limit_mps
+            return top_mps if shown.mode is Regime.CRUISE and rolled_mps > top_mps - SAME_READING_MPS else None
         goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
         if not goes_on or schedule.phases[number + 1].target_mps < target - SAME_MPS:
-            return False
+            return None
         least_mps = self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS
-        return below_mps > least_mps and target - self._rolls_to_mps(schedule, number, state) > least_mps
+        in_vain = below_mps > least_mps and target - self._coast_ends(schedule, number, state)[1] > least_mps
+        return target if in_vain else None
+
+    def _rolled_up_mps(self, state: TrainState) -> float:
+        """The highest speed (m/s) of a coasting train in the next `COASTS_ON_S`."""
+        ahead = self._scene.brakes.ahead
+        speeds_mps = ahead.rolling_mps(state.s_m, state.v_mps)
+        soon = ahead.section.node_m[-len(speeds_mps) :] < state.s_m + COASTS_ON_S * state.v_mps
+        return float(speeds_mps[soon].max(initial=0.0))
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
@@ -160,27 +175,36 @@ class PhaseNow:
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, target: float
     ) -> float:
         """The speed to which coasting leads: that of the schedule, or another one if this train ends far from it."""
-        shown, end_m = self._scene.shown, schedule.begin_m(number + 1)
+        shown, (end_m, ends_mps) = self._scene.shown, self._coast_ends(schedule, number, state)
+        self.coast_ends_m = end_m
         here_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
         on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
         ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
+        is_braked = end_m < schedule.begin_m(number + 1)
+        if is_braked:  # The nearest step may be above the speed at which the announced brake takes over.
+            ends_at_mps += 0.5 * TARGET_STEP_MPS
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
         goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
         told = shown.speed_mps if goes_on else target
         young = goes_on and self._scene.shown_s < self._settings.least_shown_s
         if young or end_m - here_m < state.v_mps * COASTS_ON_S:
             return told
-        ends_mps = self._rolls_to_mps(schedule, number, state)
-        if abs(ends_mps - told) <= COAST_MISSES_MPS:
+        if abs(ends_mps - told) <= (0.5 * TARGET_STEP_MPS if is_braked else COAST_MISSES_MPS):
             return told
         leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
         return told_mps(leads_mps, schedule.section, highest)
 
-    def _rolls_to_mps(self, schedule: Schedule, number: int, state: TrainState) -> float:
-        """The speed (m/s) of a coasting train at the end of a phase that has begun, or will with its present speed."""
-        from_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
-        speeds_mps = self._scene.brakes.ahead.rolling_mps(from_m, state.v_mps)
-        return float(np.interp(schedule.begin_m(number + 1), nodes_m[-len(speeds_mps) :], speeds_mps))
+    def _coast_ends(self, schedule: Schedule, number: int, state: TrainState) -> tuple[float, float]:
+        """Where the coasting of a phase ends (m), and the speed there (m/s); if not begun, from the present speed.
+
+        It ends with the phase, or where the train meets a braking curve before.
+        """
+        ahead, from_m = self._scene.brakes.ahead, max(state.s_m, schedule.begin_m(number))
+        speeds_mps, end_m = ahead.rolling_mps(from_m, state.v_mps), schedule.begin_m(number + 1)
+        if speeds_mps.size:
+            end_m = min(end_m, max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m))
+        nodes_m = schedule.section.node_m[-len(speeds_mps) :]
+        return end_m, float(np.interp(end_m, np.append(from_m, nodes_m), np.append(state.v_mps, speeds_mps)))
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""

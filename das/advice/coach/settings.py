@@ -33,6 +33,8 @@ class KeepingSettings:
     """A reference younger than this is replaced only if the goal or the line has changed, or if it cannot be kept."""
     quiet_s: float = 10.0
     """For this long after the instruction has changed, the reference is replaced only for the same reasons."""
+    due_soon_s: float = 8.0
+    """The same holds once the next change is due within this time: a change that was announced comes as announced."""
 
 
 @dataclass(frozen=True, kw_only=True)

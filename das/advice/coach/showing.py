@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.coach.announcing import Announcing, Foreseen, Notices, allowed, in_time
-from das.advice.coach.keeping import Kept
+from das.advice.coach.keeping import Changes, Kept
 from das.advice.coach.phase_now import BRAKES_BACK, CREEPS, ROLLS, PhaseNow, PhaseScene, highest_mps
 from das.advice.coach.planning import elapsed_s
 from das.advice.coach.settings import ShowingSettings
@@ -71,8 +71,8 @@ class Showing:
         self._announcing, self._notices = Announcing(settings.ahead), Notices(settings.announced_s)
         self._unannounced: Instruction | None = None
         self._brake_begun, self._brakes_back_ns = False, 0
-        self._shown, self.since_ns = Instruction(), 0
-        """Since when the present instruction has been shown (ns since 1970)."""
+        self._shown, self.changes = Instruction(), Changes()
+        """When the instruction shown last changed, and when its next change is due."""
 
     def forget(self) -> None:
         """Forget what was shown: from now on nothing is shown."""
@@ -100,7 +100,7 @@ class Showing:
         brakes, number = self._begin(schedule, state, place)
         foreseen = _foreseen(schedule, kept, state)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
-        shown_s = (state.now_ns - self.since_ns) * NS
+        shown_s = (state.now_ns - self.changes.last_ns) * NS
         scene = PhaseScene(brakes, self._shown, shown_s, self._brake_begun, foreseen, self._notices)
         planned = self._phase.instruction(schedule, number, state, place, scene)
         begins_s = foreseen.time_s(begins_m) if begins_m > state.s_m else 0.0
@@ -109,11 +109,13 @@ class Showing:
         due_s = self._due_s(chosen, state, place, begins_s)
         waits = due_s > 0.0 and not kept_on
         now = replace(chosen.now, way_m=due_s * state.v_mps, in_s=due_s) if waits else chosen.now
-        end_m = min(phase_ends_m, brakes.ends_m(now, state, schedule.phases[number]))
+        end_m = min(phase_ends_m, self._phase.coast_ends_m, brakes.ends_m(now, state, schedule.phases[number]))
         foreseen = foreseen._replace(as_shown=_alike(now, planned))
         put_off = self._put_off(now, state)
         following = self._following(now, number - kept_on, end_m, state, foreseen, put_off)
         self._notices.note(following if put_off is None else (put_off, *following), state.now_ns)
+        next_s = now.in_s if now.in_s > 0.0 or not following else following[0].in_s
+        self.changes = self.changes._replace(next_ns=state.now_ns + round(next_s / NS))
         return ShownNow(
             now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
             brakes.force_n(now, state), brakes.force_n(brakes.unrounded(now), state),
@@ -150,9 +152,8 @@ class Showing:
         if brakes.stands_at_mark(self._shown, state):
             return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
         brakes_again = schedule.kind_after(number) is NotchRegime.BRAKE
-        ends_mps = float(
-            np.interp(schedule.begin_m(number + 1), schedule.section.node_m, schedule.section.envelope_mps)
-        )
+        ends_m = min(schedule.begin_m(number + 1), self._phase.coast_ends_m)
+        ends_mps = float(np.interp(ends_m, schedule.section.node_m, schedule.section.envelope_mps))
         # A shown speed that is allowed nowhere in the rest of the phase is replaced at once, as if above the limit.
         reachable = place._replace(limit_mps=min(place.limit_mps, highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
@@ -160,7 +161,7 @@ class Showing:
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent, begins_s=begins_s)
         safe = now if now is wanted else brakes.safe(now, state, known_mps, begun=self._brake_begun)
         if safe is not now:  # An instruction that is still shown must be as safe as a new one.
-            self._shown, self.since_ns = safe, state.now_ns
+            self._shown, self.changes = safe, self.changes._replace(last_ns=state.now_ns)
             return _Chosen(safe, wanted, urgent=True, for_limits=True)
         return _Chosen(now, wanted, urgent=urgent, for_limits=wanted is not under and now is wanted)
 
@@ -265,7 +266,7 @@ class Showing:
         same = _alike(wanted, shown) and not too_high
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Regime.CRUISE):
             return shown
-        held_s = (state.now_ns - self.since_ns) * NS
+        held_s = (state.now_ns - self.changes.last_ns) * NS
         settled = shown.mode in (Regime.NONE, Regime.STOP) or not 0 <= held_s < self._settings.least_shown_s
         too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
@@ -287,7 +288,7 @@ class Showing:
         eased = shown.mode in BRAKES and (self._phase.back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
         at_once = braked or released or above or urgent or eased or rolls_on
         if at_once or (settled and self._is_announced(wanted, state, begins_s)):
-            self._shown, self.since_ns = wanted, state.now_ns
+            self._shown, self.changes = wanted, self.changes._replace(last_ns=state.now_ns)
         return self._shown
 
     def _is_announced(self, wanted: Instruction, state: TrainState, begins_s: float) -> bool:

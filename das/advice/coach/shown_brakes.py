@@ -17,6 +17,7 @@ from das.advice.braking import AT_MARK_M, BRAKED_MORE, LEAST_MPS2, BrakingAhead,
 from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
+from das.advice.shown import SAME_READING_MPS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
@@ -147,6 +148,8 @@ class ShownBrakes:
             return wanted
         if wanted.mode is not Regime.COAST and excess <= OVERSPEED_MPS:
             return wanted
+        if wanted.speed_mps <= limit_mps and rolls_mps2 <= 0.0 and excess <= SAME_READING_MPS:
+            return wanted  # Nobody can read how little the coasting train is above the limit, and it gets slower.
         if -rolls_mps2 * COASTS_IN_S < excess:
             return Instruction(mode=Regime.CRUISE, speed_mps=limit_mps)
         if wanted.mode is Regime.COAST and wanted.speed_mps <= limit_mps:

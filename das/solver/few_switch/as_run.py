@@ -179,29 +179,31 @@ def _with_limits_held(phases: list[Phase], run: RunAtNodes, back_share: float) -
             held_mps = float(run.speeds_mps[begin])
             if one.target_mps - held_mps < FASTER_MPS or run.lasts_s(begin, last) < HELD_S:
                 continue
-            before = _up_to(found, begin, run)
-            if before is None:
+            before, held = _up_to(found, begin, run)
+            if held is None:
                 continue
-            found = [*before, Phase(NotchRegime.HOLD, 0.0, begin, held_mps)]
+            found = [*before, Phase(NotchRegime.HOLD, 0.0, held, held_mps)]
             if run.lasts_s(last, end) >= HELD_S:
                 found.append(Phase(NotchRegime.TRACTION, one.share or back_share, last, one.target_mps))
     return found
 
 
-def _up_to(phases: list[Phase], node: int, run: RunAtNodes) -> list[Phase] | None:
-    """The phases up to a node where a limit is reached; None if the last of them would be too short to be shown.
+def _up_to(phases: list[Phase], node: int, run: RunAtNodes) -> tuple[list[Phase], int | None]:
+    """The phases up to a node where a limit is reached, and the node from which the limit is held.
 
-    An acceleration that would be too short becomes part of the acceleration before it.
+    A last phase that would be too short to be shown becomes part of the acceleration before it, or of the phase that
+    holds the limit if the speed hardly changes in it. Otherwise the limit is not held (None).
     """
-    found = list(phases)
-    if run.lasts_s(found[-1].begin, node) < HELD_S:
+    found, begin = list(phases), phases[-1].begin
+    if run.lasts_s(begin, node) < HELD_S:
         goes_on = len(found) > 1 and found[-2].kind is NotchRegime.TRACTION
-        if node > found[-1].begin and not goes_on:
-            return None
+        if not goes_on and abs(run.speeds_mps[node] - run.speeds_mps[begin]) > FASTER_MPS:
+            return found, None
         found.pop()
+        node = node if goes_on else begin
     if found and found[-1].kind is NotchRegime.TRACTION:
         found[-1] = found[-1]._replace(target_mps=float(run.speeds_mps[node]))
-    return found
+    return found, node
 
 
 def _held_by_limits(run: RunAtNodes, first: int, end: int) -> list[tuple[int, int]]:

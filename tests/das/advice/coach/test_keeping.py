@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import pytest
 
 from das.advice.advice import Replan, ReplanCause
-from das.advice.coach.keeping import Drift, Keeper, Kept
+from das.advice.coach.keeping import Changes, Drift, Keeper, Kept
 from das.advice.coach.planning import Wanted, passes_s, planned, solve_coach
 from das.advice.coach.settings import DEFAULT, CoachSettings, KeepingSettings, MarginSettings
 from das.advice.coach.showing import Showing
@@ -175,10 +175,10 @@ def test_a_reference_is_not_doubted_just_after_the_instruction_has_changed() -> 
     kept, train = started(keeper, LINE, goal)
     assert not driven(keeper, train, goal, range(6, 100))
     for second in range(100, 110):
-        here = keeper.keep(train.at(second, behind_s=-25.0), goal, changed_ns=ns(100))
+        here = keeper.keep(train.at(second, behind_s=-25.0), goal, changes=Changes(last_ns=ns(100)))
         assert here is not None
         assert here.reference is kept.reference
-    later = keeper.keep(train.at(110, behind_s=-25.0), goal, changed_ns=ns(100))
+    later = keeper.keep(train.at(110, behind_s=-25.0), goal, changes=Changes(last_ns=ns(100)))
     assert later is not None
     assert later.reference.replan.cause is ReplanCause.EARLY
 
@@ -318,7 +318,7 @@ def test_a_reference_made_in_doubt_waits_for_a_change_that_came_meanwhile() -> N
     assert len(worker.waiting) == 1
     worker.finish()
     for second, cause in ((101, ReplanCause.START), (109, ReplanCause.START), (110, ReplanCause.EARLY)):
-        kept = keeper.keep(train.at(second, behind_s=-25.0), goal, changed_ns=ns(100))
+        kept = keeper.keep(train.at(second, behind_s=-25.0), goal, changes=Changes(last_ns=ns(100)))
         assert kept is not None
         assert kept.reference.replan.cause is cause
 
