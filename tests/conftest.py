@@ -12,6 +12,18 @@ settings.register_profile("untimed", deadline=None)  # a busy machine is not a f
 settings.load_profile("untimed")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--part", metavar="K/N", help="run every Nth of the chosen tests only, from the Kth on")
+
+
+@pytest.hookimpl(trylast=True)  # after `-m` has chosen
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep every Nth test: neighbours in a file, which often take as long, are dealt out to different parts."""
+    if config.getoption("--part"):
+        number, parts = map(int, config.getoption("--part").split("/"))
+        items[:] = items[number % parts :: parts]
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of third-party data beside the checkout: needed in CI, skipped with a reason elsewhere."""
