@@ -118,7 +118,11 @@ PRINTED = {
 """What a command explains below its table."""
 
 
-LONG = ("front flat-6km re460-ic --exact --max-buffer 1", "solve flat-6km re460-ic --buffer 7 --strategy rms")
+LONG = (
+    "front flat-6km re460-ic --exact --max-buffer 1",
+    "solve flat-6km re460-ic --buffer 7 --strategy rms",
+    "few-switch flat-6km re460-ic --prices 0.03",
+)
 
 
 @pytest.mark.parametrize("command", few(PRINTED, PRINTED.keys() - set(LONG)))

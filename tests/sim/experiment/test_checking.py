@@ -51,7 +51,11 @@ def test_a_reason_is_sensed_by_drivers_whom_it_makes_refuse_less(designed: Desig
     [
         pytest.param("name = 'reason'\nlevels = [true, false]", "presentation = 'coach'", marks=pytest.mark.more),
         ("name = 'hold_s'\nlevels = [0, 20]", "presentation = 'none'"),
-        ("name = 'friction'\nlevels = ['as-measured', 'electric-first']", "driver = 'perfect'"),
+        pytest.param(
+            "name = 'friction'\nlevels = ['as-measured', 'electric-first']",
+            "driver = 'perfect'",
+            marks=pytest.mark.more,
+        ),
     ],
 )
 def test_what_no_driver_senses_is_refused(designed: Designed, factor: str, fixed: str) -> None:

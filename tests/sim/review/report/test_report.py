@@ -86,7 +86,7 @@ def assert_they_sum(parts: list[str], whole: str) -> None:
     assert sum(map(in_kwh, parts)) == pytest.approx(in_kwh(whole), abs=rounding_kwh)
 
 
-@pytest.mark.slow
+@pytest.mark.more
 def test_the_parts_that_report_and_view_print_sum_to_the_energy_that_they_print() -> None:
     """Of every reference that holds a drive from stop to stop, and of the bundled replay."""
     drives = [Drive.read(path) for path in (*sorted(RECORDINGS.glob("references/*.mcap")), BUNDLED)]
