@@ -183,6 +183,21 @@ def test_a_reference_is_not_doubted_just_after_the_instruction_has_changed() -> 
     assert later.reference.replan.cause is ReplanCause.EARLY
 
 
+def test_a_reference_is_not_doubted_just_before_the_next_change() -> None:
+    """What was announced comes as announced; then the early train gets its new reference."""
+    keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)
+    kept, train = started(keeper, LINE, goal)
+    assert not driven(keeper, train, goal, range(6, 100))
+    due = Changes(next_ns=ns(107.5))
+    for second in range(100, 108):
+        here = keeper.keep(train.at(second, behind_s=-25.0), goal, changes=due)
+        assert here is not None
+        assert here.reference is kept.reference
+    later = keeper.keep(train.at(108, behind_s=-25.0), goal, changes=due)
+    assert later is not None
+    assert later.reference.replan.cause is ReplanCause.EARLY
+
+
 def test_a_young_reference_is_not_doubted() -> None:
     """The train is 30 s late, but the reference is younger than the least age."""
     keeper, goal = keeper_of(LINE), goal_of(LINE, BUFFER)

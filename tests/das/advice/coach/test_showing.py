@@ -19,6 +19,7 @@ from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
+from das.advice.shown import TARGET_STEP_MPS
 from das.domain.units import KMH
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
@@ -673,6 +674,25 @@ def test_coasting_that_leads_to_another_speed_says_that_speed() -> None:
     assert {one.mode for one in slow} == {Regime.COAST}
     assert {round(one.speed_mps / KMH) for one in slow} <= {55, 60}
     assert coasts.at(40.0, 4620.0, 15.0).now.speed_mps == slow[-1].speed_mps, "at its end the speed stays"
+
+
+def test_coasting_that_a_brake_ends_says_the_speed_at_which_the_brake_begins() -> None:
+    """The schedule coasts to 15 m/s, but this train is faster and comes to the braking curve before."""
+    end_m = float(np.interp(-16.0, -section().envelope_mps[-200:], section().node_m[-200:]))
+    coasts = shown_of((NotchRegime.COAST, 0.0, 15.0), (NotchRegime.BRAKE, end_m, 0.0))
+    shown = coasts.at(0.0, 4300.0, 28.0)
+    meets_m = 4300.0 + shown.target_m
+    assert shown.now.mode is Regime.COAST
+    assert meets_m < end_m
+    allowed_mps = float(np.interp(meets_m, section().node_m, section().envelope_mps))
+    assert shown.now.speed_mps == pytest.approx(allowed_mps, abs=0.5 * TARGET_STEP_MPS)
+    assert shown.following[0].mode in BRAKES
+
+
+def test_a_train_at_the_limit_that_gets_slower_coasts_on_and_one_that_rolls_up_to_it_holds_it() -> None:
+    coasts = shown_of((NotchRegime.COAST, 0.0, 20.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    for v_mps, mode in ((25.0 + 0.3 * KMH, Regime.COAST), (25.0 + 3.0 * KMH, Regime.CRUISE)):
+        assert coasts.at(0.0, 2000.0, v_mps, SpeedsAllowed(25.0, 25.0)).now.mode is mode
 
 
 def test_coasting_to_the_speed_held_next_is_not_shown_to_a_train_that_is_slower() -> None:

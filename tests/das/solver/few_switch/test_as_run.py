@@ -150,6 +150,15 @@ def test_an_acceleration_that_a_limit_ends_at_once_begins_where_the_limit_ends()
     assert [one.begin for one in found] == [0, 3, 6]
 
 
+def test_a_limit_that_begins_where_an_acceleration_would_is_held_instead() -> None:
+    """Behind a brake the phase would begin a few metres before the limit that holds the train for long."""
+    speeds = np.array([24.0, 20, 20, 20, 20, 20, 20, 22, 24, 25, 25])
+    envelope = np.array([30.0, 21, 20, 20, 20, 20, 20, 30, 30, 30, 30])
+    run = RunAtNodes.of(speeds, envelope, np.array([500.0, 10, *[500.0] * 8]))
+    found = speeds_as_held([brake(0, 20.0), drive(1, 25.0), hold(9, 25.0)], run, 0.6)
+    assert found[:3] == [brake(0, 20.0), hold(1, 20.0), drive(6, 25.0)]
+
+
 def test_another_effort_waits_for_the_limit_of_its_speed() -> None:
     """One change where the limit rises, not one before it; where it rises too late, or at once, it stays as it is."""
     speeds = np.array([5.0, 10, 14, 17, 19, 20, 22, 24, 25, 25, 25])
