@@ -186,8 +186,8 @@ class PhaseNow:
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
         goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
         told = shown.speed_mps if goes_on else target
-        young = goes_on and self._scene.shown_s < self._settings.least_shown_s
-        if young or end_m - here_m < state.v_mps * COASTS_ON_S:
+        young = self._scene.shown_s < self._settings.least_shown_s
+        if goes_on and (young or end_m - here_m < state.v_mps * COASTS_ON_S):
             return told
         if abs(ends_mps - told) <= (0.5 * TARGET_STEP_MPS if is_braked else COAST_MISSES_MPS):
             return told
@@ -197,12 +197,13 @@ class PhaseNow:
     def _coast_ends(self, schedule: Schedule, number: int, state: TrainState) -> tuple[float, float]:
         """Where the coasting of a phase ends (m), and the speed there (m/s); if not begun, from the present speed.
 
-        It ends with the phase, or where the train meets a braking curve before.
+        It ends with the phase, or where the train must brake before.
         """
-        ahead, from_m = self._scene.brakes.ahead, max(state.s_m, schedule.begin_m(number))
-        speeds_mps, end_m = ahead.rolling_mps(from_m, state.v_mps), schedule.begin_m(number + 1)
+        brakes, from_m = self._scene.brakes, max(state.s_m, schedule.begin_m(number))
+        speeds_mps, end_m = brakes.ahead.rolling_mps(from_m, state.v_mps), schedule.begin_m(number + 1)
         if speeds_mps.size:
-            end_m = min(end_m, max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m))
+            brakes_m = max(brakes.ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
+            end_m = brakes_m if brakes_m < end_m and brakes.brake_at(brakes_m, speeds_mps) else end_m
         nodes_m = schedule.section.node_m[-len(speeds_mps) :]
         return end_m, float(np.interp(end_m, np.append(from_m, nodes_m), np.append(state.v_mps, speeds_mps)))
 
