@@ -469,8 +469,11 @@ def test_garbage_is_never_a_state(stream: list[tuple[PositionFix, int]]) -> None
     hz=st.sampled_from([1.0, 4.0]),
 )
 def test_garbage_in_between_never_moves_a_train_further_than_it_can(wrong: dict[int, PositionFix], hz: float) -> None:
-    """Two estimates without a restart between them are no further apart than a train and the gate allow."""
-    localisation, before = Localisation(TRAIN), None
+    """Two estimates without a restart between them are no further apart than a train and the gates allow.
+
+    Each fix between them may move the train within its own gate: that is as wide as estimate and fix are uncertain.
+    """
+    localisation, before, most_m = Localisation(TRAIN), None, LOCALISATION.use.largest_position_sd_m
     for i in range(60):
         if i in wrong:
             localisation.take(replace(wrong[i], time_ns=ns(60.0 + (i - 0.5) / hz)))
@@ -479,9 +482,10 @@ def test_garbage_in_between_never_moves_a_train_further_than_it_can(wrong: dict[
         check(found)
         if before is not None and before.usable and found.usable and before.restarts == found.restarts:
             way_m, span_s = found.s_m - before.s_m, (found.time_ns - before.time_ns) * NS
-            # The gate is as wide as the estimate and the fix are uncertain together.
-            gate_m = math.hypot(before.position_sd_m, fix.uncertainty_m)
-            slack_m = 5 * (gate_m + found.position_sd_m) + 10.0
+            heeded = [one for one in (wrong.get(i), fix) if one is not None and one.quality is not Quality.INVALID]
+            sds_m = [min(deviations(one, LOCALISATION.sensors).position_m, most_m) for one in heeded]
+            gates_m = sum(math.hypot(before.position_sd_m, sd_m) for sd_m in sds_m)
+            slack_m = 5 * (gates_m + found.position_sd_m) + 10.0
             assert -slack_m <= way_m <= OVERSPEED_RATIO * TRAIN.max_speed_mps * span_s + slack_m
         before = found
 
