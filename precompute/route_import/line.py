@@ -15,6 +15,7 @@ from das.domain.errors import DasError
 from das.domain.files.reading import MOST_OF_A_NAME
 from das.domain.route import Altitudes, Route, Stop, Stretches, Zone
 from das.domain.units import KM
+from precompute.route_import.order import Words
 
 Floats = NDArray[np.float64]
 
@@ -23,17 +24,6 @@ DECIMALS: Final = 3
 RESOLUTION_M: Final = 10.0**-DECIMALS
 """Lengths below this (m) are none."""
 _Zone = TypeVar("_Zone", bound=Zone)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Words:
-    """What the user states of a line; None where the user states nothing."""
-
-    id: str | None = None
-    name: str | None = None
-    data_source: str | None = None
-    licence: str | None = None
-    time_zone: str = "UTC"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +86,7 @@ def made_route(words: Words, stops: Sequence[Stop], length_m: float, source: str
         limits_mps=Stretches.constant(1.0),
         gradients_ratio=Stretches.constant(0.0),
         time_zone=words.time_zone,
-        data_source=words.data_source or "",
+        data_source=words.source or "",
         licence=words.licence or "",
         one_way=one_way,
         altitudes=Altitudes.NONE,

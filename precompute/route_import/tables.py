@@ -19,7 +19,8 @@ from das.domain.files.ttobench import curvature_stretches
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
 from precompute.csv_table import CsvTable, read_csv
-from precompute.route_import.line import ImportedLine, Words, made_route, stretches
+from precompute.route_import.line import ImportedLine, made_route, stretches
+from precompute.route_import.order import Words
 from precompute.yaml_file import read_yaml
 
 Floats = NDArray[np.float64]
