@@ -267,7 +267,7 @@ BAD: dict[str, tuple[str, object, dict[str, Any], str]] = {
         "o.csv",
         CSV,
         {"figures": of_figures(mass=None)},
-        "option --mass is missing: expected the mass of the train",
+        "option --mass is missing: expected a figure with its unit, like 440 t",
     ),
     "no davis": (
         "o.csv",
