@@ -20,6 +20,7 @@ from das.domain.route import Route, Stop
 from das.domain.units import KM
 from precompute.gtfs import FeedTrip, TripStop, check_ends
 from precompute.gtfs_tables import key_of, tidy
+from precompute.journey_order import TimesRead
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +32,6 @@ OFF_SHAPE_M = 1000.0
 """A shape that passes a stop at a larger distance (m) is not the way of the train."""
 ROUNDED_S = 59.0
 """Times of whole minutes may stand for moments up to this much later (s)."""
-DWELL_S = 30.0
 
 
 class Placed(NamedTuple):
@@ -192,18 +192,6 @@ def _away_m(stop: TripStop, other: Stop, route: Route) -> float:
             return math.nan
         latitude, longitude = float(place[0]), float(place[1])
     return float(distances_m(stop.latitude_deg, stop.longitude_deg, latitude, longitude))
-
-
-@dataclass(frozen=True, kw_only=True)
-class TimesRead:
-    """How a timetable's times become windows.
-
-    `dwell_s` is the least dwell (s) where the feed gives none. The train may be this much later than the timetable:
-    `rounded_s`; None: after a departure by `ROUNDED_S` if all times are whole minutes, never at the last stop.
-    """
-
-    dwell_s: float = DWELL_S
-    rounded_s: float | None = None
 
 
 def journey_text(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None, command: str) -> str:

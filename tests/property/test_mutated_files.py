@@ -41,8 +41,9 @@ from das.table.format import MANIFEST
 from das.table.reading import Table, read_front
 from precompute.cli.journey_report import as_dict, table
 from precompute.cli.journey_report import warnings as warnings_of
-from precompute.gtfs import FeedTrip, TripChoice, read_trip
-from precompute.journey_import import TimesRead, journey_text, placed
+from precompute.gtfs import FeedTrip, read_trip
+from precompute.journey_import import journey_text, placed
+from precompute.journey_order import TimesRead, TripChoice
 from precompute.route_import.importing import imported
 from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.route_file import route_toml
