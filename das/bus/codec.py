@@ -153,61 +153,42 @@ def _values(one: Any, names: Iterable[str]) -> dict[str, Any]:
     return {name: getattr(one, name) for name in names}
 
 
-def _position(message: Any, common: dict[str, Any]) -> PositionHeard:
-    fields = _values(message, PositionFix.__dataclass_fields__)
-    return PositionHeard(fix=PositionFix(**{**fields, "quality": Quality(message.quality)}), **common)
-
-
-def _delay(message: Any, common: dict[str, Any]) -> DelayHeard:
-    return DelayHeard(**_values(message, DELAY_FIELDS), **common)
-
-
-def _effort(message: Any, common: dict[str, Any]) -> EffortHeard:
-    return EffortHeard(effort=Effort(**_values(message, Effort.__dataclass_fields__)), **common)
-
-
-def _journey(message: Any, common: dict[str, Any]) -> JourneyHeard:
-    stops = tuple(OrderedStop(**_values(one, OrderedStop._fields)) for one in message.stops)
-    return JourneyHeard(stops=stops, **_values(message, JOURNEY_FIELDS), **common)
-
-
-def _restrictions(message: Any, common: dict[str, Any]) -> RestrictionsHeard:
-    restrictions = tuple(decode_restriction(one, ToldRestriction) for one in message.restrictions)
-    return RestrictionsHeard(time_ns=message.time_ns, restrictions=restrictions, **common)
-
-
-def _targets(message: Any, common: dict[str, Any]) -> TargetsHeard:
-    targets = tuple(Target(**_values(one, Target._fields)) for one in message.targets)
-    return TargetsHeard(time_ns=message.time_ns, targets=targets, **common)
-
-
 _DECODERS: Mapping[Kind, Callable[[Any, dict[str, Any]], Heard]] = {
-    Kind.POSITION: _position,
-    Kind.DELAY: _delay,
-    Kind.EFFORT: _effort,
-    Kind.JOURNEY: _journey,
-    Kind.RESTRICTION: _restrictions,
-    Kind.TARGET: _targets,
+    Kind.POSITION: lambda message, common: PositionHeard(
+        fix=PositionFix(**{**_values(message, PositionFix.__dataclass_fields__), "quality": Quality(message.quality)}),
+        **common,
+    ),
+    Kind.DELAY: lambda message, common: DelayHeard(**_values(message, DELAY_FIELDS), **common),
+    Kind.EFFORT: lambda message, common: EffortHeard(
+        effort=Effort(**_values(message, Effort.__dataclass_fields__)), **common
+    ),
+    Kind.JOURNEY: lambda message, common: JourneyHeard(
+        stops=tuple(OrderedStop(**_values(one, OrderedStop._fields)) for one in message.stops),
+        **_values(message, JOURNEY_FIELDS),
+        **common,
+    ),
+    Kind.RESTRICTION: lambda message, common: RestrictionsHeard(
+        time_ns=message.time_ns,
+        restrictions=tuple(decode_restriction(one, ToldRestriction) for one in message.restrictions),
+        **common,
+    ),
+    Kind.TARGET: lambda message, common: TargetsHeard(
+        time_ns=message.time_ns,
+        targets=tuple(Target(**_values(one, Target._fields)) for one in message.targets),
+        **common,
+    ),
 }
-
-
-def _journey_message(value: JourneyHeard) -> Message:
-    stops = [das_pb2.Journey.Stop(**one._asdict()) for one in value.stops]
-    return das_pb2.Journey(stops=stops, **_values(value, JOURNEY_FIELDS))
-
-
-def _targets_message(value: TargetsHeard) -> Message:
-    targets = [das_pb2.Targets.Target(**one._asdict()) for one in value.targets]
-    return das_pb2.Targets(time_ns=value.time_ns, targets=targets)
-
-
 _ENCODERS: Mapping[type[Heard], Callable[[Any], Message]] = {
     PositionHeard: lambda value: das_pb2.Position(**vars(value.fix)),
     DelayHeard: lambda value: das_pb2.Delay(**_values(value, DELAY_FIELDS)),
     EffortHeard: lambda value: das_pb2.Effort(**vars(value.effort)),
-    JourneyHeard: _journey_message,
+    JourneyHeard: lambda value: das_pb2.Journey(
+        stops=(das_pb2.Journey.Stop(**one._asdict()) for one in value.stops), **_values(value, JOURNEY_FIELDS)
+    ),
     RestrictionsHeard: lambda value: das_pb2.Restrictions(
         time_ns=value.time_ns, restrictions=map(encode_restriction, value.restrictions)
     ),
-    TargetsHeard: _targets_message,
+    TargetsHeard: lambda value: das_pb2.Targets(
+        time_ns=value.time_ns, targets=(das_pb2.Targets.Target(**one._asdict()) for one in value.targets)
+    ),
 }

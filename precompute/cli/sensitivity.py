@@ -234,11 +234,13 @@ def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[
 
 def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, replanned: str, scale: float) -> None:
     """A bar for each outcome, as long as its attribute `effect`, and a mark at its attribute `replanned`."""
-    bars = [
-        _Bar(y, outcome.variation.step < 0, *(_scaled(outcome, name, scale) for name in (effect, replanned)))
-        for row, pair in enumerate(pairs)
-        for outcome, y in zip(pair, _heights(row, len(pair)), strict=True)
-    ]
+    bars = []
+    for row, pair in enumerate(pairs):
+        heights = [row] if len(pair) == 1 else [row - BAR_HEIGHT / 2, row + BAR_HEIGHT / 2]
+        for outcome, y in zip(pair, heights, strict=True):
+            values = (getattr(outcome, name) for name in (effect, replanned))
+            scaled = (None if value is None else scale * value for value in values)
+            bars.append(_Bar(y, outcome.variation.step < 0, *scaled))
     ends = [0.0, *(x for bar in bars for x in (bar.value, bar.mark) if x is not None)]
     room = ROOM * (max(ends) - min(ends) or 1.0)
     axes.set_xlim(min(ends) - room, max(ends) + room)
@@ -249,16 +251,6 @@ def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, repl
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="0.9")
     axes.set_axisbelow(True)
-
-
-def _scaled(outcome: VariationOutcome, name: str, scale: float) -> float | None:
-    value = getattr(outcome, name)
-    return None if value is None else scale * value
-
-
-def _heights(row: int, size: int) -> list[float]:
-    """Vertical positions of the bars of a pair."""
-    return [row] if size == 1 else [row - BAR_HEIGHT / 2, row + BAR_HEIGHT / 2]
 
 
 def _draw_bar(axes: Any, bar: _Bar, room: float) -> None:

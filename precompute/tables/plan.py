@@ -243,12 +243,8 @@ def _texts(fields: Fields, key: str) -> list[str]:
 
 def _loaded(fields: Fields, key: str, kind: str, load: Callable[[str], _T]) -> _T:
     """Load a bundled route or vehicle by name, or one from a file beside the plan."""
-    name = fields.text(key)
-    return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else _beside(fields, text)))
-
-
-def _beside(fields: Fields, name: str) -> str:
-    return str(fields.source.parent / name)
+    name, beside = fields.text(key), fields.source.parent
+    return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else str(beside / text)))
 
 
 def _in_plan(fields: Fields, key: str, value: str, read: Callable[[Any], _T]) -> _T:

@@ -116,7 +116,11 @@ def make_table(
         "section": section_facts(section),
         "inputs_sha256": hashes,
         "table_sha256": table_key(hashes, settings),
-        "grid": _grid_facts(section),
+        "grid": {
+            "decision_nodes": len(section.decision),
+            "speeds": section.speed_steps + 1,
+            "integration_nodes": len(section.node_m),
+        },
         "lambda_w": policies.lambda_w.tolist(),
         "least_time_s": least_time_s,
         "refine": settings.refine,
@@ -157,14 +161,6 @@ def _run_arrays(section: Section, runs: list[Solution]) -> Arrays:
         "run_t_s": np.stack([path.t_s for path in paths]),
         "run_force_el_n": np.stack([path.force_el_n for path in paths]),
         "run_force_friction_n": np.stack([path.force_friction_n for path in paths]),
-    }
-
-
-def _grid_facts(section: Section) -> dict[str, int]:
-    return {
-        "decision_nodes": len(section.decision),
-        "speeds": section.speed_steps + 1,
-        "integration_nodes": len(section.node_m),
     }
 
 
