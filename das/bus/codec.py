@@ -57,10 +57,8 @@ INPUT_TOPICS: Mapping[Kind, Topic] = {
     Kind.RESTRICTION: RESTRICTION,
     Kind.TARGET: TARGET,
 }
-"""The topic of each kind of message that the cab receives."""
 KINDS = {topic.name: kind for kind, topic in INPUT_TOPICS.items()}
 DELAY_FIELDS = ("time_ns", "delay_s")
-"""The fields that the value and the message of a delay share."""
 JOURNEY_FIELDS = ("time_ns", "train", "route_id", "vehicle_id", "reversed", "load", "level")
 """The fields that the value and the message of a journey share."""
 

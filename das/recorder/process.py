@@ -88,16 +88,12 @@ def _bus(options: RecorderOptions) -> tuple[Bus, str]:
     return bus, f"on the bus of {file.path}" if file else listens
 
 
-def _nothing(_text: str) -> None:
-    """Say nothing."""
-
-
 def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: StopFlag) -> None:
     attachments = [(path, _content(path)) for path in options.made.attach or ()]
     metadata = _metadata(options)
     file = RecordingFile(_place(out, options.made))
     # A program that starts a recorder as a part of itself tells its user what happens.
-    signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else _nothing)
+    signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else lambda _text: None)
     try:
         for path, content in attachments:
             file.add_attachment(path.name, "application/octet-stream", content)

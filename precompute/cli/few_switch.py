@@ -154,7 +154,6 @@ def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_
 
 
 def _row_of_modes(name: str, run: Trajectory, front: Front) -> FewSwitchRow:
-    """The row of a run whose phases are the modes of its intervals."""
     from das.advice.plan import classify_modes
     from das.advice.regimes import Regime
 

@@ -26,7 +26,6 @@ from precompute.yaml_file import read_yaml
 Floats = NDArray[np.float64]
 
 MOST_ROWS: Final = 200_000
-"""Largest number of rows of a table."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -48,7 +47,6 @@ ALIASES: Final = {
 }
 """Other names of columns that mean the same."""
 REMARKS: Final = frozenset({"source", "note", "comment", "remark", "description", ""})
-"""Columns that are not read."""
 ENDLESS: Final = ("radius", "radius_start", "radius_end")
 """Quantities that may be infinite: the radius of a straight track."""
 STRAIGHT: Final = frozenset({"inf", "infinity", "straight", "∞"})
@@ -248,7 +246,6 @@ def _with_positions(table: LineTable, length_m: float | None) -> LineTable:
 
 
 def _stops(tables: Sequence[LineTable]) -> list[Stop]:
-    """The stops: rows with a name and a position, in order."""
     stops: list[Stop] = []
     for table in tables:
         for i, name in enumerate(table.names):
