@@ -134,6 +134,8 @@ def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_s
     Driving: power at the wheel over power at the collector; braking: power recovered over power taken at the wheel.
     Outside the vehicle's force envelope nothing is drawn. `axes` are matplotlib's; trajectories can be drawn on top.
     """
+    from matplotlib.colors import BoundaryNorm
+
     speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
     power = np.abs(force * speed)
     loss = loss_map.loss_w(np.where(inside, force, 0.0), speed)
@@ -143,15 +145,9 @@ def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_s
     # Ever finer towards the best efficiency, where runs differ.
     levels = highest - (highest - _LOWEST_SHOWN_EFFICIENCY) * np.linspace(1.0, 0.0, _LEVELS) ** 2
     shown = np.ma.masked_array(efficiency, ~inside)
-    colours = {"cmap": "viridis", "norm": _norm(levels), "extend": "min"}
+    # The same difference of colour from each level to the next.
+    colours = {"cmap": "viridis", "norm": BoundaryNorm(levels, 256, extend="min"), "extend": "min"}
     return _filled(axes, (speed, force, shown), vehicle, levels=levels, **colours)
-
-
-def _norm(levels: Floats) -> Any:
-    """The same difference of colour from each level to the next."""
-    from matplotlib.colors import BoundaryNorm
-
-    return BoundaryNorm(levels, 256, extend="min")
 
 
 def draw_loss_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
