@@ -104,17 +104,11 @@ class Workload:
         whole = (self.nodes + 1) * self.states * LADDER_SIZE * STATE_BYTES
         return whole if whole <= PACKED_ABOVE_BYTES else whole // 2
 
-    @property
-    def divisions(self) -> int:
-        return self.landings * DIVISIONS_PER_TRANSITION
-
-    @property
-    def flop(self) -> int:
-        return self.relaxations * FLOP_PER_RELAXATION
-
     def least_s(self, roofline: Roofline) -> float:
         """Least time of the front: that of arithmetic which every front of this size does."""
-        return roofline.least_s(divisions=self.divisions, flop=self.flop)
+        return roofline.least_s(
+            divisions=self.landings * DIVISIONS_PER_TRANSITION, flop=self.relaxations * FLOP_PER_RELAXATION
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -194,7 +188,7 @@ def transition_rate(reference: Reference) -> Iterator[Figure]:
             )
 
     times = in_turns(lambda: fill(transitions), lambda: fill(plain_transitions), rounds=reference.effort.rounds)
-    least_s = reference.one_thread.least_s(divisions=load.divisions)
+    least_s = reference.one_thread.least_s(divisions=load.landings * DIVISIONS_PER_TRANSITION)
     yield times.figure(
         "transitions",
         f"transitions, {load.nodes} nodes × {load.states} speeds, one thread",
@@ -218,7 +212,7 @@ def sweep_rate(reference: Reference) -> Iterator[Figure]:
         rounds=reference.effort.rounds,
         baseline_rounds=1,
     )
-    least_s = reference.one_thread.least_s(flop=load.flop)
+    least_s = reference.one_thread.least_s(flop=load.relaxations * FLOP_PER_RELAXATION)
     yield times.figure(
         "sweep",
         f"relaxations of {LADDER_SIZE} multipliers, one thread",

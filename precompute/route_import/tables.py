@@ -18,10 +18,9 @@ from das.domain.files.reading import MOST_BYTES, MOST_OF_A_NAME, in_si, number
 from das.domain.files.ttobench import curvature_stretches
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
-from precompute.csv_table import CsvTable, read_csv
+from precompute.foreign_text import CsvTable, read_csv, read_yaml
 from precompute.route_import.line import ImportedLine, made_route, stretches
 from precompute.route_import.order import Words
-from precompute.yaml_file import read_yaml
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields
 from das.domain.units import FACTORS
 from das.domain.vehicle import Resistance
-from precompute.csv_table import read_csv
+from precompute.foreign_text import read_csv
 from precompute.vehicle_import.figures import Figures
 from precompute.vehicle_import.quantities import EXAMPLES, LONGEST, known_unit, quantity, resistance_term
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points
