@@ -29,20 +29,20 @@ COMMANDS: Final = (
         summary="Make a journey file from a trip of a GTFS feed.",
         examples=(
             "das-precompute journey import FEED.zip --trip 101 -o j.toml",
-            "das-precompute journey import FEED.zip --from Melk --to Linz --at 07:30 --route line.toml -o j.toml",
+            "das-precompute journey import F.zip --from Melk --to Linz --at 7:30 -o j.toml",
         ),
     ),
     Entry(
         name="show",
         where="precompute.cli.journey_files:show_journey",
         summary="Show the stops, passings and times of a journey file, as a table and as a time–distance picture.",
-        examples=("das-precompute journey show zurich-luzern --route zurich-luzern --plot journey.png",),
+        examples=("das-precompute journey show zurich-luzern --route zurich-luzern --plot j.png",),
     ),
     Entry(
         name="check",
         where="precompute.cli.journey_files:check_journey",
         summary="Check a journey file: what is unusual in it and, with a vehicle, the time each section has to spare.",
-        examples=("das-precompute journey check zurich-luzern --route zurich-luzern --vehicle re460-ic",),
+        examples=("das-precompute journey check j.toml --route zurich-luzern --vehicle re460-ic",),
     ),
     Entry(
         name="new",
