@@ -10,19 +10,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.earth import distances_m, nearest_on_line, steps_m
 from das.domain.errors import DasError
 from das.domain.files.routes import TOLERANCE_S
 from das.domain.journey import LEAST_SPACING_M, file_clock
-from das.domain.route import Route, Stop
+from das.domain.route import Floats, Route, Stop
 from das.domain.units import KM
 from precompute.gtfs import FeedTrip, TripStop, check_ends
 from precompute.gtfs_tables import key_of, tidy
 from precompute.journey_order import TimesRead
-
-Floats = NDArray[np.float64]
 
 NEAR_M = 500.0
 """A stop of the feed is at a stop or a point of the route within this distance (m)."""

@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 
 from das.domain.earth import nearest_on_line
 from das.domain.errors import DasError
-from das.domain.route import Altitudes, Route, Zone
+from das.domain.route import Altitudes, Floats, Route, Zone
 from das.domain.units import PERMILLE
 from precompute.route_import.line import DECIMALS, ImportedLine, stretches
 from precompute.route_import.order import ImportOrder
 from precompute.route_import.station_names import same_station
 from precompute.route_import.tables import LineTable, check_coordinates
-
-Floats = NDArray[np.float64]
 
 GRID_M: Final = 25.0
 """Distance (m) between the points at which altitudes are averaged."""

@@ -8,19 +8,16 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.earth import nearest_on_line, steps_m
 from das.domain.errors import DasError
-from das.domain.route import Stop, Tunnel, Zone
+from das.domain.route import Floats, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
 from precompute.route_import.line import ImportedLine, made_route, stretches, zones_where
 from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.station_names import RANK_OF_A_TRACK, same_station, stations_named
 from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
 from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
-
-Floats = NDArray[np.float64]
 
 BESIDE_M: Final = 150.0
 """A station within this distance (m) of the way is a stop of it."""

@@ -9,15 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from das.domain.errors import DasError
 from das.domain.files.reading import MOST_OF_A_NAME
-from das.domain.route import Altitudes, Route, Stop, Stretches, Zone
+from das.domain.route import Altitudes, Floats, Route, Stop, Stretches, Zone
 from das.domain.units import KM
 from precompute.route_import.order import Words
-
-Floats = NDArray[np.float64]
 
 DECIMALS: Final = 3
 """Positions (m) are rounded to so many digits behind the point."""

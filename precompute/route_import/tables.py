@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.earth import steps_m
 from das.domain.errors import DasError, InputError
@@ -21,8 +20,6 @@ from das.domain.units import FACTORS, KM
 from precompute.foreign_text import CsvTable, read_csv, read_yaml
 from precompute.route_import.line import ImportedLine, made_route, stretches
 from precompute.route_import.order import Words
-
-Floats = NDArray[np.float64]
 
 MOST_ROWS: Final = 200_000
 QUANTITIES: Final = {

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.files.writing import write_folder_whole
-from das.domain.route import Route
+from das.domain.route import Floats, Route
 from das.domain.units import PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
@@ -29,8 +29,6 @@ from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up as compile_solver
 from das.table.format import ARRAYS, MANIFEST, SCHEMA_VERSION, Arrays, packed, sealed, section_facts
 from das.table.hashes import REFINEMENT, Course, combined, hashes_of, refinement_code_sha256, section_hashes, with_code
-
-Floats = NDArray[np.float64]
 
 MULTIPLIERS = 28
 """Number of multipliers that a table keeps, of the 64 that a front is solved with: fewer would cost energy, more would
