@@ -96,9 +96,9 @@ def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
     return das_pb2.Advice(tick=tick, **fields)
 
 
-def event_message(event: Event, name: str = "das-node") -> Log:
-    """The message of an event; `name` is the program that reports it."""
-    log = Log(level=event.severity, message=event.text, name=name)  # type: ignore[arg-type]
+def event_message(event: Event) -> Log:
+    """The message of an event of das-node."""
+    log = Log(level=event.severity, message=event.text, name="das-node")  # type: ignore[arg-type]
     log.timestamp.FromNanoseconds(event.time_ns)
     return log
 
