@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
@@ -207,15 +208,9 @@ def names_of(tags: Mapping[str, str]) -> tuple[str, ...]:
 
 def _speeds_mps(text: str) -> list[float]:
     """The speeds (m/s) that a value of `maxspeed` names; "none", "signals" and zones name none."""
-    found = []
-    for part in text.replace(",", ";").split(";"):
-        match = _SPEED.fullmatch(part.strip().casefold())
-        if match is None:
-            continue
-        speed_mps = float(match[1]) * (MPH if match[2] == "mph" else KMH)
-        if 0 < speed_mps <= FASTEST_MPS:
-            found.append(speed_mps)
-    return found
+    matches = (_SPEED.fullmatch(part.strip().casefold()) for part in text.replace(",", ";").split(";"))
+    speeds_mps = [float(match[1]) * (MPH if match[2] == "mph" else KMH) for match in matches if match is not None]
+    return [speed_mps for speed_mps in speeds_mps if 0 < speed_mps <= FASTEST_MPS]
 
 
 def _elements(fields: Fields) -> Iterator[_Thing]:
@@ -255,13 +250,8 @@ def _way(fields: Fields, name: str, way: Mapping[str, Any], points: Mapping[int,
         keys = [points.get(one) if isinstance(one, int) else None for one in nodes]
     else:
         return []
-    lines: list[list[Key]] = [[]]
-    for key in keys:
-        if key is None:
-            lines.append([])
-        else:
-            lines[-1].append(key)
-    return [line for line in lines if line]
+    pieces = groupby(keys, lambda key: key is not None)
+    return [[key for key in piece if key is not None] for is_known, piece in pieces if is_known]
 
 
 def _features(fields: Fields) -> Iterator[_Thing]:
