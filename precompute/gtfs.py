@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import math
 import os
-import re
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,13 +19,13 @@ from das.domain.files.foreign import refuse_foreign
 from das.domain.files.routes import MOST_STOPS
 from das.domain.journey import file_clock
 from precompute.gtfs_tables import FeedTables, Row, coordinates, key_of, refused, tidy, whole_number
+from precompute.journey_order import CLOCK, TripChoice, seconds
 
 MOST_NAMED = 6
 """Most trips or stops that an error names."""
 NO_RAIL = (*range(3, 5), *range(6, 8), 11, *range(200, 300), *range(700, 900), *range(1000, 1400))
 """Route types of buses, ferries, cable cars, coaches and aircraft (basic and extended types)."""
 WEEKDAYS = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
-_TIME = re.compile(r"\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)\s*")
 
 
 class TripStop(NamedTuple):
@@ -59,20 +58,6 @@ class FeedTrip:
     stops: tuple[TripStop, ...]
     shape_deg: NDArray[np.float64]
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class TripChoice:
-    """Which trip: by its id, or by two stops and the earliest departure (s after midnight); `day` must be served.
-
-    With an id, the two stops cut the trip.
-    """
-
-    trip: str | None = None
-    from_stop: str | None = None
-    to_stop: str | None = None
-    at_s: float | None = None
-    day: datetime.date | None = None
 
 
 def read_trip(path: Path, wanted: TripChoice) -> FeedTrip:
@@ -228,10 +213,10 @@ class _Feed(FeedTables):
     def _time_s(self, number: int, row: Row, key: str) -> float:
         """A time of the service day (s); NaN for an empty one. Times after midnight are beyond 24:00:00."""
         text = row.get(key, "")
-        match = _TIME.fullmatch(text)
+        match = CLOCK.fullmatch(text)
         if match is None and text:
             raise InputError(f"{self.path}: stop_times.txt", f"line {number} {key}", text, "a time like 25:10:00")
-        return math.nan if match is None else _seconds(match)
+        return math.nan if match is None else seconds(match)
 
     def _shift_s(self, trip_id: str, first_s: float, here_s: float, at_s: float | None) -> float | None:
         """How much later (s) than in stop_times.txt a trip at intervals runs; None for any other trip.
@@ -349,19 +334,6 @@ def _cut(path: Path, stops: list[TripStop], wanted: TripChoice, known: _Stops) -
     if len(stops) < 2:
         raise DasError(f"{path}: --to {wanted.to_stop} does not come after --from {wanted.from_stop} in this trip")
     return stops
-
-
-def parsed_clock_s(option: str, text: str) -> float:
-    """The time of the service day (s) of an option, like 07:30; DasError for anything else."""
-    match = _TIME.fullmatch(text if text.count(":") > 1 else f"{text}:00")
-    if match is None:
-        raise DasError(f"{option} {text}: expected a time like 07:30")
-    return _seconds(match)
-
-
-def _seconds(match: re.Match[str]) -> float:
-    hours, minutes, seconds = (int(part) for part in match.groups())
-    return 3600.0 * hours + 60.0 * minutes + seconds
 
 
 def check_ends(path: Path, trip_id: str, stops: Sequence[TripStop]) -> None:

@@ -10,18 +10,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.earth import distances_m, nearest_on_line, steps_m
 from das.domain.errors import DasError
 from das.domain.files.routes import TOLERANCE_S
 from das.domain.journey import LEAST_SPACING_M, file_clock
-from das.domain.route import Route, Stop
+from das.domain.route import Floats, Route, Stop
 from das.domain.units import KM
 from precompute.gtfs import FeedTrip, TripStop, check_ends
 from precompute.gtfs_tables import key_of, tidy
-
-Floats = NDArray[np.float64]
+from precompute.journey_order import TimesRead
 
 NEAR_M = 500.0
 """A stop of the feed is at a stop or a point of the route within this distance (m)."""
@@ -31,7 +29,6 @@ OFF_SHAPE_M = 1000.0
 """A shape that passes a stop at a larger distance (m) is not the way of the train."""
 ROUNDED_S = 59.0
 """Times of whole minutes may stand for moments up to this much later (s)."""
-DWELL_S = 30.0
 
 
 class Placed(NamedTuple):
@@ -194,18 +191,6 @@ def _away_m(stop: TripStop, other: Stop, route: Route) -> float:
     return float(distances_m(stop.latitude_deg, stop.longitude_deg, latitude, longitude))
 
 
-@dataclass(frozen=True, kw_only=True)
-class TimesRead:
-    """How a timetable's times become windows.
-
-    `dwell_s` is the least dwell (s) where the feed gives none. The train may be this much later than the timetable:
-    `rounded_s`; None: after a departure by `ROUNDED_S` if all times are whole minutes, never at the last stop.
-    """
-
-    dwell_s: float = DWELL_S
-    rounded_s: float | None = None
-
-
 def journey_text(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None, command: str) -> str:
     """The journey as a TOML file."""
     return "\n".join(_file(trip, placement, times, route, command)) + "\n"
@@ -291,5 +276,4 @@ def _rounded_s(stops: Sequence[TripStop], times: TimesRead) -> float:
 
 
 def _quoted(text: str) -> str:
-    """A text as a TOML string on one line."""
     return json.dumps(tidy(text), ensure_ascii=False)

@@ -128,13 +128,15 @@ _MOST_BANDS = 60
 these."""
 
 
-def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
+def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle) -> Any:
     """Efficiency over speed (km/h) and wheel force (kN), both quadrants, bright = efficient; returns the mappable.
 
     Driving: power at the wheel over power at the collector; braking: power recovered over power taken at the wheel.
     Outside the vehicle's force envelope nothing is drawn. `axes` are matplotlib's; trajectories can be drawn on top.
     """
-    speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
+    from matplotlib.colors import BoundaryNorm
+
+    speed, force, inside = _grid(loss_map, vehicle)
     power = np.abs(force * speed)
     loss = loss_map.loss_w(np.where(inside, force, 0.0), speed)
     into = np.where(force < 0, power, power + loss)
@@ -143,23 +145,17 @@ def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_s
     # Ever finer towards the best efficiency, where runs differ.
     levels = highest - (highest - _LOWEST_SHOWN_EFFICIENCY) * np.linspace(1.0, 0.0, _LEVELS) ** 2
     shown = np.ma.masked_array(efficiency, ~inside)
-    colours = {"cmap": "viridis", "norm": _norm(levels), "extend": "min"}
+    # The same difference of colour from each level to the next.
+    colours = {"cmap": "viridis", "norm": BoundaryNorm(levels, 256, extend="min"), "extend": "min"}
     return _filled(axes, (speed, force, shown), vehicle, levels=levels, **colours)
 
 
-def _norm(levels: Floats) -> Any:
-    """The same difference of colour from each level to the next."""
-    from matplotlib.colors import BoundaryNorm
-
-    return BoundaryNorm(levels, 256, extend="min")
-
-
-def draw_loss_map(axes: Any, loss_map: LossMap, vehicle: Vehicle, *, top_speed_mps: float | None = None) -> Any:
+def draw_loss_map(axes: Any, loss_map: LossMap, vehicle: Vehicle) -> Any:
     """Loss in kW over speed (km/h) and wheel force (kN), both quadrants; returns the mappable.
 
     Nothing is drawn outside the vehicle's force envelope. `axes` are matplotlib's.
     """
-    speed, force, inside = _grid(loss_map, vehicle, top_speed_mps)
+    speed, force, inside = _grid(loss_map, vehicle)
     loss = loss_map.loss_w(np.where(inside, force, 0.0), speed) / KW
     highest = max(float(loss[inside].max()), 1.0)
     round_steps = 4 * _BAND_KW < highest < _MOST_BANDS * _BAND_KW
@@ -183,9 +179,9 @@ def _filled(axes: Any, field: tuple[Floats, Floats, Any], vehicle: Vehicle, **st
     return filled
 
 
-def _grid(loss_map: LossMap, vehicle: Vehicle, top_speed_mps: float | None) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _grid(loss_map: LossMap, vehicle: Vehicle) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Speeds and forces of the map's grid, and which of them the train can use."""
-    top = min(vehicle.max_speed_mps if top_speed_mps is None else top_speed_mps, float(loss_map.speed_mps[-1]))
+    top = min(vehicle.max_speed_mps, float(loss_map.speed_mps[-1]))
     speeds = loss_map.speed_mps[(loss_map.speed_mps > 0) & (loss_map.speed_mps <= top * (1 + 1e-9))]
     speed, force = np.meshgrid(speeds, loss_map.force_n, indexing="ij")
     inside = (force <= vehicle.traction.force_n(speed)) & (force >= -vehicle.electric_brake.force_n(speed))

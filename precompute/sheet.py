@@ -214,25 +214,21 @@ def _rows(one: PlannedSheet, known: Sequence[Landmark]) -> Iterator[str]:
         if last and line.kind is InstructionKind.BRAKE:
             where = f"{round(plan.end.position_m - line.posted_m, -2):.0f} m before the stop"
         text = line_words(SaidLine(line, held), last=last)
-        events.append((line.s_m, _row(f"{number}", line.kind, line.posted_m, where, text, shown)))
+        events.append((line.s_m, _row(line.kind, line.posted_m, (f"{number}", SYMBOLS[line.kind], text, where, shown))))
     for passed in plan.passings:
-        events.append((passed.passing.position_m, _passing_row(passed.passing, passed.timing.time_s)))
+        place, at_m = passed.passing, passed.passing.position_m
+        cells = ("", "◆", html.escape(place.name), due_words(place), half_minutes(passed.timing.time_s))
+        events.append((at_m, _row("pass", at_m, cells)))
     return (row for _, row in sorted(events, key=lambda event: event[0]))
 
 
-def _row(number: str, kind: InstructionKind, s_m: float, where: str, text: str, at: str) -> str:
+def _row(css: str, s_m: float, cells: tuple[str, str, str, str, str]) -> str:
+    """A row of the table: number, symbol, what to do, where and when; all but what to do is plain text."""
+    number, symbol, what, where, at = cells
     return (
-        f'<tr class="{kind}"><td class="n">{number}</td><td class="km">{s_m / KM:.1f}</td>'
-        f'<td class="what"><i>{SYMBOLS[kind]}</i>{text}</td>'
+        f'<tr class="{css}"><td class="n">{number}</td><td class="km">{s_m / KM:.1f}</td>'
+        f'<td class="what"><i>{symbol}</i>{what}</td>'
         f'<td class="where">{html.escape(where)}</td><td class="t">{at}</td></tr>'
-    )
-
-
-def _passing_row(passing: Passing, time_s: float) -> str:
-    return (
-        f'<tr class="pass"><td class="n"></td><td class="km">{passing.position_m / KM:.1f}</td>'
-        f'<td class="what"><i>◆</i>{html.escape(passing.name)}</td><td class="where">{due_words(passing)}</td>'
-        f'<td class="t">{half_minutes(time_s)}</td></tr>'
     )
 
 

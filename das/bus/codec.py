@@ -12,55 +12,17 @@ from google.protobuf.message import Message
 from das import __version__
 from das.advice.advice import Advice
 from das.advice.plan import Plan
-from das.bus import das_pb2
+from das.bus import das_pb2, topics
 from das.bus.restrictions import decode_restriction, encode_restriction
-from das.bus.topics import (
-    ADVICE,
-    CONTROL,
-    DELAY,
-    EFFORT,
-    ESTIMATE,
-    EVENT,
-    JOURNEY,
-    PLAN,
-    POSITION,
-    RESTRICTION,
-    STATUS,
-    TARGET,
-    Received,
-    Topic,
-)
-from das.cab import event_wording
-from das.cab.heard import (
-    DelayHeard,
-    EffortHeard,
-    Heard,
-    JourneyHeard,
-    Kind,
-    OrderedStop,
-    PositionHeard,
-    RestrictionsHeard,
-    Target,
-    TargetsHeard,
-    ToldRestriction,
-    Unreadable,
-)
+from das.bus.topics import Received, Topic
+from das.cab import event_wording, heard
+from das.cab.heard import Heard, Kind
 from das.cab.outputs import Estimated, Event, Output, Status
 from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix, Quality
 
-INPUT_TOPICS: Mapping[Kind, Topic] = {
-    Kind.POSITION: POSITION,
-    Kind.DELAY: DELAY,
-    Kind.EFFORT: EFFORT,
-    Kind.JOURNEY: JOURNEY,
-    Kind.RESTRICTION: RESTRICTION,
-    Kind.TARGET: TARGET,
-}
-"""The topic of each kind of message that the cab receives."""
-KINDS = {topic.name: kind for kind, topic in INPUT_TOPICS.items()}
+INPUT_TOPICS: Mapping[Kind, Topic] = {Kind(one.name): one for one in topics.TOPICS if one.name in list(Kind)}
 DELAY_FIELDS = ("time_ns", "delay_s")
-"""The fields that the value and the message of a delay share."""
 JOURNEY_FIELDS = ("time_ns", "train", "route_id", "vehicle_id", "reversed", "load", "level")
 """The fields that the value and the message of a journey share."""
 
@@ -75,18 +37,18 @@ class Outgoing(NamedTuple):
 def decode(received: Received, heard_ns: int) -> Heard | None:
     """The value of a message that was received at a time of the clock (ns since 1970; 0: no clock yet).
 
-    None for topics that the cab does not receive; `Unreadable` for messages that are not of their topic's type.
+    None for topics that the cab does not receive; `heard.Unreadable` for messages that are not of their topic's type.
     """
-    kind = KINDS.get(received.topic.name)
-    if kind is None:
+    if received.topic.name not in list(Kind):
         return None
+    kind = Kind(received.topic.name)
     common = {"heard_ns": heard_ns, "source": received.source}
     if received.message is None:
-        return Unreadable(told=kind, **common)  # type: ignore[arg-type]
+        return heard.Unreadable(told=kind, **common)  # type: ignore[arg-type]
     try:
         return _DECODERS[kind](received.message, common)
     except ValueError as error:
-        return Unreadable(told=kind, why=event_wording.unreadable(error), **common)  # type: ignore[arg-type]
+        return heard.Unreadable(told=kind, why=event_wording.unreadable(error), **common)  # type: ignore[arg-type]
 
 
 def encode_input(value: Heard) -> Outgoing:
@@ -104,7 +66,7 @@ def control(now_ns: int, tick: int, *, restrictions_ns: int, targets_ns: int, fi
     message = das_pb2.Control(
         time_ns=now_ns, tick=tick, command=command, restrictions_ns=restrictions_ns, targets_ns=targets_ns
     )
-    return Outgoing(CONTROL, message)
+    return Outgoing(topics.CONTROL, message)
 
 
 def finishes(control: Any) -> bool:
@@ -115,14 +77,14 @@ def finishes(control: Any) -> bool:
 def encode_output(output: Output, tick: int = 0) -> Outgoing:
     """The message of an output of the cab; `tick` is that of the Control message answered (0: none)."""
     if isinstance(output, Advice):
-        return Outgoing(ADVICE, advice_message(output, tick))
+        return Outgoing(topics.ADVICE, advice_message(output, tick))
     if isinstance(output, Status):
-        return Outgoing(STATUS, das_pb2.Status(version=__version__, **dataclasses.asdict(output)))
+        return Outgoing(topics.STATUS, das_pb2.Status(version=__version__, **dataclasses.asdict(output)))
     if isinstance(output, Plan):
-        return Outgoing(PLAN, _plan_message(output))
+        return Outgoing(topics.PLAN, _plan_message(output))
     if isinstance(output, Estimated):
-        return Outgoing(ESTIMATE, das_pb2.Estimate(**dataclasses.asdict(output)))
-    return Outgoing(EVENT, event_message(output))
+        return Outgoing(topics.ESTIMATE, das_pb2.Estimate(**dataclasses.asdict(output)))
+    return Outgoing(topics.EVENT, event_message(output))
 
 
 def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
@@ -134,9 +96,9 @@ def advice_message(advice: Advice, tick: int) -> das_pb2.Advice:
     return das_pb2.Advice(tick=tick, **fields)
 
 
-def event_message(event: Event, name: str = "das-node") -> Log:
-    """The message of an event; `name` is the program that reports it."""
-    log = Log(level=event.severity, message=event.text, name=name)  # type: ignore[arg-type]
+def event_message(event: Event) -> Log:
+    """The message of an event of das-node."""
+    log = Log(level=event.severity, message=event.text, name="das-node")  # type: ignore[arg-type]
     log.timestamp.FromNanoseconds(event.time_ns)
     return log
 
@@ -153,61 +115,42 @@ def _values(one: Any, names: Iterable[str]) -> dict[str, Any]:
     return {name: getattr(one, name) for name in names}
 
 
-def _position(message: Any, common: dict[str, Any]) -> PositionHeard:
-    fields = _values(message, PositionFix.__dataclass_fields__)
-    return PositionHeard(fix=PositionFix(**{**fields, "quality": Quality(message.quality)}), **common)
-
-
-def _delay(message: Any, common: dict[str, Any]) -> DelayHeard:
-    return DelayHeard(**_values(message, DELAY_FIELDS), **common)
-
-
-def _effort(message: Any, common: dict[str, Any]) -> EffortHeard:
-    return EffortHeard(effort=Effort(**_values(message, Effort.__dataclass_fields__)), **common)
-
-
-def _journey(message: Any, common: dict[str, Any]) -> JourneyHeard:
-    stops = tuple(OrderedStop(**_values(one, OrderedStop._fields)) for one in message.stops)
-    return JourneyHeard(stops=stops, **_values(message, JOURNEY_FIELDS), **common)
-
-
-def _restrictions(message: Any, common: dict[str, Any]) -> RestrictionsHeard:
-    restrictions = tuple(decode_restriction(one, ToldRestriction) for one in message.restrictions)
-    return RestrictionsHeard(time_ns=message.time_ns, restrictions=restrictions, **common)
-
-
-def _targets(message: Any, common: dict[str, Any]) -> TargetsHeard:
-    targets = tuple(Target(**_values(one, Target._fields)) for one in message.targets)
-    return TargetsHeard(time_ns=message.time_ns, targets=targets, **common)
-
-
 _DECODERS: Mapping[Kind, Callable[[Any, dict[str, Any]], Heard]] = {
-    Kind.POSITION: _position,
-    Kind.DELAY: _delay,
-    Kind.EFFORT: _effort,
-    Kind.JOURNEY: _journey,
-    Kind.RESTRICTION: _restrictions,
-    Kind.TARGET: _targets,
+    Kind.POSITION: lambda message, common: heard.PositionHeard(
+        fix=PositionFix(**{**_values(message, PositionFix.__dataclass_fields__), "quality": Quality(message.quality)}),
+        **common,
+    ),
+    Kind.DELAY: lambda message, common: heard.DelayHeard(**_values(message, DELAY_FIELDS), **common),
+    Kind.EFFORT: lambda message, common: heard.EffortHeard(
+        effort=Effort(**_values(message, Effort.__dataclass_fields__)), **common
+    ),
+    Kind.JOURNEY: lambda message, common: heard.JourneyHeard(
+        stops=tuple(heard.OrderedStop(**_values(one, heard.OrderedStop._fields)) for one in message.stops),
+        **_values(message, JOURNEY_FIELDS),
+        **common,
+    ),
+    Kind.RESTRICTION: lambda message, common: heard.RestrictionsHeard(
+        time_ns=message.time_ns,
+        restrictions=tuple(decode_restriction(one, heard.ToldRestriction) for one in message.restrictions),
+        **common,
+    ),
+    Kind.TARGET: lambda message, common: heard.TargetsHeard(
+        time_ns=message.time_ns,
+        targets=tuple(heard.Target(**_values(one, heard.Target._fields)) for one in message.targets),
+        **common,
+    ),
 }
-
-
-def _journey_message(value: JourneyHeard) -> Message:
-    stops = [das_pb2.Journey.Stop(**one._asdict()) for one in value.stops]
-    return das_pb2.Journey(stops=stops, **_values(value, JOURNEY_FIELDS))
-
-
-def _targets_message(value: TargetsHeard) -> Message:
-    targets = [das_pb2.Targets.Target(**one._asdict()) for one in value.targets]
-    return das_pb2.Targets(time_ns=value.time_ns, targets=targets)
-
-
 _ENCODERS: Mapping[type[Heard], Callable[[Any], Message]] = {
-    PositionHeard: lambda value: das_pb2.Position(**vars(value.fix)),
-    DelayHeard: lambda value: das_pb2.Delay(**_values(value, DELAY_FIELDS)),
-    EffortHeard: lambda value: das_pb2.Effort(**vars(value.effort)),
-    JourneyHeard: _journey_message,
-    RestrictionsHeard: lambda value: das_pb2.Restrictions(
+    heard.PositionHeard: lambda value: das_pb2.Position(**vars(value.fix)),
+    heard.DelayHeard: lambda value: das_pb2.Delay(**_values(value, DELAY_FIELDS)),
+    heard.EffortHeard: lambda value: das_pb2.Effort(**vars(value.effort)),
+    heard.JourneyHeard: lambda value: das_pb2.Journey(
+        stops=(das_pb2.Journey.Stop(**one._asdict()) for one in value.stops), **_values(value, JOURNEY_FIELDS)
+    ),
+    heard.RestrictionsHeard: lambda value: das_pb2.Restrictions(
         time_ns=value.time_ns, restrictions=map(encode_restriction, value.restrictions)
     ),
-    TargetsHeard: _targets_message,
+    heard.TargetsHeard: lambda value: das_pb2.Targets(
+        time_ns=value.time_ns, targets=(das_pb2.Targets.Target(**one._asdict()) for one in value.targets)
+    ),
 }

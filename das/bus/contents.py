@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
@@ -217,7 +217,7 @@ def read_contents(path: Path) -> Contents:
     if homeless:
         what = f"{homeless} messages of channels that are not described"
         lost.append(Damage(start_byte=0, end_byte=health.size_bytes, what=what))
-    result.health = health if not lost else _with(health, lost)
+    result.health = replace(health, damage=(*health.damage, *lost))
     return result
 
 
@@ -241,7 +241,3 @@ def _our_topic(path: Path, channel: records.Channel, raw: Raw) -> Topic | None:
     if channel.message_encoding != "protobuf" or name != expected:
         raise DasError(f"{path}: channel {channel.topic} holds {name!r}, expected protobuf {expected!r}")
     return topic
-
-
-def _with(health: Health, lost: list[Damage]) -> Health:
-    return Health(**{**vars(health), "damage": (*health.damage, *lost)})

@@ -39,59 +39,36 @@ class Topic:
         return f"{self.root}/{train}/{self.name}"
 
 
-POSITION: Final = Topic(name="position", root="das", message=das_pb2.Position, publisher="localisation")
-DELAY: Final = Topic(name="delay", root="das", message=das_pb2.Delay, publisher="operator")
-EFFORT: Final = Topic(name="effort", root="das", message=das_pb2.Effort, publisher="train control")
-JOURNEY: Final = Topic(name="journey", root="das", message=das_pb2.Journey, publisher="operator", latched=True)
-RESTRICTION: Final = Topic(
-    name="restriction", root="das", message=das_pb2.Restrictions, publisher="operator", latched=True
-)
-TARGET: Final = Topic(name="target", root="das", message=das_pb2.Targets, publisher="operator", latched=True)
-CONTROL: Final = Topic(name="control", root="das", message=das_pb2.Control, publisher="simulator")
-ADVICE: Final = Topic(name="advice", root="das", message=das_pb2.Advice, publisher="node")
-PLAN: Final = Topic(name="plan", root="das", message=das_pb2.Plan, publisher="node")
-ESTIMATE: Final = Topic(name="estimate", root="das", message=das_pb2.Estimate, publisher="node")
-STATUS: Final = Topic(name="status", root="das", message=das_pb2.Status, publisher="node", latched=True)
-EVENT: Final = Topic(name="event", root="das", message=Log, publisher="node")
-TRUTH: Final = Topic(name="truth", root="sim", message=das_pb2.Truth, publisher="simulator")
-LOCATION: Final = Topic(name="location", root="sim", message=LocationFix, publisher="simulator")
-CAB: Final = Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simulator")
-CONTROLS: Final = Topic(name="controls", root="sim", message=das_pb2.Controls, publisher="driver", recorded=False)
-ACTION: Final = Topic(name="action", root="sim", message=das_pb2.Action, publisher="desk")
-MARK: Final = Topic(name="mark", root="sim", message=das_pb2.Mark, publisher="desk")
-DECISION: Final = Topic(name="decision", root="sim", message=das_pb2.Decision, publisher="simulator")
-MEASURES: Final = Topic(name="measures", root="sim", message=das_pb2.Measures, publisher="simulator")
-SAVING: Final = Topic(name="saving", root="sim", message=das_pb2.Saving, publisher="simulator")
-LOG: Final = Topic(name="log", root="sim", message=Log, publisher="simulator")
-RECORDER: Final = Topic(
-    name="recorder", root="das", message=das_pb2.RecorderStatus, publisher="recorder", recorded=False
-)
-
 TOPICS: Final = (
-    POSITION,
-    DELAY,
-    EFFORT,
-    JOURNEY,
-    RESTRICTION,
-    TARGET,
-    CONTROL,
-    ADVICE,
-    PLAN,
-    ESTIMATE,
-    STATUS,
-    EVENT,
-    TRUTH,
-    LOCATION,
-    CAB,
-    CONTROLS,
-    ACTION,
-    MARK,
-    DECISION,
-    MEASURES,
-    SAVING,
-    LOG,
-    RECORDER,
+    POSITION := Topic(name="position", root="das", message=das_pb2.Position, publisher="localisation"),
+    DELAY := Topic(name="delay", root="das", message=das_pb2.Delay, publisher="operator"),
+    EFFORT := Topic(name="effort", root="das", message=das_pb2.Effort, publisher="train control"),
+    JOURNEY := Topic(name="journey", root="das", message=das_pb2.Journey, publisher="operator", latched=True),
+    RESTRICTION := Topic(
+        name="restriction", root="das", message=das_pb2.Restrictions, publisher="operator", latched=True
+    ),
+    TARGET := Topic(name="target", root="das", message=das_pb2.Targets, publisher="operator", latched=True),
+    CONTROL := Topic(name="control", root="das", message=das_pb2.Control, publisher="simulator"),
+    ADVICE := Topic(name="advice", root="das", message=das_pb2.Advice, publisher="node"),
+    PLAN := Topic(name="plan", root="das", message=das_pb2.Plan, publisher="node"),
+    ESTIMATE := Topic(name="estimate", root="das", message=das_pb2.Estimate, publisher="node"),
+    STATUS := Topic(name="status", root="das", message=das_pb2.Status, publisher="node", latched=True),
+    EVENT := Topic(name="event", root="das", message=Log, publisher="node"),
+    TRUTH := Topic(name="truth", root="sim", message=das_pb2.Truth, publisher="simulator"),
+    LOCATION := Topic(name="location", root="sim", message=LocationFix, publisher="simulator"),
+    CAB := Topic(name="cab", root="sim", message=das_pb2.Cab, publisher="simulator"),
+    CONTROLS := Topic(name="controls", root="sim", message=das_pb2.Controls, publisher="driver", recorded=False),
+    ACTION := Topic(name="action", root="sim", message=das_pb2.Action, publisher="desk"),
+    MARK := Topic(name="mark", root="sim", message=das_pb2.Mark, publisher="desk"),
+    DECISION := Topic(name="decision", root="sim", message=das_pb2.Decision, publisher="simulator"),
+    MEASURES := Topic(name="measures", root="sim", message=das_pb2.Measures, publisher="simulator"),
+    SAVING := Topic(name="saving", root="sim", message=das_pb2.Saving, publisher="simulator"),
+    LOG := Topic(name="log", root="sim", message=Log, publisher="simulator"),
+    RECORDER := Topic(
+        name="recorder", root="das", message=das_pb2.RecorderStatus, publisher="recorder", recorded=False
+    ),
 )
+"""Every topic, in the order in which recordings and views list them."""
 RECORDED: Final = tuple(topic for topic in TOPICS if topic.recorded)
 
 

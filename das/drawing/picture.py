@@ -31,7 +31,6 @@ Floats = NDArray[np.float64]
 
 WIDTH_IN: Final = 10.0
 LETTERS: Final = 100
-"""A line of the title has at most this many letters."""
 MINUTE_S: Final = 60.0
 NAME_APART: Final = 0.012
 """A stop's name is left out if it would be nearer than this share of the axis to the name before it."""
@@ -51,7 +50,11 @@ class Over(StrEnum):
 
 
 class Picture(Figure):
-    """A figure of matplotlib that a notebook shows, and that `save` writes into a file."""
+    """A figure of matplotlib that a notebook shows, and that `save` writes into a file; no screen is needed."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(facecolor=BACKGROUND, **settings)
+        FigureCanvasAgg(self)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the picture as .png, .pdf or .svg; DasError for another suffix, or for a file that is already there."""
@@ -68,11 +71,6 @@ class Picture(Figure):
 
     def __repr__(self) -> str:
         return "<Picture: a notebook shows it; in a script, write it with .save('run.png')>"
-
-
-def canvas_of(figure: Picture) -> FigureCanvasAgg:
-    """The canvas without a screen on which a picture is drawn."""
-    return FigureCanvasAgg(figure)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,8 +154,7 @@ def new_figure(heights: Sequence[float], *, below_in: float = 0.0) -> tuple[Pict
     With `below_in` (in) there is one axis more, the last, with a horizontal axis of its own.
     """
     every = [*heights, *([below_in] if below_in else [])]
-    figure = Picture(figsize=(WIDTH_IN, sum(every) + 1.4), layout="constrained", facecolor=BACKGROUND)
-    FigureCanvasAgg(figure)
+    figure = Picture(figsize=(WIDTH_IN, sum(every) + 1.4), layout="constrained")
     axes = figure.subplots(len(every), 1, squeeze=False, height_ratios=every)[:, 0].tolist()
     for number, axis in enumerate(axes[: len(heights)]):
         axis.sharex(axes[0]) if number else None
@@ -211,7 +208,6 @@ def _panels(shown: _Runs) -> list[_Panel]:
 
 
 def _rises(run: PlottedRun) -> bool:
-    """Whether the line under a run is known, and not flat."""
     return run.route is not None and float(np.ptp(run.route.altitude_m(run.s_m))) > LEAST_RISE_M
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from das.domain.journey import Call, Journey, Window
 from das.domain.units import KM, kmh
 from das.drawing.colors import BACKGROUND, GRID, INK, SEVERAL
-from das.drawing.picture import Picture, canvas_of
+from das.drawing.picture import Picture
 
 WIDTH_IN, LEAST_IN, IN_PER_POINT = 10.0, 4.2, 0.27
 OPEN_S = 90.0
@@ -25,8 +25,7 @@ TICKS_S = (60.0, 120.0, 300.0, 600.0, 900.0, 1800.0, 3600.0, 7200.0, 14400.0)
 def draw_timetable(journey: Journey) -> Picture:
     """The picture of a journey: windows as bars, dwells and the ways between as lines, wishes as hollow marks."""
     height_in = max(LEAST_IN, 1.6 + IN_PER_POINT * len(journey.points))
-    figure = Picture(figsize=(WIDTH_IN, height_in), facecolor=BACKGROUND)
-    canvas_of(figure)
+    figure = Picture(figsize=(WIDTH_IN, height_in))
     axes = figure.add_axes((0.23, 0.4 / height_in, 0.74, 1.0 - 1.25 / height_in))
     _draw_course(axes, journey)
     for call in journey.calls:
@@ -76,13 +75,12 @@ def _draw_window(axes: Any, place: float, window: Window, color: str) -> None:
     at = [place, place]
     if math.isfinite(early_s) and math.isfinite(late_s):
         axes.plot([early_s, late_s], at, color=color, linewidth=8, alpha=0.55, solid_capstyle="butt", zorder=4)
-        axes.plot([early_s], [place], "|", color=color, markersize=9, markeredgewidth=1.6, zorder=4)
-    elif math.isfinite(early_s):
-        axes.plot([early_s, early_s + OPEN_S], at, color=color, linewidth=2, linestyle=(0, (1, 1.4)), zorder=1)
-        axes.plot([early_s], [place], "|", color=color, markersize=9, markeredgewidth=1.6, zorder=4)
-    elif math.isfinite(late_s):
-        axes.plot([late_s - OPEN_S, late_s], at, color=color, linewidth=2, linestyle=(0, (1, 1.4)), zorder=1)
-        axes.plot([late_s], [place], "|", color=color, markersize=9, markeredgewidth=1.6, zorder=4)
+    known_s, open_s = (early_s, early_s + OPEN_S) if math.isfinite(early_s) else (late_s, late_s - OPEN_S)
+    if not math.isfinite(known_s):
+        return
+    if not math.isfinite(late_s - early_s):
+        axes.plot(sorted((known_s, open_s)), at, color=color, linewidth=2, linestyle=(0, (1, 1.4)), zorder=1)
+    axes.plot([known_s], [place], "|", color=color, markersize=9, markeredgewidth=1.6, zorder=4)
 
 
 def _draw_scales(axes: Any, journey: Journey, height_in: float) -> None:
@@ -110,7 +108,6 @@ def _draw_scales(axes: Any, journey: Journey, height_in: float) -> None:
 
 
 def _shortened(name: str) -> str:
-    """A name that fits beside the picture."""
     return name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…"
 
 

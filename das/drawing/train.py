@@ -11,27 +11,24 @@ from das.domain.errors import shortened
 from das.domain.performance import Performance, performance_of
 from das.domain.units import KM, KN, KW, STANDARD_GRAVITY_MPS2, kmh, kwh
 from das.domain.vehicle import Vehicle
-from das.drawing.colors import BACKGROUND, GRID, INK, SEVERAL
-from das.drawing.picture import Picture, canvas_of
+from das.drawing.colors import GRID, INK, SEVERAL
+from das.drawing.picture import Picture
 
 Floats = NDArray[np.float64]
 
 SIZE_IN = (10.0, 9.0)
 SPEEDS = 400
-"""Number of speeds at which the curves are drawn."""
 GRADIENTS = (0.01, 0.02)
 """The resistance is also drawn on these gradients."""
 MOST_MODES = 6
 """At most this number of other modes are drawn beside the one of the train."""
 MOST_LETTERS = 24
-"""Longest name of a mode in the key of the picture."""
 TRACTION, BRAKE, RESISTANCE = SEVERAL[0], SEVERAL[1], INK
 
 
 def draw_train(train: Vehicle) -> Picture:
     """The picture of a train: forces and resistance, losses, energy of cruising, each over speed."""
-    figure = Picture(figsize=SIZE_IN, facecolor=BACKGROUND)
-    canvas_of(figure)
+    figure = Picture(figsize=SIZE_IN)
     forces, losses, cruising = figure.subplots(3, 1, sharex=True, height_ratios=(2.2, 1.0, 1.0))
     speed = np.linspace(1e-3, train.max_speed_mps, SPEEDS)
     found = performance_of(train, speed)

@@ -6,7 +6,7 @@ The clock is the wall clock, or the clock of a simulation, whose time the node r
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Protocol
+from typing import Any
 
 from das.bus import codec
 from das.bus.session import Bus
@@ -23,30 +23,11 @@ LEAST_STEP_S = 0.05
 delay between the two readings."""
 
 
-class Clock(Protocol):
-    """The clock of a node: the wall clock, or that of a simulation."""
-
-    is_wall: bool
-    """Whether the node advises in real time, without being asked."""
-
-    def now_ns(self) -> int:
-        """The time (ns since 1970) of outgoing messages; 0 before it is known."""
-
-    def judged_at_ns(self) -> int:
-        """The time (ns since 1970) by which incoming messages are judged; 0 before it is known."""
-
-    def set_by_s(self) -> float:
-        """By how much the clock was set since the last call (s, < 0: back); 0 if it was not set, or this is unknown."""
-
-    def note(self, received: Received) -> None:
-        """Take note of a message that the cab has received."""
-
-    def due(self) -> Any | None:
-        """The Control message that must be answered now; None if there is none."""
-
-
 class WallClock:
-    """Real time, or a clock that a test injects."""
+    """Real time, or a clock that a test injects: the node advises at its own rate, without being asked.
+
+    Outgoing messages have the time `now_ns` (ns since 1970), incoming ones are judged by `judged_at_ns`.
+    """
 
     is_wall = True
 
@@ -125,6 +106,7 @@ class BusClock:
         return control
 
 
+Clock = WallClock | BusClock
 CAUGHT_UP = 1_000
 """Largest number of messages that are taken at the start, before a section is prepared."""
 

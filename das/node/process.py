@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from das.advice.coach.settings import CoachSettings
 from das.advice.settings import AdviceSettings
 from das.bus.access import Refusals
-from das.bus.config import BusFile, bus_options
+from das.bus.config import bus_options
 from das.bus.session import Bus, check_endpoint
-from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET, Topic
+from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET
 from das.cab.cab import Cab, CabSettings, no_stopwatch
 from das.cab.fronts import Fronts
 from das.cab.orders import Post
@@ -34,7 +34,7 @@ from das.domain.files.vehicles import read_loss_map
 from das.domain.route import Route, section_stops
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
-from das.node.node import BusClock, Clock, Node, WallClock
+from das.node.node import BusClock, Node, WallClock
 from das.node.options import AdviceGiven, ClockKind, LineServed, NodeOptions, TrainServed
 
 LOOK_S = 0.1
@@ -161,13 +161,14 @@ def serve(options: NodeOptions) -> None:
     prepare_process()
     interrupt_on_termination()
     plan = plan_cab(options)
-    made = Bus(place.train, listen=listen, connect=place.connect or [], hear=_heard(advice), file=file)
+    heard = (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if advice.calibrate else []))
+    made = Bus(place.train, listen=listen, connect=place.connect or [], hear=heard, file=file)
     refusals = Refusals().listen() if file else None
     with made as bus, contextlib.closing(plan.cab()) as cab:
-        node = Node(bus, cab, _clock(advice))
+        node = Node(bus, cab, WallClock() if advice.clock is ClockKind.WALL else BusClock())
         _begin(node, plan.stops_m, tables=advice.tables is not None)
-        served = plan.situation
-        say(f"das-node {place.train}: {served.route.id}, {served.vehicle.id}, {_whereabouts(file, listen)}")
+        served, where = plan.situation, f"bus {file.path}" if file else f"listening on {listen}"
+        say(f"das-node {place.train}: {served.route.id}, {served.vehicle.id}, {where}")
         if not cab.has_journey:
             node.status(NodeState.WAITING, "waiting for a journey")
         run(node, StopFlag(with_parent=advice.with_parent), refusals, 1.0 / advice.rate)
@@ -188,16 +189,3 @@ def _begin(node: Node, stops_m: list[float], *, tables: bool) -> None:
         node.catch_up()
     if not node.cab.has_journey:
         legs.rehearse(stops_m)
-
-
-def _clock(advice: AdviceGiven) -> Clock:
-    return WallClock() if advice.clock is ClockKind.WALL else BusClock()
-
-
-def _heard(advice: AdviceGiven) -> tuple[Topic, ...]:
-    """The topics that the node receives."""
-    return (JOURNEY, RESTRICTION, TARGET, POSITION, DELAY, CONTROL, *([EFFORT] if advice.calibrate else []))
-
-
-def _whereabouts(file: BusFile | None, listen: str | None) -> str:
-    return f"bus {file.path}" if file else f"listening on {listen}"

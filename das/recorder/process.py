@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from das import __version__
@@ -12,19 +13,56 @@ from das.bus.config import BusFile, bus_options
 from das.bus.recorder import LIBRARY, Recorder, RecordingFile
 from das.bus.scanning import begun
 from das.bus.session import Bus, check_endpoint
-from das.bus.topics import RECORDED, RECORDER
+from das.bus.topics import RECORDED, RECORDER, Received
 from das.command_line.options import NODE_ENDPOINT, RECORDER_ENDPOINT
 from das.command_line.printing import say
 from das.command_line.process import StopFlag
+from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from das.recorder.life_signs import LifeSigns
 from das.recorder.options import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
 """Largest number of messages that may wait while the disk is slow; beyond it the oldest are lost and counted."""
 LISTENS_S = 0.1
 """Longest time (s) for which the recorder waits for a message before it looks at its clock."""
+SILENT_S = 10.0
+"""A bus on which nothing was heard for this long (s) is called silent."""
+COUNTED_EVERY_S = 60.0
+"""The recorder says how many messages it has at this interval (s)."""
+
+
+class LifeSigns:
+    """Says on standard error what becomes of a recording; a full disk or a closed terminal never holds it up."""
+
+    def __init__(self, name: str, clocks: Clocks = WALL, tell: Callable[[str], None] = say) -> None:
+        self._name, self._seconds, self._tell = name, clocks.seconds, tell
+        self._heard: set[tuple[str, str]] = set()
+        self._last_s = self._counted_s = self._seconds()
+        self._silent = False
+
+    def say(self, text: str) -> None:
+        """Say something about this recorder."""
+        self._tell(f"das-record {self._name}: {text}")
+
+    def take(self, received: Received) -> None:
+        """Take note of a message; the first one of each sender is named."""
+        self._last_s, self._silent = self._seconds(), False
+        sender = received.topic.publisher, received.source
+        if sender not in self._heard:
+            self._heard.add(sender)
+            self.say(f"hears the {received.topic.publisher} ({received.topic.name})")
+
+    def look(self, messages: int) -> None:
+        """Say how many messages are recorded, if that is due, and that nothing comes any more."""
+        now_s = self._seconds()
+        if not self._silent and now_s - self._last_s >= SILENT_S:
+            self._silent = True
+            why = "" if self._heard else ": is every process that sends running, and named by --connect?"
+            self.say(f"nothing heard for {SILENT_S:.0f} s{why}")
+        if now_s - self._counted_s >= COUNTED_EVERY_S:
+            self._counted_s = now_s
+            self.say(f"{messages} messages so far")
 
 
 def record(options: RecorderOptions) -> None:
@@ -50,16 +88,12 @@ def _bus(options: RecorderOptions) -> tuple[Bus, str]:
     return bus, f"on the bus of {file.path}" if file else listens
 
 
-def _nothing(_text: str) -> None:
-    """Say nothing."""
-
-
 def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: StopFlag) -> None:
     attachments = [(path, _content(path)) for path in options.made.attach or ()]
     metadata = _metadata(options)
     file = RecordingFile(_place(out, options.made))
     # A program that starts a recorder as a part of itself tells its user what happens.
-    signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else _nothing)
+    signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else lambda _text: None)
     try:
         for path, content in attachments:
             file.add_attachment(path.name, "application/octet-stream", content)

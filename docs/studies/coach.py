@@ -189,12 +189,11 @@ def price_table() -> Iterator[str]:
     yield "| buffer | run | changes | a minute | shortest, s | time, s | kWh | more, kWh | more, % |"
     yield "|---:|---|---:|---:|---:|---:|---:|---:|---:|"
     for buffer_percent in BUFFERS_PERCENT:
-        for row in few_switch_rows(front, fronts, least_s * (1.0 + buffer_percent / 100.0)):
-            found = row.as_dict()
-            name = row.name if row.price_s is None else f"price {row.name}"
+        for found in few_switch_rows(front, fronts, least_s * (1.0 + buffer_percent / 100.0)):
+            name = found["run"] if found["price_s"] is None else f"price {found['run']}"
             yield (
-                f"| {buffer_percent:g} % | {name} | {row.changes} | {found['changes_per_min']:.2f} | "
-                f"{row.shortest_s:.1f} | {row.time_s:.1f} | {found['energy_kwh']:.2f} | "
+                f"| {buffer_percent:g} % | {name} | {found['changes']} | {found['changes_per_min']:.2f} | "
+                f"{found['shortest_s']:.1f} | {found['time_s']:.1f} | {found['energy_kwh']:.2f} | "
                 f"{two_digits(found['more_kwh'])} | {two_digits(100 * found['more_ratio'])} |"
             )
 

@@ -23,9 +23,10 @@ from das.drawing.line import draw_line
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
-from precompute.route_import.altitudes import Smoothing, climb_and_fall_m, with_altitudes
-from precompute.route_import.importing import ImportOrder, imported
-from precompute.route_import.line import ImportedLine, Words
+from precompute.route_import.altitudes import climb_and_fall_m, with_altitudes
+from precompute.route_import.importing import imported
+from precompute.route_import.line import ImportedLine
+from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.tables import LineTable
 from tests.support.benchmark import SHARED
 
@@ -59,27 +60,22 @@ REAL_LINES: Final = (
         ("railtoolkit/realworld.yaml",),
         "Görlitz",
         "Dresden",
-        Words(data_source="TrainRuns.jl, after FBS and railML.org", licence="ISC"),
+        Words(source="TrainRuns.jl, after FBS and railML.org", licence="ISC"),
         "own-line-tables.png",
     ),
     RealLine(
         ("sncf/lignes-vitesses-830000-752000.geojson",),
         "Paris=48.84405,2.37615",
         "Lyon=45.7485,4.826",
-        Words(data_source="SNCF Réseau", licence="ODbL"),
+        Words(source="SNCF Réseau", licence="ODbL"),
     ),
 )
 
 
 def line_of(data: Path, source: RealLine) -> Route:
     """A real line, imported as a user does it."""
-    order = ImportOrder(
-        files=tuple(data / "lines" / name for name in source.files),
-        start=source.start,
-        end=source.end,
-        flat=True,
-    )
-    return imported(order, source.words).route
+    files = [data / "lines" / name for name in source.files]
+    return imported(files, ImportOrder(start=source.start, end=source.end, flat=True), source.words).route
 
 
 def line_table(lines: list[Route]) -> Iterator[str]:
@@ -119,11 +115,11 @@ class KnownSection(NamedTuple):
         wanted_s = BUFFER * front.fastest().time_s if time_s is None else time_s
         return front.trajectory(wanted_s).balance.input, wanted_s
 
-    def with_altitudes(self, at_m: Floats, altitude_m: Floats, smoothing: Smoothing) -> Route:
+    def with_altitudes(self, at_m: Floats, altitude_m: Floats, order: ImportOrder) -> Route:
         """The line with gradients made from altitudes as an import makes them."""
         numbers = {"position": tuple(at_m.tolist()), "altitude": tuple(altitude_m.tolist())}
         table = LineTable(path=Path("altitudes.csv"), lines=tuple(range(len(at_m))), numbers=numbers)
-        return with_altitudes(ImportedLine(route=self.route, structures=self.route.tunnels), table, smoothing).route
+        return with_altitudes(ImportedLine(route=self.route, structures=self.route.tunnels), table, order).route
 
 
 def altitude_table(sections: Sequence[KnownSection]) -> Iterator[str]:
@@ -138,7 +134,7 @@ def altitude_table(sections: Sequence[KnownSection]) -> Iterator[str]:
 
         flat = replace(section.route, gradients_ratio=Stretches.constant(0.0))
         stops_m = np.array([stop.position_m for stop in section.route.stops])
-        few = section.with_altitudes(stops_m, section.route.altitude_m(stops_m), Smoothing())
+        few = section.with_altitudes(stops_m, section.route.altitude_m(stops_m), ImportOrder())
         noisy = [list(map(wrong, both)) for both in noisy_lines(section)]
         raw, smooth = zip(*noisy, strict=True)
         ranges = [f"{min(values):+.1f} to {max(values):+.1f} %" for values in (raw, smooth)]
@@ -154,8 +150,8 @@ def noisy_lines(section: KnownSection) -> Iterator[tuple[Route, Route]]:
         noise_m = NOISE_M * np.random.default_rng(seed).standard_normal(len(knots_m))
         altitude_m = section.route.altitude_m(at_m) + np.interp(at_m, knots_m, noise_m)
         yield (
-            section.with_altitudes(at_m, altitude_m, Smoothing(length_m=0.0)),
-            section.with_altitudes(at_m, altitude_m, Smoothing()),
+            section.with_altitudes(at_m, altitude_m, ImportOrder(smooth_m=0.0)),
+            section.with_altitudes(at_m, altitude_m, ImportOrder()),
         )
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import textwrap
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,12 +13,10 @@ import typer
 
 from das.command_line.files import load_route, load_vehicle
 from das.command_line.options import JsonOption
-from das.command_line.printing import busy, shown
+from das.command_line.printing import busy, new_table, paragraph, print_table, shown
 from precompute.cli.options import chosen
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from das.solver.section import Section
     from precompute.bench.figures import Reference
     from precompute.bench.measuring import Figure
@@ -28,16 +25,14 @@ NAMES = (
     *("front", "steps", "transitions", "sweep", "trajectory", "re-solve", "look-up", "verify", "build", "exact"),
     *("growth", "memory"),
 )
-"""The figures, in order."""
 ROUTE, VEHICLE = "zurich-luzern", "re460-ic"
 GIGA = 1e9
-WIDTH = 80
-LEGEND = (
-    "median, least, most: of all rounds of the figure, in its unit.",
-    "baseline: the median of the alternative that the figure is compared with; both are measured in turns.",
-    "× better: how many times better than the baseline; below 1 it is worse.",
-    "of best %: the share of what its arithmetic alone would allow (verify: its hashes); –: no such bound is known.",
-)
+LEGEND = {
+    "median, least, most": "of all rounds of the figure, in its unit",
+    "baseline": "the median of the alternative that the figure is compared with; both are measured in turns",
+    "× better": "how many times better than the baseline; below 1 it is worse",
+    "of best %": "the share of what its arithmetic alone would allow (verify: its hashes); –: no such bound is known",
+}
 
 
 def bench(
@@ -90,7 +85,7 @@ def longest_section(track: str, train: str) -> Section:
     return build_section(route, vehicle, start_m=start.position_m, end_m=end.position_m)
 
 
-def figures_by_name() -> dict[str, Callable[[Reference], list[Figure]]]:
+def figures_by_name() -> dict[str, Callable[[Reference], Iterator[Figure]]]:
     """The function that measures each figure, by the figure's name; importing them takes a while."""
     from precompute.bench import figures, table_figures
 
@@ -140,51 +135,25 @@ def measure(wanted: list[str], section: Section, threads: int, *, quick: bool) -
 
 
 def _print(result: dict[str, Any]) -> None:
-    from rich.console import Console
-
-    about = result["machine"]
+    about, best = result["machine"], result["roofline"]
     load = "" if about["load_average"] is None else f", load {about['load_average']:.1f}"
-    _print_wrapped(f"{about['cpu']}, {about['cores']} cores{load}, numba {about['numba']}, {about['date']}", "")
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = WIDTH
-    console.print(_table(result["figures"]))
-    for line in LEGEND:
-        _print_wrapped(line, "  ")
-    print()
+    paragraph(f"{about['cpu']}, {about['cores']} cores{load}, numba {about['numba']}, {about['date']}")
+    table = new_table("", (), ())
+    for name in ("figure", "median", "least", "most", "unit", "base-\nline", "×\nbetter", "of\nbest %"):
+        table.add_column(name, justify="left" if name in ("figure", "unit") else "right", no_wrap=True)
     for figure in result["figures"]:
-        _print_wrapped(f"{figure['name']}: {figure['what']}; baseline: {figure['baseline']}", "  ")
-    print()
-    best = result["roofline"]
-    rates = f"{best['flops'] / GIGA:.0f} GFlop/s, {best['divisions_ps'] / GIGA:.2f} G divisions/s"
-    _print_wrapped(f"one thread at best: {rates}", "  ")
-
-
-def _table(figures: list[dict[str, Any]]) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("figure", no_wrap=True)
-    for name in ("median", "least", "most"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    for name in ("base-\nline", "×\nbetter", "of\nbest %"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for figure in figures:
         table.add_row(
             figure["name"],
             *(_number(figure[key]) for key in ("value", "least", "most")),
             figure["unit"],
-            _number(figure["baseline_value"]),
-            _number(figure["ratio"]),
+            *(_number(figure[key]) for key in ("baseline_value", "ratio")),
             "–" if figure["bound_ratio"] is None else _number(100 * figure["bound_ratio"]),
         )
-    return table
-
-
-def _print_wrapped(text: str, indent: str) -> None:
-    print(textwrap.fill(text, WIDTH, subsequent_indent=indent, break_long_words=False))
+    print_table(table, LEGEND)
+    for figure in result["figures"]:
+        paragraph(f"{figure['name']}: {figure['what']}; baseline: {figure['baseline']}", hanging="  ")
+    rates = f"{best['flops'] / GIGA:.0f} GFlop/s, {best['divisions_ps'] / GIGA:.2f} G divisions/s"
+    paragraph(f"one thread at best: {rates}")
 
 
 def _number(value: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,13 +12,13 @@ import numpy as np
 
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
-from das.domain.units import KM, KMH
+from das.domain.units import KM, KMH, MEGABYTE
 from das.solver.front import Front
 from das.solver.kernels.transitions import transitions
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import BLOCK_NODES, PACKED_ABOVE_BYTES, STATE_BYTES, DecisionGrid, Transitions, solve_front
 from das.solver.tolerances import LADDER_SIZE
-from precompute.bench.measuring import Figure, Roofline, Subject, Times, in_turns, peak_bytes_of, timed
+from precompute.bench.measuring import Figure, Roofline, Times, in_turns, peak_bytes_of, timed
 from precompute.bench.plain import bisected, numpy_sweep, plain_front, plain_transitions
 from precompute.exact.front import solve_exact
 from precompute.tables.synthetic import made_up_line
@@ -28,7 +28,7 @@ DIVISIONS_PER_TRANSITION = 2
 on the grid. Those that find the landing speeds of a state, and those of landings that are left out, come on top."""
 FLOP_PER_RELAXATION = 6
 """Operations of a relaxation: three multiply-adds (das/solver/kernels/sweep.py)."""
-MILLION, MEGA = 1e6, 1e6
+MILLION = 1e6
 BUFFERS = (0.005, 0.3)
 """The trajectories that are timed have buffers from the first to the second value, as shares of the least time."""
 SHORT_STEP_M = 25.0
@@ -104,17 +104,11 @@ class Workload:
         whole = (self.nodes + 1) * self.states * LADDER_SIZE * STATE_BYTES
         return whole if whole <= PACKED_ABOVE_BYTES else whole // 2
 
-    @property
-    def divisions(self) -> int:
-        return self.landings * DIVISIONS_PER_TRANSITION
-
-    @property
-    def flop(self) -> int:
-        return self.relaxations * FLOP_PER_RELAXATION
-
     def least_s(self, roofline: Roofline) -> float:
         """Least time of the front: that of arithmetic which every front of this size does."""
-        return roofline.least_s(divisions=self.divisions, flop=self.flop)
+        return roofline.least_s(
+            divisions=self.landings * DIVISIONS_PER_TRANSITION, flop=self.relaxations * FLOP_PER_RELAXATION
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +124,7 @@ class Reference:
     all_threads: Roofline
 
 
-def front_of_reference(reference: Reference) -> list[Figure]:
+def front_of_reference(reference: Reference) -> Iterator[Figure]:
     """The front of the reference section."""
     section, threads = reference.section, reference.threads
     times = in_turns(
@@ -138,21 +132,16 @@ def front_of_reference(reference: Reference) -> list[Figure]:
         lambda: plain_front(section, threads),
         rounds=reference.effort.rounds,
     )
-    return [
-        times.figure(
-            Subject(
-                name="front",
-                what=f"front of {LADDER_SIZE} multipliers, {section.name}",
-                unit="ms",
-                baseline="transitions of one speed after the other, fresh memory",
-                bound=FRONT_BOUND,
-            ),
-            reference.workload.least_s(reference.all_threads),
-        )
-    ]
+    yield times.figure(
+        "front",
+        f"front of {LADDER_SIZE} multipliers, {section.name}",
+        "ms",
+        "transitions of one speed after the other, fresh memory",
+        (FRONT_BOUND, reference.workload.least_s(reference.all_threads)),
+    )
 
 
-def short_steps(reference: Reference) -> list[Figure]:
+def short_steps(reference: Reference) -> Iterator[Figure]:
     """The solving time with shorter decision steps, against the time with the solver's own steps."""
     section, threads = reference.section, reference.threads
     options = SectionOptions(
@@ -170,20 +159,15 @@ def short_steps(reference: Reference) -> list[Figure]:
     )
     time_s = reference.front.fastest().time_s * (1 + RESOLVED_BUFFER)
     usual_j, fine_j = (front.trajectory(time_s).balance.input for front in (reference.front, solve_front(fine)))
-    return [
-        times.figure(
-            Subject(
-                name="steps",
-                what=f"front with decision steps of {SHORT_STEP_M:g} m, {len(fine.decision) - 1} instead of "
-                f"{len(section.decision) - 1}; a run with {RESOLVED_BUFFER:.0%} more time needs "
-                f"{fine_j / usual_j - 1:+.3%} energy",
-                unit="ms",
-                baseline="the solver's own steps",
-                bound=FRONT_BOUND,
-            ),
-            Workload.of(fine).least_s(reference.all_threads),
-        )
-    ]
+    yield times.figure(
+        "steps",
+        f"front with decision steps of {SHORT_STEP_M:g} m, {len(fine.decision) - 1} instead of "
+        f"{len(section.decision) - 1}; a run with {RESOLVED_BUFFER:.0%} more time needs "
+        f"{fine_j / usual_j - 1:+.3%} energy",
+        "ms",
+        "the solver's own steps",
+        (FRONT_BOUND, Workload.of(fine).least_s(reference.all_threads)),
+    )
 
 
 def all_at_once(section: Section) -> Front:
@@ -191,7 +175,7 @@ def all_at_once(section: Section) -> Front:
     return solve_front(section, threads=1, block_nodes=len(section.decision))
 
 
-def transition_rate(reference: Reference) -> list[Figure]:
+def transition_rate(reference: Reference) -> Iterator[Figure]:
     """Transitions of the reference section per second, by one thread."""
     section, load = reference.section, reference.workload
     grid, moves = DecisionGrid.of(section), Transitions.empty(BLOCK_NODES, load.states)
@@ -204,23 +188,18 @@ def transition_rate(reference: Reference) -> list[Figure]:
             )
 
     times = in_turns(lambda: fill(transitions), lambda: fill(plain_transitions), rounds=reference.effort.rounds)
-    least_s = reference.one_thread.least_s(divisions=load.divisions)
-    return [
-        times.figure(
-            Subject(
-                name="transitions",
-                what=f"transitions, {load.nodes} nodes × {load.states} speeds, one thread",
-                unit="million/s",
-                baseline="one speed after the other",
-                bound="their divisions",
-            ),
-            least_s,
-            amount=load.landings / MILLION,
-        )
-    ]
+    least_s = reference.one_thread.least_s(divisions=load.landings * DIVISIONS_PER_TRANSITION)
+    yield times.figure(
+        "transitions",
+        f"transitions, {load.nodes} nodes × {load.states} speeds, one thread",
+        "million/s",
+        "one speed after the other",
+        ("their divisions", least_s),
+        amount=load.landings / MILLION,
+    )
 
 
-def sweep_rate(reference: Reference) -> list[Figure]:
+def sweep_rate(reference: Reference) -> Iterator[Figure]:
     """Relaxations (a landing tried for a multiplier) per second, by one thread."""
     load, ladder = reference.workload, reference.front.lambda_w
     moves = Transitions.empty(load.nodes, load.states)
@@ -233,23 +212,18 @@ def sweep_rate(reference: Reference) -> list[Figure]:
         rounds=reference.effort.rounds,
         baseline_rounds=1,
     )
-    least_s = reference.one_thread.least_s(flop=load.flop)
-    return [
-        times.figure(
-            Subject(
-                name="sweep",
-                what=f"relaxations of {LADDER_SIZE} multipliers, one thread",
-                unit="million/s",
-                baseline="the same in numpy",
-                bound="their arithmetic",
-            ),
-            least_s,
-            amount=load.relaxations / MILLION,
-        )
-    ]
+    least_s = reference.one_thread.least_s(flop=load.relaxations * FLOP_PER_RELAXATION)
+    yield times.figure(
+        "sweep",
+        f"relaxations of {LADDER_SIZE} multipliers, one thread",
+        "million/s",
+        "the same in numpy",
+        ("their arithmetic", least_s),
+        amount=load.relaxations / MILLION,
+    )
 
 
-def trajectory(reference: Reference) -> list[Figure]:
+def trajectory(reference: Reference) -> Iterator[Figure]:
     """The time to get one trajectory from a front, over many trip times."""
     front = reference.front
     buffers = np.linspace(*BUFFERS, reference.effort.trajectories)
@@ -259,20 +233,15 @@ def trajectory(reference: Reference) -> list[Figure]:
         lambda: bisected(front, next(wanted_plainly)),
         rounds=len(buffers),
     )
-    return [
-        times.figure(
-            Subject(
-                name="trajectory",
-                what=f"run for one time from the front, {len(buffers)} times, {BUFFERS[0]:.1%} to "
-                f"{BUFFERS[1]:.0%} above the least",
-                unit="ms",
-                baseline="bisection of λ from end to end of the ladder",
-            )
-        )
-    ]
+    yield times.figure(
+        "trajectory",
+        f"run for one time from the front, {len(buffers)} times, {BUFFERS[0]:.1%} to {BUFFERS[1]:.0%} above the least",
+        "ms",
+        "bisection of λ from end to end of the ladder",
+    )
 
 
-def resolve(reference: Reference) -> list[Figure]:
+def resolve(reference: Reference) -> Iterator[Figure]:
     """Solving anew from half-way (section, front and run), against a run from the existing front."""
     section = reference.section
     i = len(section.node_m) // 2
@@ -292,21 +261,16 @@ def resolve(reference: Reference) -> list[Figure]:
         lambda: reference.front.trajectory(time_s, s_m, v_mps),
         rounds=reference.effort.rounds,
     )
-    return [
-        times.figure(
-            Subject(
-                name="re-solve",
-                what=f"new front and run from km {s_m / KM:.1f} at {v_mps / KMH:.0f} km/h",
-                unit="ms",
-                baseline="the run from the front at hand",
-                bound=FRONT_BOUND,
-            ),
-            Workload.of(rest()).least_s(reference.all_threads),
-        )
-    ]
+    yield times.figure(
+        "re-solve",
+        f"new front and run from km {s_m / KM:.1f} at {v_mps / KMH:.0f} km/h",
+        "ms",
+        "the run from the front at hand",
+        (FRONT_BOUND, Workload.of(rest()).least_s(reference.all_threads)),
+    )
 
 
-def exact(reference: Reference) -> list[Figure]:
+def exact(reference: Reference) -> Iterator[Figure]:
     """The exact front of the paper's section, against the solver's front and a run from it."""
     section = build_section(load_route(EXACT_ROUTE), load_vehicle(VEHICLE), level=EXACT_LEVEL)
     buffer_ratio, labels = reference.effort.exact_buffer_ratio, 0
@@ -320,60 +284,51 @@ def exact(reference: Reference) -> list[Figure]:
         front.trajectory(front.fastest().time_s * (1 + buffer_ratio))
 
     times = in_turns(search, supported, rounds=reference.effort.slow_rounds)
-    return [
-        times.figure(
-            Subject(
-                name="exact",
-                what=f"exact front of {EXACT_ROUTE} + {VEHICLE}, {EXACT_LEVEL}, to {buffer_ratio:.1%}: "
-                f"{labels / MILLION:.2f} million partial runs",
-                unit="ms",
-                baseline="the solver's front and one run",
-            )
-        )
-    ]
+    yield times.figure(
+        "exact",
+        f"exact front of {EXACT_ROUTE} + {VEHICLE}, {EXACT_LEVEL}, to {buffer_ratio:.1%}: "
+        f"{labels / MILLION:.2f} million partial runs",
+        "ms",
+        "the solver's front and one run",
+    )
 
 
-def growth(reference: Reference) -> list[Figure]:
+def growth(reference: Reference) -> Iterator[Figure]:
     """Fronts of made-up lines of growing length, against the time per transition of the shortest line."""
-    figures: list[Figure] = []
     baseline_s_per_landing = 0.0
     for length_km in reference.effort.lengths_km:
         section = made_up_section(length_km)
         load = Workload.of(section)
         rounds = reference.effort.rounds if length_km <= SHORT_KM else reference.effort.slow_rounds
         seconds = timed(partial(solve_front, section, threads=reference.threads), rounds)
-        if not figures:
+        if not baseline_s_per_landing:
             baseline_s_per_landing = statistics.median(seconds) / load.landings
         times = Times(seconds=seconds, baseline_seconds=[baseline_s_per_landing * load.landings])
-        subject = Subject(
-            name=f"growth-{length_km:g}km",
-            what=f"front of a made-up line, {length_km:g} km, {len(section.route.breakpoints_m())} breakpoints, "
+        yield times.figure(
+            f"growth-{length_km:g}km",
+            f"front of a made-up line, {length_km:g} km, {len(section.route.breakpoints_m())} breakpoints, "
             f"{load.nodes} nodes × {load.states} speeds, {load.landings / MILLION:.1f} million transitions",
-            unit="ms",
-            baseline=f"as long per transition as at {reference.effort.lengths_km[0]:g} km",
-            bound=FRONT_BOUND,
+            "ms",
+            f"as long per transition as at {reference.effort.lengths_km[0]:g} km",
+            (FRONT_BOUND, load.least_s(reference.all_threads)),
         )
-        figures.append(times.figure(subject, load.least_s(reference.all_threads)))
-    return figures
 
 
-def memory(reference: Reference) -> list[Figure]:
+def memory(reference: Reference) -> Iterator[Figure]:
     """Memory that the front of the longest made-up line needs."""
     length_km = reference.effort.lengths_km[-1]
     section = made_up_section(length_km)
     own = peak_bytes_of(lambda: solve_front(section, threads=reference.threads))
     plain = peak_bytes_of(lambda: all_at_once(section))
     if own is None or plain is None:
-        return []
-    load = Workload.of(section)
-    return [
-        Figure(
-            name="memory",
-            what=f"memory for the front of {length_km:g} km, whose result has {load.result_bytes / MEGA:.0f} MB",
-            unit="MB", value=own / MEGA, least=own / MEGA, most=own / MEGA, rounds=1,
-            baseline="all transitions first", baseline_value=plain / MEGA,
-        )
-    ]  # fmt: skip
+        return
+    result_mb = Workload.of(section).result_bytes / MEGABYTE
+    yield Figure(
+        name="memory",
+        what=f"memory for the front of {length_km:g} km, whose result has {result_mb:.0f} MB",
+        unit="MB", value=own / MEGABYTE, least=own / MEGABYTE, most=own / MEGABYTE, rounds=1,
+        baseline="all transitions first", baseline_value=plain / MEGABYTE,
+    )  # fmt: skip
 
 
 def made_up_section(length_km: float) -> Section:

@@ -65,38 +65,33 @@ class Figure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subject:
-    """What a figure is about: its name, what is measured, in which unit, and what it is compared with, in words.
-
-    `bound` says which part of the work nothing can be quicker than; None if no bound is known.
-    """
-
-    name: str
-    what: str
-    unit: str
-    baseline: str
-    bound: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Times:
     """Durations (s) of a piece of work and of its baseline, measured in turns."""
 
     seconds: list[float]
     baseline_seconds: list[float]
 
-    def figure(self, subject: Subject, bound_s: float | None = None, *, amount: float | None = None) -> Figure:
+    def figure(
+        self,
+        name: str,
+        what: str,
+        unit: str,
+        baseline: str,
+        bound: tuple[str, float] | None = None,
+        amount: float | None = None,
+    ) -> Figure:
         """The times as a figure: a duration in ms, or with an `amount` (in the figure's unit) a rate per s.
 
-        `bound_s` is a duration that no run can go below (s); None if none is known.
+        `bound` is a part of the work, in words, and the time (s) that it takes at least; None if no bound is known.
         """
         times, typical = self.seconds, statistics.median(self.seconds)
         other = statistics.median(self.baseline_seconds)
         value, least, most, baseline_value = (_scaled(s, amount) for s in (typical, min(times), max(times), other))
-        bound_value = None if bound_s is None else _scaled(bound_s, amount)
+        part, bound_value = (None, None) if bound is None else (bound[0], _scaled(bound[1], amount))
         return Figure(
-            **asdict(subject), value=value, least=min(least, most), most=max(least, most), rounds=len(times),
-            baseline_value=baseline_value, bound_value=bound_value, more_is_better=amount is not None,
+            name=name, what=what, unit=unit, value=value, least=min(least, most), most=max(least, most),
+            rounds=len(times), baseline=baseline, baseline_value=baseline_value, bound=part, bound_value=bound_value,
+            more_is_better=amount is not None,
         )  # fmt: skip
 
 

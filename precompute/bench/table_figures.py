@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import time
-from dataclasses import replace
+from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -16,12 +16,13 @@ from das.cab.warm_up import warm_up_tables
 from das.command_line.process import available_cores
 from das.domain.files.load import load_vehicle
 from das.domain.route import Route, Stop
+from das.domain.units import MEGABYTE
 from das.solver.front import Front
 from das.solver.section import Section
 from das.table.hashes import Course
 from das.table.reading import Table
-from precompute.bench.figures import MEGA, VEHICLE, Reference
-from precompute.bench.measuring import Figure, Subject, Times, in_turns, seconds_of
+from precompute.bench.figures import VEHICLE, Reference
+from precompute.bench.measuring import Figure, Times, in_turns, seconds_of
 from precompute.tables.build import solve_jobs
 from precompute.tables.look_up import LookUp
 from precompute.tables.synthetic import synthetic_routes
@@ -36,7 +37,7 @@ NOT_REFINED = TableSettings(refine_s=0.0, proven=0)
 """The least that a node needs from a table: its trajectories are not refined, and no gap is proven."""
 
 
-def look_up(reference: Reference) -> list[Figure]:
+def look_up(reference: Reference) -> Iterator[Figure]:
     """Advice looked up in a table from many states, against rolling it out from the front."""
     with tempfile.TemporaryDirectory(prefix="das-bench-") as folder:
         front = _written(reference.section, Path(folder) / "table").front(reference.section)
@@ -49,17 +50,10 @@ def look_up(reference: Reference) -> list[Figure]:
         for s_m, v_mps, left_s in states[::ROLLED_EVERY]
     ]
     slow, slow_rolled = (float(np.percentile(seconds, 99)) for seconds in (own, rolled))
-    typical = Subject(
-        name="look-up",
-        what=f"advice looked up in a table, {len(states)} states",
-        unit="ms",
-        baseline="the whole run rolled out",
-    )
-    rare = replace(typical, name="look-up-p99", what=f"{typical.what}, 99 of 100", baseline="the same of the roll-outs")
-    return [
-        Times(seconds=own, baseline_seconds=rolled).figure(typical),
-        Times(seconds=[slow], baseline_seconds=[slow_rolled]).figure(rare),
-    ]
+    what = f"advice looked up in a table, {len(states)} states"
+    typical, rare = Times(seconds=own, baseline_seconds=rolled), Times(seconds=[slow], baseline_seconds=[slow_rolled])
+    yield typical.figure("look-up", what, "ms", "the whole run rolled out")
+    yield rare.figure("look-up-p99", f"{what}, 99 of 100", "ms", "the same of the roll-outs")
 
 
 def _written(section: Section, folder: Path) -> Table:
@@ -78,7 +72,7 @@ def _states(front: Front, count: int) -> list[tuple[float, float, float]]:
     return states
 
 
-def open_and_verify(reference: Reference) -> list[Figure]:
+def open_and_verify(reference: Reference) -> Iterator[Figure]:
     """Opening a table and hashing all of it, per 100 MB, against reading its files plainly."""
     with tempfile.TemporaryDirectory(prefix="das-bench-") as name:
         folder = Path(name) / "table"
@@ -94,29 +88,23 @@ def open_and_verify(reference: Reference) -> list[Figure]:
     scaled = Times(
         seconds=[scale * s for s in times.seconds], baseline_seconds=[scale * s for s in times.baseline_seconds]
     )
-    subject = Subject(
-        name="verify",
-        what=f"table opened and verified, per {PER_BYTES / MEGA:.0f} MB (this one has {size / MEGA:.1f} MB)",
-        unit="ms",
-        baseline="its files read into memory",
-        bound="its hashes",
+    yield scaled.figure(
+        "verify",
+        f"table opened and verified, per {PER_BYTES / MEGABYTE:.0f} MB (this one has {size / MEGABYTE:.1f} MB)",
+        "ms",
+        "its files read into memory",
+        ("its hashes", scale * hashed_s),
     )
-    return [scaled.figure(subject, scale * hashed_s)]
 
 
-def build(reference: Reference) -> list[Figure]:
+def build(reference: Reference) -> Iterator[Figure]:
     """Tables built per second for the sections of a synthetic network, with one worker and with all cores."""
     jobs = _jobs(reference.effort.built_sections)
     workers = min(available_cores(), reference.threads)
     alone_s, together_s = _build_s(jobs, 1), _build_s(jobs, workers)
     times = Times(seconds=[together_s], baseline_seconds=[alone_s])
-    subject = Subject(
-        name="build",
-        what=f"{len(jobs)} sections (synthetic, seed {SEED}) + {VEHICLE} into tables, {workers} workers",
-        unit="sections/s",
-        baseline="one worker",
-    )
-    return [times.figure(subject, amount=float(len(jobs)))]
+    what = f"{len(jobs)} sections (synthetic, seed {SEED}) + {VEHICLE} into tables, {workers} workers"
+    yield times.figure("build", what, "sections/s", "one worker", amount=float(len(jobs)))
 
 
 def _jobs(sections: int) -> list[Job]:

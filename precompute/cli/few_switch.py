@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -36,38 +36,6 @@ LEGEND = {
     "short": "shortest time between two changes that is no brake",
     "more": "energy above the optimum of the run's own time, which may be some seconds from the one asked for",
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class FewSwitchRow:
-    """A run and what its few changes cost; `price_s` is None for the optimum and for four modes.
-
-    `shortest_s` is the shortest time between two changes in which the train does not brake, NaN if there is none.
-    `more_j` is the energy above the optimum for the same time.
-    """
-
-    name: str
-    price_s: float | None
-    changes: int
-    shortest_s: float
-    time_s: float
-    energy_j: float
-    more_j: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """The row for JSON."""
-        optimum_j = self.energy_j - self.more_j
-        return {
-            "run": self.name,
-            "price_s": self.price_s,
-            "changes": self.changes,
-            "changes_per_min": 60.0 * self.changes / self.time_s,
-            "shortest_s": None if np.isnan(self.shortest_s) else self.shortest_s,
-            "time_s": self.time_s,
-            "energy_kwh": kwh(self.energy_j),
-            "more_kwh": kwh(self.more_j),
-            "more_ratio": self.more_j / optimum_j if optimum_j > 0 else None,
-        }
 
 
 def few_switch(
@@ -105,7 +73,7 @@ def few_switch(
     for buffer_percent in wanted:
         with busy(f"looking for runs with a buffer of {buffer_percent:g} % …"):
             rows = list(few_switch_rows(front, fronts, buffered(min_time_s, buffer_percent)))
-        found.append({"buffer_percent": buffer_percent, "runs": [row.as_dict() for row in rows]})
+        found.append({"buffer_percent": buffer_percent, "runs": rows})
     if as_json:
         print(json.dumps({"min_time_s": min_time_s, "points": found}))
         return
@@ -123,10 +91,12 @@ def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple
 
 def few_switch_rows(
     front: Front, fronts: Sequence[tuple[float, FewSwitchFront]], time_s: float
-) -> Iterator[FewSwitchRow]:
+) -> Iterator[dict[str, Any]]:
     """The optimum for a time (s), the schedule for each price of a change, and the best run of four modes.
 
-    `fronts` comes from `few_switch_fronts`.
+    `fronts` comes from `few_switch_fronts`. Rows are as `--json` prints them: `price_s` is None for the optimum and for
+    four modes, `shortest_s` is the shortest time between two changes in which the train does not brake (None if there
+    is none), and `more` is the energy above the optimum for the same time.
     """
     from precompute.baselines.strategies import four_modes
 
@@ -137,7 +107,7 @@ def few_switch_rows(
     yield _row_of_modes(FOUR_MODES, four_modes(section, time_s).trajectory, front)
 
 
-def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_s: float) -> FewSwitchRow:
+def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_s: float) -> dict[str, Any]:
     """The row for a price of a change; its schedule is made as the coach makes it."""
     from das.solver.few_switch.phases import BRAKES
     from das.solver.few_switch.scheduling import polished, scheduled
@@ -153,8 +123,7 @@ def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_
     return _row(f"{price_s:g}", price_s, run, front, (begins, brakes))
 
 
-def _row_of_modes(name: str, run: Trajectory, front: Front) -> FewSwitchRow:
-    """The row of a run whose phases are the modes of its intervals."""
+def _row_of_modes(name: str, run: Trajectory, front: Front) -> dict[str, Any]:
     from das.advice.plan import classify_modes
     from das.advice.regimes import Regime
 
@@ -170,22 +139,24 @@ def _row(
     run: Trajectory,
     front: Front,
     phases: tuple[NDArray[np.int64], NDArray[np.bool_]],
-) -> FewSwitchRow:
+) -> dict[str, Any]:
     """The row of a run; `phases` holds the first interval of each phase, and whether the train brakes in it."""
     begins, brakes = phases
     lasts_s = np.diff(np.append(run.t_s[begins], run.t_s[-1]))
     others = lasts_s[~brakes]
     energy_j = run.balance(front.section.vehicle, front.section.loss).input
     optimum_j = front.trajectory(run.time_s).balance.input
-    return FewSwitchRow(
-        name=name,
-        price_s=price_s,
-        changes=len(begins) - 1,
-        shortest_s=float(others.min()) if len(others) else float("nan"),
-        time_s=run.time_s,
-        energy_j=energy_j,
-        more_j=energy_j - optimum_j,
-    )
+    return {
+        "run": name,
+        "price_s": price_s,
+        "changes": len(begins) - 1,
+        "changes_per_min": 60.0 * (len(begins) - 1) / run.time_s,
+        "shortest_s": float(others.min()) if len(others) else None,
+        "time_s": run.time_s,
+        "energy_kwh": kwh(energy_j),
+        "more_kwh": kwh(energy_j - optimum_j),
+        "more_ratio": (energy_j - optimum_j) / optimum_j if optimum_j > 0 else None,
+    }
 
 
 def _print_rows(section: str, point: dict[str, Any], *, last: bool) -> None:

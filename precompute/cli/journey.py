@@ -169,7 +169,6 @@ def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> N
 
 
 def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None:
-    """Write the driver's sheet of a plan as HTML or PDF."""
     from das.domain.files.writing import write_whole
     from precompute.sheet import sheet_page, sheets_of
 
@@ -202,15 +201,7 @@ def _least_time_s(route: Route, train: Vehicle, options: TrainOptions) -> float:
     from das.solver.section import SectionOptions, build_section
     from precompute.baselines import strategies
 
-    def of_section(start_m: float, end_m: float) -> float:
-        section = build_section(
-            route,
-            train,
-            level=options.level,
-            start_m=start_m,
-            end_m=end_m,
-            options=SectionOptions(point_mass=options.point_mass),
-        )
-        return strategies.fastest(section).time_s
-
-    return sum(of_section(start.position_m, end.position_m) for start, end in pairwise(route.stops))
+    ends = pairwise(stop.position_m for stop in route.stops)
+    chosen = SectionOptions(point_mass=options.point_mass)
+    sections = (build_section(route, train, level=options.level, start_m=a, end_m=b, options=chosen) for a, b in ends)
+    return sum(strategies.fastest(section).time_s for section in sections)

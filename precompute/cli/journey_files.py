@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 import tomllib
 from dataclasses import dataclass, field
@@ -18,11 +17,10 @@ from das.command_line.printing import busy, loading_solver, paragraph, print_tab
 from das.domain.errors import DasError
 from das.domain.units import KM
 from precompute.cli.files import MadeFile, ShownFiles, end_check
+from precompute.journey_order import TimesRead, TripChoice
 
 if TYPE_CHECKING:
     from das.domain.route import Route
-    from precompute.gtfs import TripChoice
-    from precompute.journey_import import TimesRead
 
 COMMANDS: Final = (
     Entry(
@@ -31,20 +29,20 @@ COMMANDS: Final = (
         summary="Make a journey file from a trip of a GTFS feed.",
         examples=(
             "das-precompute journey import FEED.zip --trip 101 -o j.toml",
-            "das-precompute journey import FEED.zip --from Melk --to Linz --at 07:30 --route line.toml -o j.toml",
+            "das-precompute journey import F.zip --from Melk --to Linz --at 7:30 -o j.toml",
         ),
     ),
     Entry(
         name="show",
         where="precompute.cli.journey_files:show_journey",
         summary="Show the stops, passings and times of a journey file, as a table and as a time–distance picture.",
-        examples=("das-precompute journey show zurich-luzern --route zurich-luzern --plot journey.png",),
+        examples=("das-precompute journey show zurich-luzern --route zurich-luzern --plot j.png",),
     ),
     Entry(
         name="check",
         where="precompute.cli.journey_files:check_journey",
         summary="Check a journey file: what is unusual in it and, with a vehicle, the time each section has to spare.",
-        examples=("das-precompute journey check zurich-luzern --route zurich-luzern --vehicle re460-ic",),
+        examples=("das-precompute journey check j.toml --route zurich-luzern --vehicle re460-ic",),
     ),
     Entry(
         name="new",
@@ -54,8 +52,6 @@ COMMANDS: Final = (
     ),
 )
 
-LONGEST_S = 3600.0
-"""Longest dwell and tolerance (s) that are accepted."""
 JourneyArgument = Annotated[
     str, typer.Argument(metavar="JOURNEY", help="Bundled journey, TOML file or TTOBench journey (JSON).")
 ]
@@ -90,72 +86,10 @@ class JourneyFile(MadeFile):
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Journey file to write (.toml).")] = field()
 
 
-@dataclass(frozen=True, kw_only=True)
-class TripOfFeed:
-    """Which trip of a feed becomes a journey."""
-
-    trip: Annotated[str | None, typer.Option(metavar="ID", help="The trip_id, or a number that only one trip has.")] = (
-        None
-    )
-    from_stop: Annotated[
-        str | None, typer.Option("--from", metavar="STOP", help="Where the journey begins: name or stop_id.")
-    ] = None
-    to_stop: Annotated[
-        str | None, typer.Option("--to", metavar="STOP", help="Where the journey ends: name or stop_id.")
-    ] = None
-    at: Annotated[str | None, typer.Option(metavar="HH:MM", help="Without --trip: the first train from then on.")] = (
-        None
-    )
-    day: Annotated[
-        str | None,
-        typer.Option("--date", metavar="YYYY-MM-DD", help="Only trips that run on this day [default: on any day]."),
-    ] = None
-
-    def choice(self) -> TripChoice:
-        """The trip that is wanted; DasError for a time or day that is none."""
-        from precompute.gtfs import TripChoice, parsed_clock_s
-
-        try:
-            day = None if self.day is None else datetime.date.fromisoformat(self.day)
-        except ValueError:
-            raise DasError(f"--date {self.day}: expected a day like 2026-11-26") from None
-        at_s = None if self.at is None else parsed_clock_s("--at", self.at)
-        return TripChoice(trip=self.trip, from_stop=self.from_stop, to_stop=self.to_stop, at_s=at_s, day=day)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FeedTimes:
-    """How the times of a feed are read."""
-
-    dwell_s: Annotated[
-        float,
-        typer.Option("--dwell", metavar="S", help="Least dwell (s) where the feed has arrival = departure."),
-    ] = 30.0
-    rounded_s: Annotated[
-        float | None,
-        typer.Option(
-            "--tolerance",
-            metavar="S",
-            help="How much later (s) than the feed says the train may be [default: 59 at departures if all times are "
-            "whole minutes, else 0].",
-            show_default=False,
-        ),
-    ] = None
-
-    def read(self) -> TimesRead:
-        """The same for `precompute.journey_import`; DasError for an impossible time."""
-        from precompute.journey_import import TimesRead
-
-        for option, value_s in (("--dwell", self.dwell_s), ("--tolerance", self.rounded_s)):
-            if value_s is not None and not 0 <= value_s <= LONGEST_S:
-                raise DasError(f"{option} {value_s:g}: expected seconds from 0 to {LONGEST_S:g}")
-        return TimesRead(dwell_s=self.dwell_s, rounded_s=self.rounded_s)
-
-
 def import_journey(
     feed: Annotated[Path, typer.Argument(metavar="FEED.zip", help="GTFS feed, as it is published: a zip.")],
-    asked: TripOfFeed,
-    times: FeedTimes,
+    choice: TripChoice,
+    times: TimesRead,
     on: OnRoute,
     written: JourneyFile,
 ) -> None:
@@ -175,15 +109,15 @@ def import_journey(
     from precompute.gtfs import read_trip
     from precompute.journey_import import journey_text, notes, placed
 
-    choice, read, line = asked.choice(), times.read(), on.line()
+    line = on.line()
     with busy("reading the feed …"):
         found = read_trip(feed, choice)
     placement = placed(found, line)
-    text = journey_text(found, placement, read, line, "das-precompute journey import")
+    text = journey_text(found, placement, times, line, "das-precompute journey import")
     made = journey_of(Fields.of(written.out, tomllib.loads(text)), line)
     way_km = (made.points[-1].position_m - made.points[0].position_m) / KM
     about = f"{made.name}, {len(made.calls)} stops, {way_km:.1f} km"
-    written.write(text, notes(found, placement, read), about)
+    written.write(text, notes(found, placement, times), about)
     words = f"{on.route or 'ROUTE'} VEHICLE{' --reverse' if on.reverse else ''}"
     tell(f"plan it: {typed('das-precompute')} journey {written.out} {words}")
     tell(f"drive it: {typed('das-sim')} run SCENARIO --journey {written.out}")

@@ -5,40 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from das.command_line.printing import new_table, print_table, tell
 from das.domain.errors import DasError
-from das.domain.journey import Held, Window, clock
+from das.domain.journey import Held, clock
 from das.domain.plotted import PlottedFront
-from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KMH, KW, kmh, kwh
 from das.solver.journey.plan import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
 from das.solver.section import Section
-from das.solver.solution import Fit, Solution, plotted_on
+from das.solver.solution import Solution, plotted_on
 from precompute.baselines import Strategy
 from precompute.baselines.strategies import Baseline
 
-
-class Answer(Protocol):
-    """What the optimal run (Solution) and the baselines (Baseline) have in common."""
-
-    @property
-    def trajectory(self) -> Trajectory: ...
-    @property
-    def balance(self) -> EnergyBalance: ...
-    @property
-    def fit(self) -> Fit: ...
-    @property
-    def least_time_s(self) -> float: ...
-    @property
-    def requested_s(self) -> float: ...
-    @property
-    def time_s(self) -> float: ...
-    @property
-    def feasible(self) -> bool: ...
+Answer = Solution | Baseline
+"""The optimal run, or that of a baseline strategy."""
 
 
 def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str, Any]:
@@ -185,7 +168,8 @@ class MissedWish(NamedTuple):
     def words(self) -> str:
         """The wish, when the train passes, and the price of keeping it."""
         passing = self.passed.passing
-        first, last = (clock(bound) if math.isfinite(bound) else "…" for bound in _ends(passing.window))
+        bounds = passing.window.earliest_s, passing.window.latest_s
+        first, last = (clock(bound) if math.isfinite(bound) else "…" for bound in bounds)
         wished = first if first == last else f"{first} – {last}"
         late = f"{abs(self.passed.missed_s):.0f} s too {'late' if self.passed.missed_s > 0 else 'early'}"
         possible = f"keeping it would cost {kwh(self.costs_j):.2f} kWh"
@@ -197,10 +181,6 @@ class MissedWish(NamedTuple):
         """The wish for programs; `costs_kwh` is None if it cannot be kept."""
         missed_s, costs_kwh = self.passed.missed_s, _finite(kwh(self.costs_j))
         return {"name": self.passed.passing.name, "missed_s": missed_s, "costs_kwh": costs_kwh}
-
-
-def _ends(window: Window) -> tuple[float, float]:
-    return window.earliest_s, window.latest_s
 
 
 def missed_wishes(planner: JourneyPlanner, plan: JourneyPlan) -> list[MissedWish]:

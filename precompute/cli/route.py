@@ -16,11 +16,11 @@ from das.command_line.printing import busy, new_table, paragraph, print_table, t
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH, PERMILLE, kmh
 from precompute.cli.files import ShownFiles, TableFiles, end_check
+from precompute.route_import.order import FASTEST_KMH, ImportOrder, Words
 
 if TYPE_CHECKING:
     from das.domain.route import Route
-    from precompute.route_import.importing import ImportOrder
-    from precompute.route_import.line import ImportedLine, Words
+    from precompute.route_import.line import ImportedLine
 
 COMMANDS = (
     Entry(
@@ -57,120 +57,6 @@ COMMANDS = (
         examples=("das-precompute route new Adorf=0 Bestadt=12.5 --limit 120 -o my.toml",),
     ),
 )
-"""The commands of `das-precompute route`."""
-FASTEST_KMH = 600.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class FromWhere:
-    """Which line of the files is wanted."""
-
-    start: Annotated[
-        str | None,
-        typer.Option(
-            "--from", metavar="STATION", help="First stop: name, LATITUDE,LONGITUDE or NAME=LATITUDE,LONGITUDE."
-        ),
-    ] = None
-    end: Annotated[str | None, typer.Option("--to", metavar="STATION", help="Last stop, as for --from.")] = None
-    via: Annotated[
-        list[str] | None,
-        typer.Option(metavar="STATION", help="Station that the way leads over; may be given several times."),
-    ] = None
-    only_named_stops: Annotated[
-        bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")
-    ] = False
-    joined_m: Annotated[
-        float | None,
-        typer.Option(
-            "--join-m",
-            metavar="M",
-            min=0.0,
-            max=100.0,
-            help="Join a loose end of a track this near to another one [default: 3; of OpenStreetMap 0].",
-        ),
-    ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Heights:
-    """Where the altitudes come from, and what is done with them."""
-
-    flat: Annotated[bool, typer.Option("--flat", help="Take the line as flat, for want of altitudes.")] = False
-    altitudes: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Altitudes (CSV): altitude_m with position_km, with latitude_deg and longitude_deg, or with name.",
-        ),
-    ] = None
-    smooth_m: Annotated[
-        float, typer.Option(min=0.0, max=50_000.0, help="Length over which altitudes are averaged; 0: none.")
-    ] = 2000.0
-    cap_permille: Annotated[
-        float, typer.Option(min=1.0, max=200.0, help="Steepest gradient that altitudes may give.")
-    ] = 40.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Missing:
-    """What stands for data that the files do not have."""
-
-    limit_kmh: Annotated[
-        float | None,
-        typer.Option(
-            "--limit",
-            metavar="KMH",
-            min=1.0,
-            max=FASTEST_KMH,
-            help="Limit where a map has none [default: the lower one of the neighbours].",
-        ),
-    ] = None
-    tunnel_area_m2: Annotated[
-        float,
-        typer.Option(
-            "--tunnel-area", metavar="M2", min=10.0, max=500.0, help="Free cross section of tunnels of a map."
-        ),
-    ] = 50.0
-    length_km: Annotated[
-        float | None,
-        typer.Option(min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."),
-    ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stated:
-    """What the user states of a line; it goes into its file, its pictures and its reports."""
-
-    source: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Origin of the data [default of OpenStreetMap: its attribution].")
-    ] = None
-    licence: Annotated[str | None, typer.Option(metavar="TEXT", help="Licence of the data.")] = None
-    id: Annotated[str | None, typer.Option(metavar="WORD", help="Id of the route [default: from its name].")] = None
-    name: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Name of the route [default: its first and last stop].")
-    ] = None
-    time_zone: Annotated[str, typer.Option(metavar="ZONE", help='Time zone of the line, like "Europe/Rome".')] = "UTC"
-
-    def words(self) -> Words:
-        """What is stated; DasError for a text that a file cannot hold, and for an unknown time zone."""
-        from zoneinfo import ZoneInfo
-
-        from das.domain.errors import is_seen
-        from das.domain.files.reading import MOST_OF_A_NAME
-        from das.domain.files.routes import MOST_OF_A_SOURCE
-        from precompute.route_import.line import Words
-
-        for option, text in (("--source", self.source), ("--licence", self.licence)):
-            if text is not None and not (is_seen(text) and len(text) <= MOST_OF_A_SOURCE):
-                raise DasError(f"{option}: expected at most {MOST_OF_A_SOURCE} characters, without control characters")
-        for option, text in (("--id", self.id), ("--name", self.name)):
-            if text is not None and not (text.strip() and is_seen(text) and len(text) <= MOST_OF_A_NAME):
-                raise DasError(f"{option}: expected 1 to {MOST_OF_A_NAME} characters, without control characters")
-        try:
-            zone = ZoneInfo(self.time_zone).key
-        except (KeyError, ValueError, OSError):
-            raise DasError(f'--time-zone {self.time_zone}: expected a zone like "Europe/Zurich" (IANA)') from None
-        return Words(id=self.id, name=self.name, data_source=self.source, licence=self.licence, time_zone=zone)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,10 +91,8 @@ def import_route(
             metavar="FILE", help="Map of tracks (Overpass JSON, GeoJSON) or tables (CSV, railtoolkit YAML)."
         ),
     ],
-    where: FromWhere,
-    heights: Heights,
-    missing: Missing,
-    stated: Stated,
+    order: ImportOrder,
+    stated: Words,
     written: RouteFiles,
 ) -> None:
     """Make a route from a map of OpenStreetMap, or from tables of limits, gradients, curves and stops.
@@ -223,36 +107,13 @@ def import_route(
 
     Without altitudes energies are wrong by up to a third, so a line without them needs --flat.
     """
-    written.check(*files, heights.altitudes)
-    words, order = stated.words(), _order(tuple(files), where, heights, missing)
+    written.check(*files, order.altitudes)
+    stated.check()
     with busy("importing …"):
         from precompute.route_import.importing import imported
 
-        line = imported(order, words)
+        line = imported(files, order, stated)
     written.write(line)
-
-
-def _order(files: tuple[Path, ...], where: FromWhere, heights: Heights, missing: Missing) -> ImportOrder:
-    from precompute.route_import.altitudes import Smoothing
-    from precompute.route_import.from_map import MapOptions
-    from precompute.route_import.importing import ImportOrder
-
-    return ImportOrder(
-        files=files,
-        start=where.start,
-        end=where.end,
-        of_map=MapOptions(
-            via=tuple(where.via or ()),
-            limit_kmh=missing.limit_kmh,
-            tunnel_area_m2=missing.tunnel_area_m2,
-            only_named_stops=where.only_named_stops,
-            joined_m=where.joined_m,
-        ),
-        length_m=None if missing.length_km is None else missing.length_km * KM,
-        flat=heights.flat,
-        altitudes=heights.altitudes,
-        smoothing=Smoothing(length_m=heights.smooth_m, cap_ratio=heights.cap_permille * PERMILLE),
-    )
 
 
 def show(route: RouteArgument, files: ShownFiles) -> None:
@@ -313,7 +174,7 @@ class TakenFrom:
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
-def merge(route: RouteArgument, taken: TakenFrom, stated: Stated, written: RouteFiles) -> None:
+def merge(route: RouteArgument, taken: TakenFrom, stated: Words, written: RouteFiles) -> None:
     """Put a route together for one line and direction: limits from one file, gradients from another.
 
     Lengths may differ by up to 2 %: positions of the other route are then scaled, and the file says so. Sources and
@@ -326,7 +187,8 @@ def merge(route: RouteArgument, taken: TakenFrom, stated: Stated, written: Route
         raise DasError("route merge: nothing to take from another route; give --limits, --gradients, … ROUTE")
     written.check(route, *parts.values())
     base = load_route(route)
-    written.write(merged(base, {what: load_route(name) for what, name in parts.items()}, stated.words()))
+    stated.check()
+    written.write(merged(base, {what: load_route(name) for what, name in parts.items()}, stated))
 
 
 def new(
@@ -334,7 +196,7 @@ def new(
         list[str], typer.Argument(metavar="NAME=KM", help="Stops with their positions: Adorf=0 Bestadt=12.5.")
     ],
     written: RouteFiles,
-    stated: Stated,
+    stated: Words,
     limit_kmh: Annotated[
         float, typer.Option("--limit", metavar="KMH", min=1.0, max=FASTEST_KMH, help="Limit of the whole line.")
     ],
@@ -343,7 +205,8 @@ def new(
     from precompute.route_import.merging import new_line
 
     written.check()
-    written.write(new_line(stops, limit_kmh * KMH, stated.words()))
+    stated.check()
+    written.write(new_line(stops, limit_kmh * KMH, stated))
 
 
 def _draw(path: Path, route: Route) -> None:

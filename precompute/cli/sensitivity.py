@@ -93,7 +93,6 @@ def _variations(pose: Pose, vary: str | None) -> tuple[list[Variation], list[str
 
 
 def _plan(pose: Pose, trip: TripTime) -> tuple[Section, Solution, dict[str, Any]]:
-    """The section, the plan, and the plan as JSON."""
     from precompute.cli.report import solution_json
     from precompute.cli.solve import solved_front
 
@@ -192,14 +191,12 @@ def _figure(row: dict[str, Any], name: str, scale: float, form: str) -> str:
 LESS, MORE = SEVERAL[:2]
 """Colours of less and of more than planned."""
 MARK = "0.1"
-"""Colour of the mark of a new plan."""
 BAR_HEIGHT = 0.36
 """Height of a bar; each row has a height of 1 and two bars."""
 ROOM = 0.16
 """The axis extends beyond the bars by this share of their span, so that the figures at their ends fit."""
 
 SHOWN = 0.05
-"""A number below this is printed as 0.0."""
 
 
 class _Bar(NamedTuple):
@@ -234,11 +231,13 @@ def draw_tornado(path: Path, section: Section, plan: Solution, pairs: list[list[
 
 def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, replanned: str, scale: float) -> None:
     """A bar for each outcome, as long as its attribute `effect`, and a mark at its attribute `replanned`."""
-    bars = [
-        _Bar(y, outcome.variation.step < 0, *(_scaled(outcome, name, scale) for name in (effect, replanned)))
-        for row, pair in enumerate(pairs)
-        for outcome, y in zip(pair, _heights(row, len(pair)), strict=True)
-    ]
+    bars = []
+    for row, pair in enumerate(pairs):
+        heights = [row] if len(pair) == 1 else [row - BAR_HEIGHT / 2, row + BAR_HEIGHT / 2]
+        for outcome, y in zip(pair, heights, strict=True):
+            values = (getattr(outcome, name) for name in (effect, replanned))
+            scaled = (None if value is None else scale * value for value in values)
+            bars.append(_Bar(y, outcome.variation.step < 0, *scaled))
     ends = [0.0, *(x for bar in bars for x in (bar.value, bar.mark) if x is not None)]
     room = ROOM * (max(ends) - min(ends) or 1.0)
     axes.set_xlim(min(ends) - room, max(ends) + room)
@@ -249,16 +248,6 @@ def _draw_bars(axes: Any, pairs: list[list[VariationOutcome]], effect: str, repl
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="0.9")
     axes.set_axisbelow(True)
-
-
-def _scaled(outcome: VariationOutcome, name: str, scale: float) -> float | None:
-    value = getattr(outcome, name)
-    return None if value is None else scale * value
-
-
-def _heights(row: int, size: int) -> list[float]:
-    """Vertical positions of the bars of a pair."""
-    return [row] if size == 1 else [row - BAR_HEIGHT / 2, row + BAR_HEIGHT / 2]
 
 
 def _draw_bar(axes: Any, bar: _Bar, room: float) -> None:

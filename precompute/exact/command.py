@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich import box
-from rich.table import Table
 
-from das.command_line.printing import paragraph, print_table, steps_bar, tell
+from das.command_line.printing import new_table, paragraph, print_table, steps_bar, tell
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from das.domain.units import kwh
@@ -210,9 +208,8 @@ def _write(path: Path, exact: ExactFront) -> None:
 
 
 def _print(section: Section, result: dict[str, Any]) -> None:
-    table = Table(title=f"{section.name}, exact front", title_justify="left", box=box.SIMPLE_HEAD)
-    for name in ("buffer\n%", "time\ns", "exact\nkWh", "supported\nkWh", "solver\nkWh", "solver −\nexact %"):
-        table.add_column(name, justify="right", no_wrap=True)
+    figures = ("buffer\n%", "time\ns", "exact\nkWh", "supported\nkWh", "solver\nkWh", "solver −\nexact %")
+    table = new_table(f"{section.name}, exact front", (), figures)
     for point in result["points"]:
         table.add_row(
             f"{point['buffer_percent']:g}",

@@ -18,6 +18,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ Ints = NDArray[np.int64]
 
 STATES = "states"
 """Name of the step in which the states of the grid and the bounds are found, for `Progress`."""
+SWEEPS = 5
+"""Two sweeps find the states, three the bounds."""
 
 NS_PER_MS = 1e6
 BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000, 0)
@@ -123,7 +126,7 @@ def solve_exact(
     """
     graph = Graph.of(section, grid or Grid())
     limits = limits or Limits()
-    layer_done = _States(progress, graph.intervals)
+    layer_done = _counted(progress, SWEEPS * graph.intervals)
     layers, latest_ns = viable_layers(graph, max_buffer_ratio, layer_done)
     duals, swept, swept_runs = _swept(graph, layers, latest_ns, threads, layer_done)
     search = Search(
@@ -141,7 +144,7 @@ def solve_exact(
     keep = undominated(time_ns, energy_mj)
     time_s, energy_j = time_ns[keep] / kernels.NS, energy_mj[keep] / kernels.MJ
     hull = kernels.lower_hull(time_s, energy_j)
-    count = len(last.runs.time_ns)
+    first = len(last.runs.time_ns)
     return ExactFront(
         section=section,
         grid=graph.grid,
@@ -154,8 +157,14 @@ def solve_exact(
         bound_j=duals.bound_j(time_s),
         bucket_ms=limits.bucket_ms,
         _graph=graph,
-        _run_of=lambda index: last.run(int(keep[index])) if keep[index] < count else swept_runs[keep[index] - count],
+        _run_of=lambda index: last.run(int(keep[index])) if keep[index] < first else swept_runs[keep[index] - first],
     )
+
+
+def _counted(progress: Progress | None, intervals: int) -> Callable[[], None]:
+    """Reports, whenever it is called, that one more interval of the sweeps before the passes is done."""
+    done = count(1)
+    return lambda: progress(STATES, min(next(done), intervals), intervals) if progress is not None else None
 
 
 def _last_pass(search: Search, known: Known, bucket_ms: float, progress: Progress | None) -> Pass:
@@ -202,17 +211,3 @@ def default_memory_bytes() -> float:
     except (AttributeError, ValueError, OSError):
         return LARGEST_MEMORY_BYTES
     return min(0.8 * installed, LARGEST_MEMORY_BYTES)
-
-
-class _States:
-    """Counts the intervals of the sweeps before the passes: two sweeps for the states, three for the bounds."""
-
-    SWEEPS = 5
-
-    def __init__(self, progress: Progress | None, intervals: int) -> None:
-        self._progress, self._intervals, self._done = progress, intervals, 0
-
-    def __call__(self) -> None:
-        self._done += 1
-        if self._progress is not None:
-            self._progress(STATES, min(self._done, self.SWEEPS * self._intervals), self.SWEEPS * self._intervals)

@@ -163,22 +163,6 @@ def refined_ladder(lambda_w: Floats, time_ns: Ints, least_ns: int, latest_ns: in
     return np.concatenate((inner, inner[-1] * np.array(STEEPER)))
 
 
-def allowed_j(known: Known, latest_ns: int, duals: Duals) -> Floats:
-    """For each λ the largest energy + λ·time (J) of a run that could still belong to the front.
-
-    A run not yet known that belongs to the front lies between two neighbours of the known front: it takes less time
-    than the later one and no more energy than the earlier one. Each such stretch is bounded by the λ whose bound is
-    highest at the stretch's end. A λ that bounds no stretch gets −inf.
-    """
-    allowed = np.full(len(duals.lambda_w), -np.inf)
-    end_s = np.append(known.time_ns[1:], latest_ns) / kernels.NS
-    watching = np.argmax(duals.value_j[0][0] - duals.lambda_w * end_s[:, np.newaxis], axis=1)
-    np.maximum.at(allowed, watching, known.energy_mj / kernels.MJ + duals.lambda_w[watching] * end_s)
-    watched = np.isfinite(allowed)
-    allowed[watched] += ROUNDING_J + ROUNDING_RATIO * np.abs(allowed[watched])
-    return allowed
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Search:
     """What all passes have in common: the grid and its states, the bounds, the latest arrival, threads and memory."""
@@ -214,10 +198,21 @@ class Bounds:
 
     @classmethod
     def of(cls, search: Search, known: Known) -> Bounds:
-        allowed = allowed_j(known, search.latest_ns, search.to_end)
+        """The bounds that known runs give.
+
+        A run not yet known that belongs to the front lies between two neighbours of the known front: it takes less time
+        than the later one and no more energy than the earlier one. Each such stretch is bounded by the λ whose bound is
+        highest at the stretch's end.
+        """
+        duals = search.to_end
+        allowed = np.full(len(duals.lambda_w), -np.inf)
+        end_s = np.append(known.time_ns[1:], search.latest_ns) / kernels.NS
+        best = np.argmax(duals.value_j[0][0] - duals.lambda_w * end_s[:, np.newaxis], axis=1)
+        np.maximum.at(allowed, best, known.energy_mj / kernels.MJ + duals.lambda_w[best] * end_s)
         watching = np.isfinite(allowed)
-        lambda_w = np.ascontiguousarray(search.to_end.lambda_w[watching])
-        return cls(lambda_w=lambda_w, allowed_j=np.ascontiguousarray(allowed[watching]), watching=watching)
+        allowed = allowed[watching]
+        allowed += ROUNDING_J + ROUNDING_RATIO * np.abs(allowed)
+        return cls(lambda_w=duals.lambda_w[watching], allowed_j=allowed, watching=watching)
 
 
 class Half:
@@ -360,7 +355,6 @@ class Pass:
             )
 
     def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:
-        """The undominated runs of all pairs of labels that meet."""
         a, b, latest_ns = self._first.labels, self._second.labels, self._search.latest_ns
         origin_ns = int(known.time_ns[0])
         width_ns = (latest_ns - origin_ns) // KNOWN_STEPS + 1

@@ -7,7 +7,7 @@ points far apart (stations, summits) are joined by straight lines.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,18 +15,13 @@ from numpy.typing import NDArray
 
 from das.domain.earth import nearest_on_line
 from das.domain.errors import DasError
-from das.domain.route import Altitudes, Route, Zone
+from das.domain.route import Altitudes, Floats, Route, Zone
 from das.domain.units import PERMILLE
 from precompute.route_import.line import DECIMALS, ImportedLine, stretches
+from precompute.route_import.order import ImportOrder
 from precompute.route_import.station_names import same_station
 from precompute.route_import.tables import LineTable, check_coordinates
 
-Floats = NDArray[np.float64]
-
-SMOOTH_M: Final = 2000.0
-"""Altitudes are averaged over this length (m) by default."""
-CAP_RATIO: Final = 0.04
-"""Steeper gradients than this (m/m) are cut by default: an adhesion railway has them only by exception."""
 GRID_M: Final = 25.0
 """Distance (m) between the points at which altitudes are averaged."""
 STRETCHES_PER_LENGTH: Final = 4
@@ -38,17 +33,10 @@ LOWEST_M, HIGHEST_M = -500.0, 9000.0
 SAME_POINT_M: Final = 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Smoothing:
-    """Length (m) over which altitudes are averaged, 0 for none, and the steepest gradient (m/m) that remains."""
-
-    length_m: float = SMOOTH_M
-    cap_ratio: float = CAP_RATIO
-
-
-def with_altitudes(line: ImportedLine, table: LineTable, smoothing: Smoothing) -> ImportedLine:
+def with_altitudes(line: ImportedLine, table: LineTable, order: ImportOrder) -> ImportedLine:
     """A line with gradients from the altitudes of a table, by positions, coordinates or names of stops.
 
+    The order says over which length they are averaged, and which gradient is the steepest that remains.
     Raises DasError or InputError for altitudes that are not of this line, or fewer than two.
     """
     at_m, altitude_m = _points(line.route, table)
@@ -57,14 +45,15 @@ def with_altitudes(line: ImportedLine, table: LineTable, smoothing: Smoothing) -
     if len(kept_m) < 2:
         kept_m, kept_altitude_m, inside = at_m, altitude_m, np.zeros(len(at_m), dtype=bool)
     spacing_m = float(np.median(np.diff(kept_m)))
-    few = spacing_m > 0.5 * (smoothing.length_m or SMOOTH_M)
-    length_m = 0.0 if few else smoothing.length_m
+    few = spacing_m > 0.5 * (order.smooth_m or ImportOrder.smooth_m)
+    length_m = 0.0 if few else order.smooth_m
+    cap_ratio = order.cap_permille * PERMILLE
     whole_m = line.route.length_m
     edges_m = _edges(whole_m, length_m) if length_m else np.union1d(kept_m, (0.0, whole_m))
     heights_m = _averaged(kept_m, kept_altitude_m, edges_m, whole_m, length_m)
     slopes = np.diff(heights_m) / np.diff(edges_m)
-    capped_m = float(np.diff(edges_m)[np.abs(slopes) > smoothing.cap_ratio].sum())
-    capped = np.round(np.clip(slopes, -smoothing.cap_ratio, smoothing.cap_ratio), 7)
+    capped_m = float(np.diff(edges_m)[np.abs(slopes) > cap_ratio].sum())
+    capped = np.round(np.clip(slopes, -cap_ratio, cap_ratio), 7)
     gradients = stretches(edges_m[:-1], capped, whole_m)
     kind = Altitudes.POINTS if few else (Altitudes.SMOOTHED if length_m else Altitudes.RAW)
     route = replace(line.route, gradients_ratio=gradients, altitude_at_start_m=float(heights_m[0]), altitudes=kind)
@@ -76,7 +65,7 @@ def with_altitudes(line: ImportedLine, table: LineTable, smoothing: Smoothing) -
     remark = f"Altitudes: {len(at_m)} of {table.path.name}, one in {spacing_m:.0f} m, {how}"
     remark += f"; {int(inside.sum())} in tunnels and on bridges left out." if inside.any() else "."
     cap = (
-        f"Gradients above {smoothing.cap_ratio / PERMILLE:g} ‰ were cut to it on {capped_m:.0f} m (--cap-permille)."
+        f"Gradients above {cap_ratio / PERMILLE:g} ‰ were cut to it on {capped_m:.0f} m (--cap-permille)."
         if capped_m
         else ""
     )
@@ -129,7 +118,6 @@ def _position_m(route: Route, table: LineTable, row: int) -> float | None:
 
 
 def _bridged(at_m: Floats, structures: Sequence[Zone]) -> NDArray[np.bool_]:
-    """Whether each position is in a tunnel or on a bridge."""
     inside = np.zeros(len(at_m), dtype=bool)
     for zone in structures:
         inside |= (at_m > zone.start_m) & (at_m < zone.start_m + zone.length_m)

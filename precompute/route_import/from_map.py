@@ -4,69 +4,49 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.earth import nearest_on_line, steps_m
 from das.domain.errors import DasError
-from das.domain.route import Stop, Tunnel, Zone
+from das.domain.route import Floats, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
-from precompute.route_import.line import ImportedLine, Words, made_route, stretches, zones_where
+from precompute.route_import.line import ImportedLine, made_route, stretches, zones_where
+from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.station_names import RANK_OF_A_TRACK, same_station, stations_named
 from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
 from precompute.route_import.track_map import FIRST_THAT_IS_NO_STOP, MapPlace, TrackMap
-
-Floats = NDArray[np.float64]
 
 BESIDE_M: Final = 150.0
 """A station within this distance (m) of the way is a stop of it."""
 STOPS_APART_M: Final = 50.0
 """Two stops nearer to each other than this (m) are one."""
-TUNNEL_AREA_M2: Final = 50.0
-"""Assumption: free cross section of a tunnel (m²) where the map does not tell it; double track has 40 to 90."""
 OSM_SOURCE: Final = "© OpenStreetMap contributors"
 OSM_LICENCE: Final = "ODbL 1.0"
 
 
-@dataclass(frozen=True, kw_only=True)
-class MapOptions:
-    """What is wanted of a map, beside the ends of the line, and what stands for what the map does not tell.
-
-    `via`: stations that the way leads over. `limit_kmh`: the limit where the map has none (None: the lower one of the
-    neighbours). `joined_m`: a loose end so near to another track is joined to it (None: `JOINED_M`; in OpenStreetMap,
-    whose tracks share their vertices, none).
-    """
-
-    via: tuple[str, ...] = ()
-    limit_kmh: float | None = None
-    tunnel_area_m2: float = TUNNEL_AREA_M2
-    only_named_stops: bool = False
-    joined_m: float | None = None
-
-
-def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions, words: Words) -> ImportedLine:
+def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, words: Words) -> ImportedLine:
     """The line between two stations of a map; DasError where a station or a way is not found, or no limit is known."""
-    stations = [stations_named(the_map, name) for name in (ends[0], *options.via, ends[1])]
+    stations = [stations_named(the_map, name) for name in (ends[0], *(order.via or ()), ends[1])]
     if stations[0] == stations[-1]:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
     usual_m = 0.0 if the_map.is_osm else JOINED_M
-    way = TrackGraph(the_map, usual_m if options.joined_m is None else options.joined_m).way(stations)
+    way = TrackGraph(the_map, usual_m if order.joined_m is None else order.joined_m).way(stations)
     at_m = np.concatenate(([0.0], np.cumsum(steps_m(way.latitude_deg, way.longitude_deg))))
     if at_m[-1] < STOPS_APART_M:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
     length_m = round(float(at_m[-1]), 3)
     at_m[-1] = length_m
-    stops = _stops(the_map, options, way, at_m)
+    stops = _stops(the_map, order, way, at_m)
     if the_map.is_osm:
         words = replace(
             words,
-            data_source=OSM_SOURCE if words.data_source is None else words.data_source,
+            source=OSM_SOURCE if words.source is None else words.source,
             licence=OSM_LICENCE if words.licence is None else words.licence,
         )
-    limits_mps, about_limits = _limits(the_map, options, way, at_m)
+    limits_mps, about_limits = _limits(the_map, order, way, at_m)
     tunnels, bridges = (
         zones_where([step.track.lies_in(what) for step in way.steps], at_m) for what in ("tunnel", "bridge")
     )
@@ -74,7 +54,7 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions,
         made_route(words, stops, length_m, the_map.source, one_way=True),
         limits_mps=stretches(at_m[:-1], limits_mps, length_m),
         tunnels=tuple(
-            Tunnel(start_m=zone.start_m, length_m=zone.length_m, area_m2=options.tunnel_area_m2) for zone in tunnels
+            Tunnel(start_m=zone.start_m, length_m=zone.length_m, area_m2=order.tunnel_area_m2) for zone in tunnels
         ),
         geometry_position_m=np.asarray(np.round(at_m, 3), dtype=float),
         geometry_latitude_deg=way.latitude_deg.copy(),
@@ -89,20 +69,20 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], options: MapOptions,
             if place.rank == RANK_OF_A_TRACK
         ),
         about_limits,
-        _about_tunnels(tunnels, bridges, options),
+        _about_tunnels(tunnels, bridges, order),
         "Limits and tracks are those of this direction: the line is one_way.",
     )
 
 
-def _limits(the_map: TrackMap, options: MapOptions, way: FoundWay, at_m: Floats) -> tuple[Floats, str]:
+def _limits(the_map: TrackMap, order: ImportOrder, way: FoundWay, at_m: Floats) -> tuple[Floats, str]:
     """The limit on each step (m/s), and what was put where the map tells none; DasError if it tells none at all."""
     told = np.array([step.track.limit_mps(forward=step.forward) or math.nan for step in way.steps])
     unknown = np.isnan(told)
     if not unknown.any():
         return told, "Limits on 100 % of the length."
     missing = float((np.diff(at_m) * unknown).sum() / at_m[-1])
-    if options.limit_kmh is not None:
-        filled, by = np.where(unknown, options.limit_kmh * KMH, told), f"{options.limit_kmh:g} km/h (--limit)"
+    if order.limit_kmh is not None:
+        filled, by = np.where(unknown, order.limit_kmh * KMH, told), f"{order.limit_kmh:g} km/h (--limit)"
     elif unknown.all():
         raise DasError(f"{the_map.source}: no limit on the whole way (maxspeed): give one with --limit KMH")
     else:
@@ -117,21 +97,21 @@ def _limits(the_map: TrackMap, options: MapOptions, way: FoundWay, at_m: Floats)
     )
 
 
-def _about_tunnels(tunnels: Sequence[Zone], bridges: Sequence[Zone], options: MapOptions) -> str:
+def _about_tunnels(tunnels: Sequence[Zone], bridges: Sequence[Zone], order: ImportOrder) -> str:
     if not tunnels and not bridges:
         return ""
     lengths = [sum(zone.length_m for zone in zones) / KM for zones in (tunnels, bridges)]
-    area = f", free cross section assumed: {options.tunnel_area_m2:g} m² (--tunnel-area)" if tunnels else ""
+    area = f", free cross section assumed: {order.tunnel_area_m2:g} m² (--tunnel-area)" if tunnels else ""
     return f"Tunnels: {len(tunnels)} ({lengths[0]:.2f} km{area}); bridges: {len(bridges)} ({lengths[1]:.2f} km)."
 
 
-def _stops(the_map: TrackMap, options: MapOptions, way: FoundWay, at_m: Floats) -> list[Stop]:
+def _stops(the_map: TrackMap, order: ImportOrder, way: FoundWay, at_m: Floats) -> list[Stop]:
     """The stations of the way: those that the user names, and all others beside it."""
     ends = way.stations[0], way.stations[-1]
     via = [one for one in way.stations[1:-1] if one[0].rank <= FIRST_THAT_IS_NO_STOP]
     asked = [_stop(place, float(at_m[vertex])) for place, vertex in (*ends, *via)]
     line = at_m, way.latitude_deg, way.longitude_deg
-    for place in [] if options.only_named_stops else _stations_along(the_map, way):
+    for place in [] if order.only_named_stops else _stations_along(the_map, way):
         position_m, away_m = nearest_on_line(line, place.latitude_deg, place.longitude_deg)
         apart_m = [abs(position_m - stop.position_m) for stop in asked]
         known = any(same_station(name, stop.name) for name in place.names for stop in asked)

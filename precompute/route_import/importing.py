@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from das.domain.errors import DasError
 from das.domain.plausibility import FLAT_ERROR, INSIST, check_route
 from das.domain.route import Altitudes, Route, Stop
-from precompute.route_import.altitudes import Smoothing, with_altitudes
-from precompute.route_import.from_map import MapOptions, line_from_map
-from precompute.route_import.line import ImportedLine, Words, cut
+from das.domain.units import KM
+from precompute.route_import.altitudes import with_altitudes
+from precompute.route_import.from_map import line_from_map
+from precompute.route_import.line import ImportedLine, cut
+from precompute.route_import.order import OF_MAPS, ImportOrder, Words
 from precompute.route_import.station_names import same_station
 from precompute.route_import.tables import LineTable, line_from_tables, read_table
 from precompute.route_import.track_map import MapPlace, TrackMap, read_map
@@ -31,28 +33,11 @@ NEEDS_ALTITUDES: Final = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImportOrder:
-    """What to import: files, names of the ends, what else is wanted of a map, and where altitudes come from.
-
-    `length_m` is the length of a line from tables; None: that of its stops or rows.
-    """
-
-    files: tuple[Path, ...]
-    start: str | None = None
-    end: str | None = None
-    of_map: MapOptions = field(default_factory=MapOptions)
-    length_m: float | None = None
-    flat: bool = False
-    altitudes: Path | None = None
-    smoothing: Smoothing = field(default_factory=Smoothing)
-
-
-def imported(order: ImportOrder, words: Words) -> ImportedLine:
+def imported(files: Sequence[Path], order: ImportOrder, words: Words) -> ImportedLine:
     """The line that files describe; DasError or InputError (file, place, value, expectation) where they do not."""
     if order.flat and order.altitudes is not None:
         raise DasError("--flat and --altitudes: give one of them")
-    maps, tables = _sorted_files(order.files)
+    maps, tables = _sorted_files(files)
     if maps:
         line = _with_gradients(order, _from_map(order, words, maps, tables), tables)
     else:
@@ -64,13 +49,13 @@ def imported(order: ImportOrder, words: Words) -> ImportedLine:
 def _with_gradients(order: ImportOrder, line: ImportedLine, tables: Sequence[LineTable]) -> ImportedLine:
     """The line with gradients from altitudes, where they are wanted; DasError if it has neither."""
     if order.altitudes is not None:
-        return with_altitudes(line, read_table(order.altitudes), order.smoothing)
+        return with_altitudes(line, read_table(order.altitudes), order)
     if order.flat or line.route.altitudes is not Altitudes.NONE:
         return line
     heights = next((table for table in tables if table.numbered("altitude")), None)
     if heights is None:
         raise DasError(f"{line.route.source}: {NEEDS_ALTITUDES}")
-    return with_altitudes(line, heights, order.smoothing)
+    return with_altitudes(line, heights, order)
 
 
 def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[LineTable]]:
@@ -91,10 +76,10 @@ def _sorted_files(files: Sequence[Path]) -> tuple[list[Path], list[LineTable]]:
 def _from_map(order: ImportOrder, words: Words, maps: Sequence[Path], tables: Sequence[LineTable]) -> ImportedLine:
     if order.start is None or order.end is None:
         raise DasError("a map needs --from and --to: the names of two stations")
-    if order.length_m is not None:
+    if order.length_km is not None:
         raise DasError("--length-km belongs to tables: the length of a line from a map is that of its tracks")
     the_map = _with_stations(read_map(maps), tables)
-    return line_from_map(the_map, (order.start, order.end), order.of_map, words)
+    return line_from_map(the_map, (order.start, order.end), order, words)
 
 
 def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
@@ -113,10 +98,11 @@ def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
 
 
 def _from_tables(order: ImportOrder, words: Words, tables: Sequence[LineTable]) -> ImportedLine:
-    if order.of_map != MapOptions():
+    if any(getattr(order, name) not in (getattr(ImportOrder, name), []) for name in OF_MAPS):
         raise DasError("--via, --only-named-stops, --limit, --tunnel-area and --join-m belong to maps, not to tables")
     ends = order.start or "start", order.end or "end"
-    return line_from_tables(tables, words, ends=ends, length_m=order.length_m)
+    length_m = None if order.length_km is None else order.length_km * KM
+    return line_from_tables(tables, words, ends=ends, length_m=length_m)
 
 
 def _part(order: ImportOrder, words: Words, line: ImportedLine) -> ImportedLine:

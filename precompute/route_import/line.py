@@ -9,31 +9,19 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from das.domain.errors import DasError
 from das.domain.files.reading import MOST_OF_A_NAME
-from das.domain.route import Altitudes, Route, Stop, Stretches, Zone
+from das.domain.route import Altitudes, Floats, Route, Stop, Stretches, Zone
 from das.domain.units import KM
-
-Floats = NDArray[np.float64]
+from precompute.route_import.order import Words
 
 DECIMALS: Final = 3
 """Positions (m) are rounded to so many digits behind the point."""
 RESOLUTION_M: Final = 10.0**-DECIMALS
 """Lengths below this (m) are none."""
 _Zone = TypeVar("_Zone", bound=Zone)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Words:
-    """What the user states of a line; None where the user states nothing."""
-
-    id: str | None = None
-    name: str | None = None
-    data_source: str | None = None
-    licence: str | None = None
-    time_zone: str = "UTC"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +84,7 @@ def made_route(words: Words, stops: Sequence[Stop], length_m: float, source: str
         limits_mps=Stretches.constant(1.0),
         gradients_ratio=Stretches.constant(0.0),
         time_zone=words.time_zone,
-        data_source=words.data_source or "",
+        data_source=words.source or "",
         licence=words.licence or "",
         one_way=one_way,
         altitudes=Altitudes.NONE,

@@ -12,7 +12,8 @@ from das.domain.errors import DasError
 from das.domain.plausibility import INSIST, check_route
 from das.domain.route import Route, Stop, Stretches, Zone
 from das.domain.units import KM, PERCENT
-from precompute.route_import.line import ImportedLine, Words, made_route, stretches
+from precompute.route_import.line import ImportedLine, made_route, stretches
+from precompute.route_import.order import Words
 
 MOST_SCALE_RATIO: Final = 0.02
 """Routes whose lengths differ by more than this share are not the same line."""
@@ -57,7 +58,7 @@ def merged(base: Route, others: Mapping[str, Route], words: Words) -> ImportedLi
         **taken,
         id=words.id or base.id,
         name=words.name or base.name,
-        data_source=together["data_source"] if words.data_source is None else words.data_source,
+        data_source=together["data_source"] if words.source is None else words.source,
         licence=together["licence"] if words.licence is None else words.licence,
         time_zone=base.time_zone if words.time_zone == "UTC" else words.time_zone,
         illustrative=any(route.illustrative for route in routes),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.domain.earth import steps_m
 from das.domain.errors import DasError, InputError
@@ -18,14 +17,11 @@ from das.domain.files.reading import MOST_BYTES, MOST_OF_A_NAME, in_si, number
 from das.domain.files.ttobench import curvature_stretches
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop, Stretches, Tunnel, Zone
 from das.domain.units import FACTORS, KM
-from precompute.csv_table import CsvTable, read_csv
-from precompute.route_import.line import ImportedLine, Words, made_route, stretches
-from precompute.yaml_file import read_yaml
-
-Floats = NDArray[np.float64]
+from precompute.foreign_text import CsvTable, read_csv, read_yaml
+from precompute.route_import.line import ImportedLine, made_route, stretches
+from precompute.route_import.order import Words
 
 MOST_ROWS: Final = 200_000
-"""Largest number of rows of a table."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -47,7 +43,6 @@ ALIASES: Final = {
 }
 """Other names of columns that mean the same."""
 REMARKS: Final = frozenset({"source", "note", "comment", "remark", "description", ""})
-"""Columns that are not read."""
 ENDLESS: Final = ("radius", "radius_start", "radius_end")
 """Quantities that may be infinite: the radius of a straight track."""
 STRAIGHT: Final = frozenset({"inf", "infinity", "straight", "∞"})
@@ -247,7 +242,6 @@ def _with_positions(table: LineTable, length_m: float | None) -> LineTable:
 
 
 def _stops(tables: Sequence[LineTable]) -> list[Stop]:
-    """The stops: rows with a name and a position, in order."""
     stops: list[Stop] = []
     for table in tables:
         for i, name in enumerate(table.names):

@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
@@ -207,19 +208,12 @@ def names_of(tags: Mapping[str, str]) -> tuple[str, ...]:
 
 def _speeds_mps(text: str) -> list[float]:
     """The speeds (m/s) that a value of `maxspeed` names; "none", "signals" and zones name none."""
-    found = []
-    for part in text.replace(",", ";").split(";"):
-        match = _SPEED.fullmatch(part.strip().casefold())
-        if match is None:
-            continue
-        speed_mps = float(match[1]) * (MPH if match[2] == "mph" else KMH)
-        if 0 < speed_mps <= FASTEST_MPS:
-            found.append(speed_mps)
-    return found
+    matches = (_SPEED.fullmatch(part.strip().casefold()) for part in text.replace(",", ";").split(";"))
+    speeds_mps = [float(match[1]) * (MPH if match[2] == "mph" else KMH) for match in matches if match is not None]
+    return [speed_mps for speed_mps in speeds_mps if 0 < speed_mps <= FASTEST_MPS]
 
 
 def _elements(fields: Fields) -> Iterator[_Thing]:
-    """The nodes, ways and relations of an answer of Overpass."""
     elements = [one for one in fields.data["elements"] if isinstance(one, dict)]
     points = {
         one["id"]: _key(fields, f"elements: node {one['id']}", one.get("lon"), one.get("lat"))
@@ -256,17 +250,11 @@ def _way(fields: Fields, name: str, way: Mapping[str, Any], points: Mapping[int,
         keys = [points.get(one) if isinstance(one, int) else None for one in nodes]
     else:
         return []
-    lines: list[list[Key]] = [[]]
-    for key in keys:
-        if key is None:
-            lines.append([])
-        else:
-            lines[-1].append(key)
-    return [line for line in lines if line]
+    pieces = groupby(keys, lambda key: key is not None)
+    return [[key for key in piece if key is not None] for is_known, piece in pieces if is_known]
 
 
 def _features(fields: Fields) -> Iterator[_Thing]:
-    """The features of a GeoJSON collection."""
     crs = fields.data.get("crs")
     if crs is not None and not re.search(r"CRS84|4326|WGS ?84", json.dumps(crs)[:500]):
         raise fields.error("crs", crs, "WGS 84 (EPSG:4326), the only one that GeoJSON has since RFC 7946")

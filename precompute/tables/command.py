@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
 from das.command_line.files import warn_unusual
 from das.command_line.options import JsonOption
-from das.command_line.printing import busy, error_console, new_table, print_table
+from das.command_line.printing import busy, new_table, print_table, progress_bar, shown
 from das.domain.errors import DasError
-from das.domain.units import KM, kwh
+from das.domain.units import KM, MEGABYTE, kwh
 from precompute.cli.options import RefineOption, refine_seconds
 from precompute.workers import Workers
 
@@ -27,7 +24,6 @@ if TYPE_CHECKING:
 
     from das.table.reading import Table
 
-MB = 1e6
 EXIT_SOME_FAILED = 1
 LEGEND = """\
 least s: the least running time; runs: trajectories in the table.
@@ -70,8 +66,9 @@ def build(
 
         wanted = read_plan(plan, refine_s=refine_seconds(refine))
     warn_unusual(*{job.route.source: job.route for job in wanted.jobs}.values())
-    with _bar("sections", len(wanted.jobs)) as advance:
-        report = build_plan(wanted, folder, hands, lambda _outcome: advance())
+    done = count(1)
+    with progress_bar("building", f"{len(wanted.jobs)} sections", "sections") as show:
+        report = build_plan(wanted, folder, hands, lambda _outcome: show(next(done), len(wanted.jobs)))
     if as_json:
         print(json.dumps(report, ensure_ascii=False))
     else:
@@ -95,19 +92,17 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
         for name in missing
     ]
     began = time.perf_counter()
-    with _bar("tables", len(paths)) as advance:
-        for path in paths:
-            table = _checked(path)
-            size, problem = (0, table) if isinstance(table, str) else (table.size_bytes, None)
-            results.append({"name": path.name, "size_bytes": size, "problem": problem})
-            advance()
+    for path in shown(paths, lambda path: path.name):
+        table = _checked(path)
+        size, problem = (0, table) if isinstance(table, str) else (table.size_bytes, None)
+        results.append({"name": path.name, "size_bytes": size, "problem": problem})
     seconds, damaged = time.perf_counter() - began, [result for result in results if result["problem"]]
     if as_json:
         print(json.dumps({"tables": results, "damaged": len(damaged), "seconds": seconds}, ensure_ascii=False))
     else:
         for result in damaged:
             print(result["problem"])
-        size_mb = sum(result["size_bytes"] for result in results) / MB
+        size_mb = sum(result["size_bytes"] for result in results) / MEGABYTE
         print(f"{len(results) - len(damaged)} of {len(results)} tables are whole ({size_mb:.1f} MB in {seconds:.1f} s)")
     if damaged:
         raise typer.Exit(EXIT_SOME_FAILED)
@@ -124,13 +119,9 @@ def show(folder: FolderArgument, as_json: JsonOption = False) -> None:
     if not paths:
         raise DasError(f"{folder}: no tables in it")
     rows: list[dict[str, Any]] = []
-    with _bar("tables", len(paths)) as advance:
-        for path in paths:
-            table = _checked(path)
-            rows.append(
-                {"name": path.name, "problem": table, "size_bytes": 0} if isinstance(table, str) else _facts(table)
-            )
-            advance()
+    for path in shown(paths, lambda path: path.name):
+        table = _checked(path)
+        rows.append({"name": path.name, "problem": table, "size_bytes": 0} if isinstance(table, str) else _facts(table))
     if as_json:
         size_bytes = sum(row["size_bytes"] for row in rows)
         print(json.dumps({"tables": rows, "size_bytes": size_bytes}, ensure_ascii=False))
@@ -151,18 +142,6 @@ def _checked(path: Path) -> Table | str:
     return table
 
 
-@contextmanager
-def _bar(what: str, total: int) -> Iterator[Callable[[], None]]:
-    """Show a progress bar on a terminal; yields the function to call after every step."""
-    columns = (
-        *(TextColumn(what), BarColumn(), MofNCompleteColumn()),
-        *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
-    )
-    with Progress(*columns, console=error_console(), transient=True, disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task("", total=total)
-        yield lambda: progress.advance(task)
-
-
 def _print_report(report: dict[str, Any], folder: Path) -> None:
     for section in report["sections"]:
         if section["reason"]:
@@ -170,7 +149,7 @@ def _print_report(report: dict[str, Any], folder: Path) -> None:
     if report["superseded"]:
         print(f"removed {len(report['superseded'])} tables whose inputs have changed")
     counts = ", ".join(f"{count} {status}" for status, count in report["counts"].items() if count)
-    size_mb = sum(section["size_bytes"] or 0 for section in report["sections"]) / MB
+    size_mb = sum(section["size_bytes"] or 0 for section in report["sections"]) / MEGABYTE
     print(f"{folder}: {counts or 'nothing to do'} ({size_mb:.1f} MB, {report['seconds']:.1f} s)")
 
 
@@ -211,7 +190,7 @@ def _print_tables(rows: list[dict[str, Any]], folder: Path) -> None:
     for row in rows:
         if row["problem"]:
             print(row["problem"])
-    print(f"{len(rows)} tables, {sum(row['size_bytes'] for row in rows) / MB:.1f} MB")
+    print(f"{len(rows)} tables, {sum(row['size_bytes'] for row in rows) / MEGABYTE:.1f} MB")
 
 
 def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
@@ -231,6 +210,6 @@ def _printed(rows: list[dict[str, Any]]) -> PrintedTable:
             f"{row['last_energy_kwh']:.2f}",
             f"{100 * row['refinement_saved_ratio']:.2f}" if row["refine"] != "off" else "–",
             f"{100 * gap:.3f}" if gap is not None else "–",
-            f"{row['size_bytes'] / MB:.1f}",
+            f"{row['size_bytes'] / MEGABYTE:.1f}",
         )
     return printed

@@ -210,7 +210,6 @@ def _settings(fields: Fields) -> TableSettings:
 
 
 def _buffers(fields: Fields) -> tuple[float, ...]:
-    """The buffers (%), which the plan gives as a list, or by the keys `from`, `to` and `step`."""
     given = fields.data["buffers_percent"]
     if isinstance(given, list):
         buffers = [number(fields.source, f"{fields.prefix}buffers_percent[{i}]", x) for i, x in enumerate(given)]
@@ -243,12 +242,8 @@ def _texts(fields: Fields, key: str) -> list[str]:
 
 def _loaded(fields: Fields, key: str, kind: str, load: Callable[[str], _T]) -> _T:
     """Load a bundled route or vehicle by name, or one from a file beside the plan."""
-    name = fields.text(key)
-    return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else _beside(fields, text)))
-
-
-def _beside(fields: Fields, name: str) -> str:
-    return str(fields.source.parent / name)
+    name, beside = fields.text(key), fields.source.parent
+    return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else str(beside / text)))
 
 
 def _in_plan(fields: Fields, key: str, value: str, read: Callable[[Any], _T]) -> _T:

@@ -6,12 +6,9 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from das.domain.route import Route, Stop, Stretches
+from das.domain.route import Floats, Route, Stop, Stretches
 from das.domain.units import KM, KMH, PERMILLE
-
-Floats = NDArray[np.float64]
 
 SECTIONS_PER_LINE = 10
 SHORTEST_SECTION_M, LONGEST_SECTION_M = 1.0 * KM, 40.0 * KM

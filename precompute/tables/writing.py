@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.files.writing import write_folder_whole
-from das.domain.route import Route
+from das.domain.route import Floats, Route
 from das.domain.units import PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
@@ -29,8 +29,6 @@ from das.solver.solve import solve_front
 from das.solver.warm_up import warm_up as compile_solver
 from das.table.format import ARRAYS, MANIFEST, SCHEMA_VERSION, Arrays, packed, sealed, section_facts
 from das.table.hashes import REFINEMENT, Course, combined, hashes_of, refinement_code_sha256, section_hashes, with_code
-
-Floats = NDArray[np.float64]
 
 MULTIPLIERS = 28
 """Number of multipliers that a table keeps, of the 64 that a front is solved with: fewer would cost energy, more would
@@ -116,7 +114,11 @@ def make_table(
         "section": section_facts(section),
         "inputs_sha256": hashes,
         "table_sha256": table_key(hashes, settings),
-        "grid": _grid_facts(section),
+        "grid": {
+            "decision_nodes": len(section.decision),
+            "speeds": section.speed_steps + 1,
+            "integration_nodes": len(section.node_m),
+        },
         "lambda_w": policies.lambda_w.tolist(),
         "least_time_s": least_time_s,
         "refine": settings.refine,
@@ -160,14 +162,6 @@ def _run_arrays(section: Section, runs: list[Solution]) -> Arrays:
     }
 
 
-def _grid_facts(section: Section) -> dict[str, int]:
-    return {
-        "decision_nodes": len(section.decision),
-        "speeds": section.speed_steps + 1,
-        "integration_nodes": len(section.node_m),
-    }
-
-
 def _array_facts(name: str, array: NDArray[Any], content: bytes) -> dict[str, Any]:
     return {
         "size_bytes": len(content),
@@ -179,7 +173,6 @@ def _array_facts(name: str, array: NDArray[Any], content: bytes) -> dict[str, An
 
 
 def _refined(given: list[Solution], settings: TableSettings, stopwatch: Callable[[], float]) -> list[Solution]:
-    """The trajectories, refined for as long as the settings allow."""
     if settings.refine_s <= 0:
         return given
     began = stopwatch()
@@ -226,7 +219,6 @@ def _npy(array: NDArray[Any]) -> bytes:
 
 
 HASH_DIGITS = 8
-"""Digits of the hash in a table's name."""
 
 
 def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:

@@ -11,10 +11,10 @@ from das.domain.errors import DasError
 from das.domain.files.reading import Fields, read_json
 from das.domain.files.vehicles import vehicle_of
 from das.domain.vehicle import Vehicle
+from precompute.foreign_text import read_yaml
 from precompute.vehicle_import import osrd, railtoolkit, tables
 from precompute.vehicle_import.figures import Figures
 from precompute.vehicle_import.train import ImportedTrain, named_losses, vehicle_text
-from precompute.yaml_file import read_yaml
 
 COMMAND = "das-precompute vehicle import"
 

@@ -13,9 +13,9 @@ from das.domain.files.efforts import MOST_POINTS
 from das.domain.files.reading import LARGEST, MOST_OF_A_NAME, Fields
 from das.domain.units import FACTORS
 from das.domain.vehicle import Resistance
-from precompute.csv_table import read_csv
+from precompute.foreign_text import read_csv
 from precompute.vehicle_import.figures import Figures
-from precompute.vehicle_import.quantities import LONGEST, known_unit, quantity, resistance_term
+from precompute.vehicle_import.quantities import EXAMPLES, LONGEST, known_unit, quantity, resistance_term
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points
 
 MOST_BYTES = 1_000_000
@@ -158,12 +158,8 @@ def _train(path: Path, given: Mapping[str, Any], modes: dict[str, Mode], option:
     def figure(key: str, dimension: str, default: str | None = None) -> float:
         value = given.get(key, default)
         if value is None:
-            raise InputError(
-                path,
-                f"{option}{key.replace('_', '-') if option else key}",
-                MISSING,
-                _EXPECTED.get(key, "a figure with its unit"),
-            )
+            spelled = key.replace("_", "-") if option else key
+            raise InputError(path, f"{option}{spelled}", MISSING, f"a figure with its unit, like {EXAMPLES[dimension]}")
         return quantity(path, key, value, dimension)
 
     mass_kg, name = figure("mass", "mass"), given.get("name", path.stem)
@@ -189,13 +185,6 @@ def _train(path: Path, given: Mapping[str, Any], modes: dict[str, Mode], option:
         deceleration_mps2=abs(figure("deceleration", "acceleration", "0.5 m/s^2")),
         notes=tuple(notes),
     )
-
-
-_EXPECTED = {
-    "mass": "the mass of the train with its unit, like 440 t",
-    "length": "its length, like 200 m",
-    "max_speed": "its top speed, like 160 km/h",
-}
 
 
 def _davis(path: Path, value: object, mass_kg: float, key: str) -> Resistance:

@@ -71,7 +71,9 @@ class ImportedTrain:
     def with_electric_brake(self, ratio: float) -> ImportedTrain:
         """The train with an electric brake of this share of its traction, where it has none of its own."""
         braked = {
-            name: mode if mode.electric_brake else mode._replace(electric_brake=_times(mode.traction, ratio))
+            name: mode
+            if mode.electric_brake
+            else mode._replace(electric_brake=tuple((v, ratio * f) for v, f in mode.traction))
             for name, mode in self.modes.items()
         }
         note = f"the electric brake has {ratio:g} times the force of the traction at each speed (--electric-brake)"
@@ -94,10 +96,6 @@ class ImportedTrain:
             for name, mode in self.modes.items()
         }
         return replace(self, modes=modes, notes=tuple(notes))
-
-
-def _times(points: Points, ratio: float) -> Points:
-    return tuple((speed_mps, ratio * force_n) for speed_mps, force_n in points)
 
 
 def _extended(points: Points, top_mps: float) -> Points:

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from das.domain.errors import DasError
-from precompute.gtfs import TripChoice, parsed_clock_s, read_trip
+from precompute.gtfs import read_trip
+from precompute.journey_order import TripChoice, parsed_clock_s
 from tests.support.feeds import ODD, feed_tables, table_text, write_feed
 
 
@@ -256,7 +257,7 @@ def test_a_folder_and_a_missing_file_are_refused(tmp_path: Path) -> None:
 
 
 def test_times_of_options_are_read_or_refused() -> None:
-    assert parsed_clock_s("--at", "7:30") == 27_000
-    assert parsed_clock_s("--at", "25:10:30") == 90_630
+    assert parsed_clock_s("7:30") == 27_000
+    assert parsed_clock_s("25:10:30") == 90_630
     with pytest.raises(DasError, match="--at noon: expected a time like 07:30"):
-        parsed_clock_s("--at", "noon")
+        parsed_clock_s("noon")

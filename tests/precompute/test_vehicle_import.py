@@ -250,161 +250,67 @@ def of_figures(**changes: str | None) -> Figures:
     return Figures(**{**vars(FIGURES), **changes})
 
 
-BAD: dict[str, tuple[str, object, dict[str, Any], str]] = {
-    "no unit": (
-        "o.csv",
-        CSV,
-        {"figures": of_figures(mass="440")},
-        "mass = '440': expected a number with its unit, like 440 t",
-    ),
-    "wrong unit": (
-        "o.csv",
-        CSV,
-        {"figures": of_figures(mass="440 kN")},
-        "mass = '440 kN': expected a number with its unit",
-    ),
-    "no mass": (
-        "o.csv",
-        CSV,
-        {"figures": of_figures(mass=None)},
-        "option --mass is missing: expected the mass of the train",
-    ),
-    "no davis": (
-        "o.csv",
-        CSV,
-        {"figures": of_figures(davis=None)},
-        "option --davis is missing: expected three coefficients",
-    ),
-    "davis order": (
-        "o.csv",
-        CSV,
-        {"figures": of_figures(davis="2.4 kN, 0.02 kN, 1 N/(km/h)^2")},
+BAD_FIGURES: list[tuple[dict[str, str | None], str]] = [
+    ({"mass": "440"}, "mass = '440': expected a number with its unit, like 440 t"),
+    ({"mass": "440 kN"}, "mass = '440 kN': expected a number with its unit"),
+    ({"mass": None}, "option --mass is missing: expected a figure with its unit, like 440 t"),
+    ({"davis": None}, "option --davis is missing: expected three coefficients"),
+    (
+        {"davis": "2.4 kN, 0.02 kN, 1 N/(km/h)^2"},
         r"davis\[1\] = ' 0.02 kN': expected a number with its unit \(N/\(km/h\)",
     ),
-    "header without unit": (
-        "o.csv",
-        CSV.replace("[km/h]", ""),
-        {"figures": FIGURES},
-        "header of column 1 = 'v': expected a speed",
-    ),
-    "header with another": (
-        "o.csv",
-        CSV.replace("[kN]", "[kW]", 1),
-        {"figures": FIGURES},
-        r"column 2 = 'F \[kW\]': expected a force",
-    ),
-    "no header": (
-        "o.csv",
-        "0,200\n160,60\n",
-        {"figures": FIGURES},
-        "no header, so that the units are not known; say --units",
-    ),
-    "bad units": (
-        "o.csv",
-        CSV,
-        {"figures": of_figures(units="kN,km/h")},
-        "--units kN,km/h: expected the units of speed and force",
-    ),
-    "same names": (
-        "o.csv",
-        CSV.replace("brake", "F"),
-        {"figures": FIGURES},
-        "header = 'v,F,F': expected a name of its own for each column",
-    ),
-    "a word": (
-        "o.csv",
-        CSV.replace("50;200", "50;fast"),
-        {"figures": FIGURES},
-        "line 3 = '50,fast,150': expected 3 numbers",
-    ),
-    "falling": ("o.csv", CSV.replace("160;", "40;"), {"figures": FIGURES}, "rising speeds"),
-    "losses": (
-        "o.json",
-        stock(),
-        {"losses": "diesel"},
-        "--losses diesel: expected lossless, a mean efficiency like 0.85, or the",
-    ),
-    "efficiency": (
-        "o.json",
-        stock(),
-        {"losses": "1.2"},
-        "--losses 1.2: expected a mean efficiency above 0 and at most 1",
-    ),
-    "figures of stock": (
-        "o.json",
-        stock(),
-        {"figures": FIGURES},
-        "--mass: only a table needs it, o.json gives its own",
-    ),
-    "default mode": (
-        "o.json",
-        stock(effort_curves={**stock()["effort_curves"], "default_mode": "3000V"}),
+    ({"units": "kN,km/h"}, "--units kN,km/h: expected the units of speed and force"),
+]
+BAD_CSV = [
+    (CSV.replace("[km/h]", ""), "header of column 1 = 'v': expected a speed"),
+    (CSV.replace("[kN]", "[kW]", 1), r"column 2 = 'F \[kW\]': expected a force"),
+    ("0,200\n160,60\n", "no header, so that the units are not known; say --units"),
+    (CSV.replace("brake", "F"), "header = 'v,F,F': expected a name of its own for each column"),
+    (CSV.replace("50;200", "50;fast"), "line 3 = '50,fast,150': expected 3 numbers"),
+    (CSV.replace("160;", "40;"), "rising speeds"),
+]
+BAD_STOCK: list[tuple[dict[str, Any], dict[str, Any], str]] = [
+    ({}, {"losses": "diesel"}, "--losses diesel: expected lossless, a mean efficiency like 0.85, or the"),
+    ({}, {"losses": "1.2"}, "--losses 1.2: expected a mean efficiency above 0 and at most 1"),
+    ({}, {"figures": FIGURES}, "--mass: only a table needs it, o.json gives its own"),
+    (
+        {"effort_curves": {**stock()["effort_curves"], "default_mode": "3000V"}},
         {},
         r"effort_curves\.default_mode = '3000V': expected one of the modes thermal, 25000V",
     ),
-    "no gamma": ("o.json", stock(gamma=3), {}, r"gamma = 'int': expected a table of keys"),
-    "resistance": (
-        "o.json",
-        stock(rolling_resistance={"A": 1, "B": 2}),
-        {},
-        r"rolling_resistance\.C is missing: expected a number",
-    ),
-    "inertia": (
-        "o.json",
-        stock(inertia_coefficient=0.05),
-        {},
-        "inertia_coefficient = 0.05: expected a number from 1 to 10",
-    ),
-    "tonnes": (
-        "o.json",
-        stock(mass=200),
-        {},
-        r"mass \(t\) = 0.2: expected 1 to 20000 t; if it is meant, say --accept mass",
-    ),
-    "another JSON": (
-        "o.json",
-        {"stops": []},
-        {},
-        "neither rolling stock of OSRD or railtoolkit nor a table of efforts",
-    ),
-    "not JSON": ("o.json", "{", {}, "not valid JSON"),
-    "not YAML": ("o.yaml", "a: [", {}, "not valid YAML"),
-    "aliases": ("o.yaml", "a: &x [1]\nb: *x\n", {}, r"the reference \*x in the YAML, expected plain data"),
-    "deep": ("o.yaml", "a: " + "[" * 60 + "]" * 60, {}, "more than 100000 values or 30 tables within tables"),
-    "a list": ("o.yaml", "- 1\n", {}, "the file = 'list': expected a table of keys"),
-    "null": (
-        "o.yaml",
-        YAML.replace("0.6 m/s²", "null"),
-        {},
-        "deceleration is missing: expected a figure with its unit",
-    ),
-    "long integer": (
-        "o.yaml",
-        BR642.read_text("utf-8").replace("mass: 68.0", f"mass: 0x{'f' * 9000}"),
-        {},
-        "of 36000 bits",
-    ),
-    "long figure": ("o.yaml", YAML.replace("440 t", f"440{' ' * 300_000}t"), {}, "expected a number with its unit"),
-    "unknown key": ("o.yaml", YAML + "colour: red\n", {}, "colour = 'red': expected one of the keys"),
-    "another YAML": (
-        "o.yaml",
-        "schema: https://railtoolkit.org/schema/running-path.json\n",
-        {},
-        "neither rolling stock of OSRD",
-    ),
-    "effort units": (
-        "o.yaml",
-        YAML.replace("[km/h, daN]", "[km/h]"),
-        {},
-        r"modes\.25kV\.effort\.units = \['km/h'\]: expected the",
-    ),
-    "suffix": ("o.xml", "<a/>", {}, r"expected rolling stock \(\.json, \.yaml\) or a table"),
-}
+    ({"gamma": 3}, {}, r"gamma = 'int': expected a table of keys"),
+    ({"rolling_resistance": {"A": 1, "B": 2}}, {}, r"rolling_resistance\.C is missing: expected a number"),
+    ({"inertia_coefficient": 0.05}, {}, "inertia_coefficient = 0.05: expected a number from 1 to 10"),
+    ({"mass": 200}, {}, r"mass \(t\) = 0.2: expected 1 to 20000 t; if it is meant, say --accept mass"),
+]
+LONG = BR642.read_text("utf-8").replace("mass: 68.0", f"mass: 0x{'f' * 9000}")
+BAD_FILES: list[tuple[str, object, str]] = [
+    ("o.json", {"stops": []}, "neither rolling stock of OSRD or railtoolkit nor a table of efforts"),
+    ("o.json", "{", "not valid JSON"),
+    ("o.yaml", "a: [", "not valid YAML"),
+    ("o.yaml", "a: &x [1]\nb: *x\n", r"the reference \*x in the YAML, expected plain data"),
+    ("o.yaml", "a: " + "[" * 60 + "]" * 60, "more than 100000 values or 30 tables within tables"),
+    ("o.yaml", "- 1\n", "the file = 'list': expected a table of keys"),
+    ("o.yaml", YAML.replace("0.6 m/s²", "null"), "deceleration is missing: expected a figure with its unit"),
+    ("o.yaml", LONG, "of 36000 bits"),
+    ("o.yaml", YAML.replace("440 t", f"440{' ' * 300_000}t"), "expected a number with its unit"),
+    ("o.yaml", YAML + "colour: red\n", "colour = 'red': expected one of the keys"),
+    ("o.yaml", "schema: https://railtoolkit.org/schema/running-path.json\n", "neither rolling stock of OSRD"),
+    ("o.yaml", YAML.replace("[km/h, daN]", "[km/h]"), r"modes\.25kV\.effort\.units = \['km/h'\]: expected the"),
+    ("o.xml", "<a/>", r"expected rolling stock \(\.json, \.yaml\) or a table"),
+]
+BAD: list[tuple[str, object, dict[str, Any], str]] = [
+    *(("o.csv", CSV, {"figures": of_figures(**changes)}, message) for changes, message in BAD_FIGURES),
+    *(("o.csv", text, {"figures": FIGURES}, message) for text, message in BAD_CSV),
+    *(("o.json", stock(**changes), options, message) for changes, options, message in BAD_STOCK),
+    *((file, content, {}, message) for file, content, message in BAD_FILES),
+]
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_a_bad_file_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
-    file, content, options, message = BAD[name]
+@pytest.mark.parametrize(("file", "content", "options", "message"), BAD, ids=[message for *_, message in BAD])
+def test_a_bad_file_is_refused_in_one_line(
+    file: str, content: object, options: dict[str, Any], message: str, tmp_path: Path
+) -> None:
     with pytest.raises(DasError, match=message) as caught:
         imported(tmp_path, content, file, **options)
     assert "\n" not in str(caught.value)

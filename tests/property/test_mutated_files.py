@@ -41,10 +41,11 @@ from das.table.format import MANIFEST
 from das.table.reading import Table, read_front
 from precompute.cli.journey_report import as_dict, table
 from precompute.cli.journey_report import warnings as warnings_of
-from precompute.gtfs import FeedTrip, TripChoice, read_trip
-from precompute.journey_import import TimesRead, journey_text, placed
-from precompute.route_import.importing import ImportOrder, imported
-from precompute.route_import.line import Words
+from precompute.gtfs import FeedTrip, read_trip
+from precompute.journey_import import journey_text, placed
+from precompute.journey_order import TimesRead, TripChoice
+from precompute.route_import.importing import imported
+from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.route_file import route_toml
 from precompute.tables.plan import read_plan
 from precompute.tables.writing import make_table, write_table
@@ -106,12 +107,9 @@ def _imported_line(path: Path, folder: Path) -> None:
     """Import a map, a table or altitudes; what was imported can be written and read back."""
     maps = path.suffix in (".json", ".geojson")
     heights = path.read_bytes()[:9].startswith(b"latitude")
-    files = (folder / "tracks.geojson",) if heights else (path,)
-    order = ImportOrder(
-        files=files, start="Adorf", end="Cedorf", flat=maps and not heights, altitudes=path if heights else None
-    )
+    order = ImportOrder(start="Adorf", end="Cedorf", flat=maps and not heights, altitudes=path if heights else None)
     written = folder / "imported.toml"
-    line = imported(order, Words())
+    line = imported([folder / "tracks.geojson" if heights else path], order, Words())
     written.write_text(route_toml(line.route, line.remarks), encoding="utf-8")
     load_route(written)
 

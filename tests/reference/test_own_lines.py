@@ -15,8 +15,8 @@ from das.domain.route import Route
 from docs.studies import own_lines
 from docs.studies.own_lines import REAL_LINES, line_of, line_table
 from precompute.route_import.altitudes import climb_and_fall_m
-from precompute.route_import.importing import ImportOrder, imported
-from precompute.route_import.line import Words
+from precompute.route_import.importing import imported
+from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.route_file import route_toml
 from tests.support.made_maps import same_line, written
 
@@ -63,8 +63,8 @@ def test_a_real_map_drawn_otherwise_gives_the_same_line(lines: list[Route], shar
             elements += [{**one, "nodes": part} for part in parts] if nodes else [one]
         chance.shuffle(elements)
         path = written(tmp_path / "map.json", {**answer, "elements": elements})
-        order = ImportOrder(files=(path,), start=source.start, end=source.end, flat=True)
-        assert same_line(imported(order, Words()).route, lines[0])
+        order = ImportOrder(start=source.start, end=source.end, flat=True)
+        assert same_line(imported([path], order, Words()).route, lines[0])
 
 
 def test_the_page_says_what_the_import_finds(lines: list[Route]) -> None:
@@ -93,9 +93,7 @@ def test_a_freight_line_of_330_km_is_imported_and_written(tmp_path: Path) -> Non
     (tmp_path / "heights.csv").write_text(f"position_km,altitude_m\n{heights}\n")
     rows = "\n".join(f"{x:.1f},{30 + 10 * (i % 4)}" for i, x in enumerate(at_km[::30]))
     (tmp_path / "limits.csv").write_text(f"position_km,limit_mph\n{rows}\n")
-    order = ImportOrder(
-        files=(tmp_path / "limits.csv",), start="A", end="B", altitudes=tmp_path / "heights.csv", length_m=330_000.0
-    )
-    line = imported(order, Words())
+    order = ImportOrder(start="A", end="B", altitudes=tmp_path / "heights.csv", length_km=330.0)
+    line = imported([tmp_path / "limits.csv"], order, Words())
     assert len(route_toml(line.route, line.remarks)) < 100_000
     assert climb_and_fall_m(line.route)[0] == pytest.approx(180, rel=0.12)

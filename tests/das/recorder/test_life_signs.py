@@ -5,7 +5,7 @@ from __future__ import annotations
 from das.bus import das_pb2
 from das.bus.topics import ADVICE, POSITION, STATUS, Received, Topic
 from das.domain.clocks import Clocks
-from das.recorder.life_signs import COUNTED_EVERY_S, SILENT_S, LifeSigns
+from das.recorder.process import COUNTED_EVERY_S, SILENT_S, LifeSigns
 
 
 def received(topic: Topic, source: str) -> Received:

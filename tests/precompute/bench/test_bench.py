@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from das.solver.solution import Fit, trajectory_on
 from das.solver.solve import solve_front
 from precompute.bench.command import NAMES, bench, figures_by_name, longest_section, measure
 from precompute.bench.figures import QUICK, Workload, made_up_section
-from precompute.bench.measuring import Figure, Roofline, Subject, Times, in_turns, peak_bytes_of
+from precompute.bench.measuring import Figure, Roofline, Times, in_turns, peak_bytes_of
 from precompute.bench.plain import bisected, numpy_sweep, plain_front
 from precompute.tables.synthetic import made_up_line
 from tests.support.closeness import assert_close
@@ -117,9 +116,8 @@ def test_both_are_timed_in_turns() -> None:
 
 def test_a_duration_and_a_rate_say_how_many_times_better() -> None:
     times = Times(seconds=[0.3, 0.2, 0.1], baseline_seconds=[0.8, 0.8])
-    subject = Subject(name="a", what="what", unit="ms", baseline="other", bound="bound")
-    duration = times.figure(subject, 0.05)
-    rate = times.figure(replace(subject, name="b", unit="million/s"), 0.05, amount=10.0)
+    duration = times.figure("a", "what", "ms", "other", ("bound", 0.05))
+    rate = times.figure("b", "what", "million/s", "other", ("bound", 0.05), amount=10.0)
     assert (duration.value, duration.least, duration.most, duration.baseline_value) == pytest.approx(
         (200, 100, 300, 800)
     )

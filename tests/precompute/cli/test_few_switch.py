@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 
 from das.command_line.files import load_route, load_vehicle
+from das.domain.units import kwh
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from precompute.baselines.strategies import four_modes
-from precompute.cli.few_switch import FewSwitchRow, few_switch_fronts, few_switch_rows
+from precompute.cli.few_switch import few_switch_fronts, few_switch_rows
 from tests.support.making import printed
 
 BUFFER_RATIO = 1.07
@@ -27,35 +28,35 @@ def front() -> Front:
 
 
 @pytest.fixture(scope="module")
-def rows(front: Front) -> dict[str, FewSwitchRow]:
+def rows(front: Front) -> dict[str, dict[str, Any]]:
     """The rows of the command for a buffer of 7 %, by their names."""
     found = few_switch_rows(front, few_switch_fronts(front.section, PRICES_S), BUFFER_RATIO * front.fastest().time_s)
-    return {row.name: row for row in found}
+    return {row["run"]: row for row in found}
 
 
 def test_the_optimum_and_four_modes_are_those_of_the_front_and_the_baseline(
-    rows: dict[str, FewSwitchRow], front: Front
+    rows: dict[str, dict[str, Any]], front: Front
 ) -> None:
     time_s = BUFFER_RATIO * front.fastest().time_s
     best, run = front.trajectory(time_s), four_modes(front.section, time_s)
-    assert rows["optimum"].energy_j == pytest.approx(best.balance.input)
-    assert rows["optimum"].more_j == pytest.approx(0.0, abs=1e-4 * best.balance.input)
-    assert rows["four modes"].energy_j == pytest.approx(run.balance.input)
-    assert rows["four modes"].time_s == pytest.approx(run.time_s)
+    assert rows["optimum"]["energy_kwh"] == pytest.approx(kwh(best.balance.input))
+    assert rows["optimum"]["more_kwh"] == pytest.approx(0.0, abs=1e-4 * kwh(best.balance.input))
+    assert rows["four modes"]["energy_kwh"] == pytest.approx(kwh(run.balance.input))
+    assert rows["four modes"]["time_s"] == pytest.approx(run.time_s)
 
 
-def test_a_dear_change_is_made_less_often_and_no_phase_is_short(rows: dict[str, FewSwitchRow]) -> None:
+def test_a_dear_change_is_made_less_often_and_no_phase_is_short(rows: dict[str, dict[str, Any]]) -> None:
     """On the level with dear changes: accelerate (or hold), coast, brake; so there are two or three changes."""
-    assert rows["1"].changes < min(rows["0"].changes, rows["optimum"].changes)
-    assert 2 <= rows["1"].changes <= 3
-    assert rows["0.03"].shortest_s >= 10.0
+    assert rows["1"]["changes"] < min(rows["0"]["changes"], rows["optimum"]["changes"])
+    assert 2 <= rows["1"]["changes"] <= 3
+    assert rows["0.03"]["shortest_s"] >= 10.0
 
 
-def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str, FewSwitchRow]) -> None:
+def test_every_schedule_needs_more_than_the_optimum_but_not_much(rows: dict[str, dict[str, Any]]) -> None:
     for price in PRICES_S:
         row = rows[f"{price:g}"]
-        assert -0.001 * row.energy_j < row.more_j < 0.03 * row.energy_j
-        assert abs(row.time_s - rows["optimum"].time_s) < 5.0
+        assert -0.001 * row["energy_kwh"] < row["more_kwh"] < 0.03 * row["energy_kwh"]
+        assert abs(row["time_s"] - rows["optimum"]["time_s"]) < 5.0
 
 
 def test_json_has_a_point_a_buffer_and_a_row_a_run(tmp_path: Path) -> None:

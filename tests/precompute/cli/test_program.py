@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from das.command_line.application import Entry, Group, with_options
+from das.command_line.application import Entry, with_options
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from precompute.cli.options import chosen
@@ -20,13 +20,8 @@ from tests.support.crossing import few
 from tests.support.making import REPOSITORY, das_precompute, in_a_process, printed
 
 WORDS: dict[str, Entry] = {
-    words: one
-    for entry in COMMANDS
-    for words, one in (
-        {f"{entry.name} {one.name}": one for one in entry.entries()}
-        if isinstance(entry, Group)
-        else {entry.name: entry}
-    ).items()
+    **{entry.name: entry for entry in COMMANDS if isinstance(entry, Entry)},
+    **{f"{entry.name} {one.name}": one for entry in COMMANDS for one in entry.entries()},
 }
 """Every command by the words that start it."""
 EVERY = pytest.mark.parametrize(("words", "entry"), WORDS.items(), ids=WORDS)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop, Stretches, Zone
-from precompute.route_import.altitudes import Smoothing, climb_and_fall_m, with_altitudes
-from precompute.route_import.line import ImportedLine, Words, made_route
+from precompute.route_import.altitudes import climb_and_fall_m, with_altitudes
+from precompute.route_import.line import ImportedLine, made_route
+from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.tables import read_table
 
 LENGTH_M = 60_000.0
@@ -27,10 +29,10 @@ def line(*structures: Zone, stops: tuple[Stop, ...] | None = None) -> ImportedLi
     return ImportedLine(route=made_route(Words(), ends, LENGTH_M, "line", one_way=True), structures=structures)
 
 
-def with_heights(folder: Path, rows: str, of: ImportedLine | None = None, **smoothing: float) -> ImportedLine:
+def with_heights(folder: Path, rows: str, of: ImportedLine | None = None, **order: Any) -> ImportedLine:
     path = folder / "heights.csv"
     path.write_text(rows, encoding="utf-8")
-    return with_altitudes(of or line(), read_table(path), Smoothing(**smoothing))
+    return with_altitudes(of or line(), read_table(path), ImportOrder(**order))
 
 
 def table(at_m: np.ndarray, altitude_m: np.ndarray) -> str:
@@ -45,7 +47,7 @@ def climb_m(route: Route) -> float:
 def test_noise_of_4_m_vanishes_when_smoothed_over_2_km_and_stays_when_not(tmp_path: Path) -> None:
     noise_m = 4.0 * np.random.default_rng(1).standard_normal(len(AT_M))
     rows = table(AT_M, hill_m(AT_M) + noise_m)
-    raw = with_heights(tmp_path, rows, length_m=0.0, cap_ratio=0.2).route
+    raw = with_heights(tmp_path, rows, smooth_m=0.0, cap_permille=200.0).route
     smooth = with_heights(tmp_path, rows).route
     assert climb_m(raw) > 1000
     assert climb_m(smooth) == pytest.approx(120, abs=12)
@@ -82,7 +84,7 @@ def test_the_ground_over_a_tunnel_and_under_a_bridge_is_not_the_track(tmp_path: 
 
 def test_gradients_are_capped_and_it_is_said(tmp_path: Path) -> None:
     spike = np.where(AT_M == 30_000, 50.0, 0.0)
-    found = with_heights(tmp_path, table(AT_M, hill_m(AT_M) + spike), length_m=0.0, cap_ratio=0.05)
+    found = with_heights(tmp_path, table(AT_M, hill_m(AT_M) + spike), smooth_m=0.0, cap_permille=50.0)
     assert np.abs(found.route.gradients_ratio.value).max() == pytest.approx(0.05)
     assert "Gradients above 50 ‰ were cut to it on 200 m" in found.remarks[-1]
 

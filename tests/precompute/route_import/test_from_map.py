@@ -13,8 +13,8 @@ from das.domain.errors import DasError
 from das.domain.route import Route
 from precompute.route_import import from_map as module
 from precompute.route_import import track_map
-from precompute.route_import.from_map import MapOptions, line_from_map
-from precompute.route_import.line import Words
+from precompute.route_import.from_map import line_from_map
+from precompute.route_import.order import ImportOrder, Words
 from precompute.route_import.track_map import read_map
 from tests.support.crossing import numbered
 from tests.support.made_maps import (
@@ -36,7 +36,7 @@ STATIONS = (
 
 def imported(folder: Path, content: Any, ends: tuple[str, str] = ("A", "B"), **options: Any) -> Route:
     the_map = read_map([written(folder / "map.json", content)])
-    return line_from_map(the_map, ends, MapOptions(**options), Words()).route
+    return line_from_map(the_map, ends, ImportOrder(**options), Words()).route
 
 
 def east(*degrees: float, north: float = 48.0) -> list[list[float]]:
@@ -178,14 +178,14 @@ def test_the_line_begins_abreast_of_the_station_on_a_track_that_leads_on(tmp_pat
 def test_limits_that_are_missing_are_those_of_the_slower_neighbour_or_as_asked(tmp_path: Path) -> None:
     tracks = (feature(east(0, 2), maxspeed="120"), feature(east(2, 4), maxspeed="signals"), feature(east(4, 6)))
     the_map = read_map([written(tmp_path / "map.json", collection(*tracks, *STATIONS))])
-    line = line_from_map(the_map, ("A", "B"), MapOptions(), Words())
+    line = line_from_map(the_map, ("A", "B"), ImportOrder(), Words())
     assert line.route.limits_mps.value * 3.6 == pytest.approx([120.0, 100.0])
     assert any("Limits on 66.7 % of the length; the other 149" in remark for remark in line.remarks)
-    asked = line_from_map(the_map, ("A", "B"), MapOptions(limit_kmh=40.0), Words())
+    asked = line_from_map(the_map, ("A", "B"), ImportOrder(limit_kmh=40.0), Words())
     assert asked.route.limits_mps.value * 3.6 == pytest.approx([120.0, 40.0, 100.0])
     nothing = replace(the_map, tracks=tuple(replace(one, tags={"railway": "rail"}) for one in the_map.tracks))
     with pytest.raises(DasError, match="no limit on the whole way"):
-        line_from_map(nothing, ("A", "B"), MapOptions(), Words())
+        line_from_map(nothing, ("A", "B"), ImportOrder(), Words())
 
 
 def test_stations_beside_the_way_become_stops_once(tmp_path: Path) -> None:
@@ -223,12 +223,12 @@ def test_a_stop_on_the_track_stands_for_a_station_that_is_far_from_it(tmp_path: 
 def test_a_track_with_the_name_of_a_station_stands_for_it_and_it_is_said(tmp_path: Path) -> None:
     content = collection(feature(east(0, 1, 2), label="Uno"), feature(east(2, 6)), feature(east(6, 8), name="Due"))
     the_map = read_map([written(tmp_path / "map.json", content)])
-    line = line_from_map(the_map, ("uno", "Due"), MapOptions(), Words())
+    line = line_from_map(the_map, ("uno", "Due"), ImportOrder(), Words())
     assert line.route.geometry_longitude_deg[[0, -1]] == pytest.approx([8.01, 8.08])
     assert "uno" not in line.remarks[1]
     assert "Uno is no station of the map but the name of a track" in line.remarks[1]
     with pytest.raises(DasError, match="no station 'Tre'"):
-        line_from_map(the_map, ("uno", "Tre"), MapOptions(), Words())
+        line_from_map(the_map, ("uno", "Tre"), ImportOrder(), Words())
 
 
 def test_no_track_near_a_station_and_the_same_station_twice(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.route import Altitudes
-from precompute.route_import.line import Words
 from precompute.route_import.merging import PARTS, merged, new_line
+from precompute.route_import.order import Words
 from tests.support.made_maps import ROUTE
 
 OTHER = replace(

@@ -11,8 +11,8 @@ import pytest
 from das.domain.errors import DasError
 from das.domain.route import Route
 from precompute.route_import.altitudes import climb_and_fall_m
-from precompute.route_import.importing import ImportOrder, imported
-from precompute.route_import.line import Words
+from precompute.route_import.importing import imported
+from precompute.route_import.order import ImportOrder, Words
 
 LIMITS = "position_km,limit_kmh\n0,80\n1.5,120\n4,100\n"
 GRADIENTS = "position_m;gradient_permille\n0;0\n1000;5,5\n3000;-2\n"
@@ -37,7 +37,7 @@ def line(folder: Path, files: Mapping[str, str], *, flat: bool = False, **order:
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
         paths.append(folder / name)
-    return imported(ImportOrder(files=tuple(paths), flat=flat, **order), Words()).route  # type: ignore[arg-type]
+    return imported(paths, ImportOrder(flat=flat, **order), Words()).route  # type: ignore[arg-type]
 
 
 def test_limits_gradients_and_stops_in_files_of_their_own(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_a_polyline_alone_gives_the_length_and_places(tmp_path: Path) -> None:
     assert [x.name for x in route.stops] == ["A", "B"]
     empty = "position_km,lat,lon\n1,,\n"
     assert not len(line(tmp_path, {"l.csv": LIMITS, "course.csv": empty}, flat=True).geometry_position_m)
-    scaled = line(tmp_path, {"l.csv": LIMITS, "course.csv": course}, flat=True, length_m=110_000.0)
+    scaled = line(tmp_path, {"l.csv": LIMITS, "course.csv": course}, flat=True, length_km=110.0)
     assert scaled.geometry_position_m == pytest.approx([0, 55_000, 110_000], abs=5)
 
 
@@ -215,3 +215,6 @@ def test_two_tables_of_one_quantity_and_options_of_maps_are_refused(tmp_path: Pa
         line(tmp_path, {"a.pbf": ""}, flat=True)
     with pytest.raises(DasError, match="expected a map"):
         line(tmp_path, {"a.docx": ""}, flat=True)
+    for of_map in ({"via": ["Bestadt"]}, {"joined_m": 0.0}, {"tunnel_area_m2": 60.0}):
+        with pytest.raises(DasError, match="belong to maps, not to tables"):
+            line(tmp_path, {"a.csv": LIMITS}, flat=True, **of_map)

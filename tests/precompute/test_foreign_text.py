@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from das.domain.errors import DasError
-from precompute.csv_table import read_csv
+from precompute.foreign_text import read_csv
 
 
 @pytest.mark.parametrize(
