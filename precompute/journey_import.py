@@ -276,4 +276,5 @@ def _rounded_s(stops: Sequence[TripStop], times: TimesRead) -> float:
 
 
 def _quoted(text: str) -> str:
+    """A text as a TOML string on one line."""
     return json.dumps(tidy(text), ensure_ascii=False)

@@ -109,6 +109,7 @@ class _Pool(Generic[Job, Result]):
             yield self._made.popleft()
 
     def give_no_more(self) -> None:
+        """Leave the jobs that wait undone."""
         self._waiting.clear()
 
     def stop(self) -> None:
@@ -132,6 +133,7 @@ class _Pool(Generic[Job, Result]):
             self._workers.append(_Worker(process, mine))
 
     def _give(self) -> None:
+        """Give a job to each worker that has none."""
         for worker in self._workers:
             if worker.ready and worker.task is None and self._waiting:
                 worker.task = self._waiting.popleft()
@@ -174,6 +176,7 @@ class _Pool(Generic[Job, Result]):
 
 
 def _how_it_ended(exit_code: int | None) -> str:
+    """How a worker process ended, in words."""
     if exit_code == OUT_OF_MEMORY_EXIT:
         return "out of memory"
     if exit_code is not None and exit_code < 0:

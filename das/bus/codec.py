@@ -22,7 +22,9 @@ from das.estimate.effort import Effort
 from das.estimate.fix import PositionFix, Quality
 
 INPUT_TOPICS: Mapping[Kind, Topic] = {Kind(one.name): one for one in topics.TOPICS if one.name in list(Kind)}
+"""The topic of each kind of message that the cab receives; they have the same names."""
 DELAY_FIELDS = ("time_ns", "delay_s")
+"""The fields that the value and the message of a delay share."""
 JOURNEY_FIELDS = ("time_ns", "train", "route_id", "vehicle_id", "reversed", "load", "level")
 """The fields that the value and the message of a journey share."""
 

@@ -57,7 +57,9 @@ SOURCE_PLACE = re.compile(r" at /\S+:\d+\.")
 SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+) .*= (expected .*)")
 """The pattern of a syntax error, which Zenoh reports as a drawing over several lines."""
 LONGEST_ERROR = 200
+"""Errors of Zenoh are cut to this many letters."""
 DEEPEST = 64
+"""A file whose brackets are nested deeper than this is refused."""
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ FLUSH_EVERY_S = 0.5
 CHUNK_BYTES = 1 << 18
 """A chunk is written at the latest when it has this many bytes unpacked; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"
+"""The program that wrote a recording, as the file states it."""
 REPORT_EVERY_S = 1.0
 """The recorder reports its progress at least this often (s), also while there are no ticks."""
 LAST_NS = 2**63 - 1

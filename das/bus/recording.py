@@ -130,6 +130,7 @@ def columns(messages: Sequence[Stamped], kind: type[Message], fields: Sequence[s
 
 
 def _column(values: list[Any], cpp_type: int, repeated: bool) -> NDArray[Any]:
+    """The values of one field as an array of shape (messages,)."""
     dtype: Any = np.float64 if cpp_type in FLOATS else object if cpp_type in TEXTS else np.int64
     plain: Callable[[Any], Any] = _as_dict if cpp_type == FieldDescriptor.CPPTYPE_MESSAGE else lambda value: value
     if not repeated:

@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 
 WIDTH_IN: Final = 10.0
 LETTERS: Final = 100
+"""A line of the title has at most this many letters."""
 MINUTE_S: Final = 60.0
 NAME_APART: Final = 0.012
 """A stop's name is left out if it would be nearer than this share of the axis to the name before it."""
@@ -208,6 +209,7 @@ def _panels(shown: _Runs) -> list[_Panel]:
 
 
 def _rises(run: PlottedRun) -> bool:
+    """Whether the line under a run is known, and not flat."""
     return run.route is not None and float(np.ptp(run.route.altitude_m(run.s_m))) > LEAST_RISE_M
 
 

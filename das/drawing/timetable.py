@@ -108,6 +108,7 @@ def _draw_scales(axes: Any, journey: Journey, height_in: float) -> None:
 
 
 def _shortened(name: str) -> str:
+    """A name that fits beside the picture."""
     return name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…"
 
 

@@ -18,11 +18,13 @@ Floats = NDArray[np.float64]
 
 SIZE_IN = (10.0, 9.0)
 SPEEDS = 400
+"""Number of speeds at which the curves are drawn."""
 GRADIENTS = (0.01, 0.02)
 """The resistance is also drawn on these gradients."""
 MOST_MODES = 6
 """At most this number of other modes are drawn beside the one of the train."""
 MOST_LETTERS = 24
+"""Longest name of a mode in the key of the picture."""
 TRACTION, BRAKE, RESISTANCE = SEVERAL[0], SEVERAL[1], INK
 
 

@@ -25,6 +25,7 @@ NAMES = (
     *("front", "steps", "transitions", "sweep", "trajectory", "re-solve", "look-up", "verify", "build", "exact"),
     *("growth", "memory"),
 )
+"""The figures, in order."""
 ROUTE, VEHICLE = "zurich-luzern", "re460-ic"
 GIGA = 1e9
 LEGEND = {

@@ -98,6 +98,7 @@ def _source(path: Path, table: str) -> str:
 
 
 def _beginning(source: str) -> str:
+    """Whole sentences from the beginning of a source."""
     if len(source) <= SHOWN_OF_A_SOURCE:
         return source
     whole, end, _ = source[:SHOWN_OF_A_SOURCE].rpartition(". ")

@@ -16,6 +16,7 @@ from das.command_line.printing import tell
 from das.domain.errors import DasError
 
 EXIT_WARNINGS = 1
+"""Exit code of a check that found something unusual."""
 
 
 class Files:

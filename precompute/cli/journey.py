@@ -169,6 +169,7 @@ def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> N
 
 
 def _write_sheet(path: Path, planner: JourneyPlanner, plan: JourneyPlan) -> None:
+    """Write the driver's sheet of a plan as HTML or PDF."""
     from das.domain.files.writing import write_whole
     from precompute.sheet import sheet_page, sheets_of
 

@@ -57,6 +57,7 @@ COMMANDS = (
         examples=("das-precompute route new Adorf=0 Bestadt=12.5 --limit 120 -o my.toml",),
     ),
 )
+"""The commands of `das-precompute route`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -93,6 +93,7 @@ def _variations(pose: Pose, vary: str | None) -> tuple[list[Variation], list[str
 
 
 def _plan(pose: Pose, trip: TripTime) -> tuple[Section, Solution, dict[str, Any]]:
+    """The section, the plan, and the plan as JSON."""
     from precompute.cli.report import solution_json
     from precompute.cli.solve import solved_front
 
@@ -191,12 +192,14 @@ def _figure(row: dict[str, Any], name: str, scale: float, form: str) -> str:
 LESS, MORE = SEVERAL[:2]
 """Colours of less and of more than planned."""
 MARK = "0.1"
+"""Colour of the mark of a new plan."""
 BAR_HEIGHT = 0.36
 """Height of a bar; each row has a height of 1 and two bars."""
 ROOM = 0.16
 """The axis extends beyond the bars by this share of their span, so that the figures at their ends fit."""
 
 SHOWN = 0.05
+"""A number below this is printed as 0.0."""
 
 
 class _Bar(NamedTuple):

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 STEPS = 10
+"""Number of speeds above standstill in the table of a train."""
 LEGEND = {
     "traction, brake": "largest forces of traction and of the electric brake",
     "resistance": "running resistance on the level",
@@ -198,3 +199,4 @@ traction_efficiency_ratio = 0.86
 brake_efficiency_ratio = 0.86
 idle_kw = 30.0
 """
+"""The vehicle file that `das-precompute vehicle new` writes."""

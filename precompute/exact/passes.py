@@ -355,6 +355,7 @@ class Pass:
             )
 
     def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:
+        """The undominated runs of all pairs of labels that meet."""
         a, b, latest_ns = self._first.labels, self._second.labels, self._search.latest_ns
         origin_ns = int(known.time_ns[0])
         width_ns = (latest_ns - origin_ns) // KNOWN_STEPS + 1

@@ -118,6 +118,7 @@ def _position_m(route: Route, table: LineTable, row: int) -> float | None:
 
 
 def _bridged(at_m: Floats, structures: Sequence[Zone]) -> NDArray[np.bool_]:
+    """Whether each position is in a tunnel or on a bridge."""
     inside = np.zeros(len(at_m), dtype=bool)
     for zone in structures:
         inside |= (at_m > zone.start_m) & (at_m < zone.start_m + zone.length_m)

@@ -83,6 +83,7 @@ class ImportOrder:
 
 
 OF_MAPS: Final = ("via", "only_named_stops", "limit_kmh", "tunnel_area_m2", "joined_m")
+"""The fields of an order that belong to maps."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -79,6 +79,7 @@ def _one_station(the_map: TrackMap, wanted: str, found: Sequence[MapPlace]) -> t
 
 
 def _unknown(the_map: TrackMap, wanted: str) -> str:
+    """The message for a name that no place has."""
     names = sorted({place.name for place in the_map.places if place.rank <= 1}) or sorted(
         {place.name for place in the_map.places}
     )
@@ -108,6 +109,7 @@ def _words(name: str) -> list[str]:
 
 
 def _core(name: str) -> list[str]:
+    """The words of a name that are not generic."""
     return [word for word in _words(name) if word not in GENERIC]
 
 

@@ -22,6 +22,7 @@ from precompute.route_import.line import ImportedLine, made_route, stretches
 from precompute.route_import.order import Words
 
 MOST_ROWS: Final = 200_000
+"""Largest number of rows of a table."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -43,6 +44,7 @@ ALIASES: Final = {
 }
 """Other names of columns that mean the same."""
 REMARKS: Final = frozenset({"source", "note", "comment", "remark", "description", ""})
+"""Columns that are not read."""
 ENDLESS: Final = ("radius", "radius_start", "radius_end")
 """Quantities that may be infinite: the radius of a straight track."""
 STRAIGHT: Final = frozenset({"inf", "infinity", "straight", "∞"})
@@ -242,6 +244,7 @@ def _with_positions(table: LineTable, length_m: float | None) -> LineTable:
 
 
 def _stops(tables: Sequence[LineTable]) -> list[Stop]:
+    """The stops: rows with a name and a position, in order."""
     stops: list[Stop] = []
     for table in tables:
         for i, name in enumerate(table.names):

@@ -214,6 +214,7 @@ def _speeds_mps(text: str) -> list[float]:
 
 
 def _elements(fields: Fields) -> Iterator[_Thing]:
+    """The nodes, ways and relations of an answer of Overpass."""
     elements = [one for one in fields.data["elements"] if isinstance(one, dict)]
     points = {
         one["id"]: _key(fields, f"elements: node {one['id']}", one.get("lon"), one.get("lat"))
@@ -255,6 +256,7 @@ def _way(fields: Fields, name: str, way: Mapping[str, Any], points: Mapping[int,
 
 
 def _features(fields: Fields) -> Iterator[_Thing]:
+    """The features of a GeoJSON collection."""
     crs = fields.data.get("crs")
     if crs is not None and not re.search(r"CRS84|4326|WGS ?84", json.dumps(crs)[:500]):
         raise fields.error("crs", crs, "WGS 84 (EPSG:4326), the only one that GeoJSON has since RFC 7946")

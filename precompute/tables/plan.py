@@ -210,6 +210,7 @@ def _settings(fields: Fields) -> TableSettings:
 
 
 def _buffers(fields: Fields) -> tuple[float, ...]:
+    """The buffers (%), which the plan gives as a list, or by the keys `from`, `to` and `step`."""
     given = fields.data["buffers_percent"]
     if isinstance(given, list):
         buffers = [number(fields.source, f"{fields.prefix}buffers_percent[{i}]", x) for i, x in enumerate(given)]

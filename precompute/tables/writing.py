@@ -173,6 +173,7 @@ def _array_facts(name: str, array: NDArray[Any], content: bytes) -> dict[str, An
 
 
 def _refined(given: list[Solution], settings: TableSettings, stopwatch: Callable[[], float]) -> list[Solution]:
+    """The trajectories, refined for as long as the settings allow."""
     if settings.refine_s <= 0:
         return given
     began = stopwatch()
@@ -219,6 +220,7 @@ def _npy(array: NDArray[Any]) -> bytes:
 
 
 HASH_DIGITS = 8
+"""Digits of the hash in a table's name."""
 
 
 def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:

@@ -13,6 +13,7 @@ from precompute.vehicle_import.quantities import number_in_si
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points
 
 MOST_MODES = 500
+"""Largest number of modes and conditions of a rolling stock."""
 _CONDITIONS = ("comfort", "electrical_profile_level", "power_restriction_code")
 _VOLTS = re.compile(r"(\d{3,6})\s*V")
 
