@@ -123,12 +123,8 @@ def _row_of_schedule(price_s: float, solved: FewSwitchFront, front: Front, time_
     return _row(f"{price_s:g}", price_s, run, front, (begins, brakes))
 
 
-<<<<<<< HEAD
 def _row_of_modes(name: str, run: Trajectory, front: Front) -> dict[str, Any]:
-=======
-def _row_of_modes(name: str, run: Trajectory, front: Front) -> FewSwitchRow:
     """The row of a run whose phases are the modes of its intervals."""
->>>>>>> parent of 4008f2d4 (Docstrings that only repeat a name or the line that calls it are gone)
     from das.advice.plan import classify_modes
     from das.advice.regimes import Regime
 
