@@ -109,6 +109,7 @@ def offscreen_pyplot() -> Any:
     except ImportError:
         raise DasError(NO_MATPLOTLIB) from None
     matplotlib.use("Agg")
+    matplotlib.rcParams["svg.hashsalt"] = "das"  # the same names in the same drawing
     from matplotlib import pyplot
 
     return pyplot

@@ -104,13 +104,12 @@ def test_outputs_replace_neither_inputs_nor_one_another(tmp_path: Path, monkeypa
 def test_the_suffix_is_the_kind_of_a_picture_and_bytes_repeat(tmp_path: Path, suffix: str, begins: bytes) -> None:
     pyplot = offscreen_pyplot()
     contents = []
-    with pyplot.rc_context({"svg.hashsalt": "test"}):
-        for i in range(2):
-            figure, axes = pyplot.subplots()
-            axes.plot([1, 2])
-            save_figure(tmp_path / f"{i}{suffix}", figure)
-            pyplot.close(figure)
-            contents.append((tmp_path / f"{i}{suffix}").read_bytes())
+    for i in range(2):
+        figure, axes = pyplot.subplots()
+        axes.plot([1, 2])
+        save_figure(tmp_path / f"{i}{suffix}", figure)
+        pyplot.close(figure)
+        contents.append((tmp_path / f"{i}{suffix}").read_bytes())
     assert contents[0].startswith(begins)
     assert contents[0] == contents[1]
 
