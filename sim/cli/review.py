@@ -216,7 +216,7 @@ def energy(
         return
     _print_causes(attribution)
     _print_places(attribution)
-    if not attribution.measured:
+    if not attribution.above.measured:
         tell("The energies are estimates by inverse dynamics from positions: nobody measured them.")
 
 

@@ -144,9 +144,14 @@ class AboveOptimum:
         return math.fsum(one.optimum_j for one in self.sections)
 
     @property
+    def difference_j(self) -> float:
+        """Energy as driven minus that of the optimum (J), even if the two cannot be compared."""
+        return self.driven_j - self.optimum_j
+
+    @property
     def above_j(self) -> float | None:
         """Energy above the optimum (J); None if the two cannot be compared."""
-        return None if self.why_not else self.driven_j - self.optimum_j
+        return None if self.why_not else self.difference_j
 
     @property
     def ratio(self) -> float | None:
@@ -209,8 +214,8 @@ class AboveOptimum:
 
     def message(self, time_ns: int) -> das_pb2.Saving:
         """The message that is recorded at the end of a drive; the bands of a measured drive have no width."""
-        nothing, above_j = EnergyBand(math.nan, math.nan), self.driven_j - self.optimum_j
-        point = EnergyBand(above_j, above_j) if self.measured else nothing
+        nothing = EnergyBand(math.nan, math.nan)
+        point = EnergyBand(self.difference_j, self.difference_j) if self.measured else nothing
         likely, worst = self.likely or point, self.worst or point
         return das_pb2.Saving(
             time_ns=time_ns,

@@ -216,29 +216,9 @@ class Attribution:
     advice_shown: bool
 
     @property
-    def measured(self) -> bool:
-        """Whether the energy was measured; otherwise it is estimated from positions."""
-        return self.above.measured
-
-    @property
     def other_train_j(self) -> float:
         """Energy of the true train's optimum minus that of the planned train's (J); 0 if the former is not known."""
         return sum(leg.other_train_j for leg in self.legs)
-
-    @property
-    def driven_j(self) -> float:
-        """Energy at the current collector as driven, from departures to arrivals (J)."""
-        return self.above.driven_j
-
-    @property
-    def optimum_j(self) -> float:
-        """Energy of the optimum for the same times (J)."""
-        return self.above.optimum_j
-
-    @property
-    def difference_j(self) -> float:
-        """Energy as driven minus that of the optimum for the same times (J)."""
-        return self.driven_j - self.optimum_j
 
     @property
     def by_cause(self) -> Mapping[EnergyCause, float]:
@@ -318,7 +298,7 @@ def as_dict(attribution: Attribution) -> dict[str, Any]:
     against = attribution.against_timetable
     return {
         **attribution.above.as_dict(),
-        "measured": attribution.measured,
+        "measured": attribution.above.measured,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in attribution.by_cause.items()},
         "optimum_timetable_kwh": None if attribution.timetable_j is None else kwh(attribution.timetable_j),
         "by_cause_against_timetable_kwh": None

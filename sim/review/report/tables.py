@@ -89,9 +89,12 @@ def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
             rows.append((OTHER_TRAIN, f"{kwh(attribution.other_train_j):+.1f} kWh"))
     return [
         *rows,
-        ("optimum for the same times", f"{kwh(attribution.optimum_j):.1f} kWh"),
+        ("optimum for the same times", f"{kwh(attribution.above.optimum_j):.1f} kWh"),
         ("above that optimum", attribution.above.words),
-        ("energy as driven", f"{kwh(attribution.driven_j):.1f} kWh{'' if attribution.measured else ' (estimated)'}"),
+        (
+            "energy as driven",
+            f"{kwh(attribution.above.driven_j):.1f} kWh{'' if attribution.above.measured else ' (estimated)'}",
+        ),
     ]
 
 
@@ -115,7 +118,9 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
     if attribution is not None:
         vehicle = attribution.inputs.vehicle
         measured = (
-            "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured them"
+            "measured by the simulator"
+            if attribution.above.measured
+            else "estimated from positions; nobody measured them"
         )
         rows += [
             ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),
@@ -214,7 +219,7 @@ def _known(value: float) -> float | None:
 
 def cause_rows(attribution: Attribution) -> list[Row]:
     """Every cause with its energy, its share, its duration and its meaning."""
-    lasted, whole_j = seconds_by_cause(attribution), attribution.difference_j
+    lasted, whole_j = seconds_by_cause(attribution), attribution.above.difference_j
     always = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     return [
         {
@@ -337,7 +342,7 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
     ]
     if drive.attribution is not None:
         rows.append(("line and train of this page", drive.attribution.inputs.source))
-        rows.append(("energies", "measured" if drive.attribution.measured else "estimated from positions"))
+        rows.append(("energies", "measured" if drive.attribution.above.measured else "estimated from positions"))
     said = [] if drive.said is None else drive.said.rows()
     rows += [(f"said by the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]
