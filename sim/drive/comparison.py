@@ -27,7 +27,7 @@ from sim.drive.attribution.driven_legs import DrivenLeg, since_departure_j
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
 from sim.drive.events.chronicle import place_text
-from sim.recording.course import Floats, Times
+from sim.recording.course import Floats, Times, known
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -339,7 +339,7 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
         "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
         "measured": drive.measured,
         **({} if drive.above is None else drive.above.as_dict()),
-        "arrived_late_s": [_number(leg.end.arrived_late_s) for leg in drive.legs],
+        "arrived_late_s": [known(leg.end.arrived_late_s) for leg in drive.legs],
     }
     if index:
         found |= {
@@ -361,10 +361,6 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
             ],
         }
     return found
-
-
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def as_csv(aligned: AlignedDrives) -> bytes:

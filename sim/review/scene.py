@@ -20,12 +20,22 @@ from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.events.event import EventKind
 from sim.drive.happenings import NOT_HEARD, Span, happenings, points
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
-from sim.review.beside import partings, series_beside
 from sim.review.lanes import COST, Change, Lane, instructions, lanes
-from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
+from sim.review.series import (
+    STYLES,
+    FirstPlans,
+    Found,
+    MapTrack,
+    filled_in,
+    on_trip,
+    partings,
+    quantity_of,
+    series,
+    series_beside,
+)
 from sim.review.words import attribution_text
 
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
@@ -305,17 +315,16 @@ def _places(drive: Drive) -> Iterator[LinePlace]:
 def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
     """The bookmarks; the list of the viewer shows their times beside the texts."""
     found = [
-        Mark(one.time_ns, f"{place_text(one.s_m)}  {_named(one)}", MEANINGS.get(one.kind))
+        Mark(
+            one.time_ns,
+            f"{place_text(one.s_m)}  {'note: ' if one.kind is EventKind.NOTE else ''}{one.text}",
+            MEANINGS.get(one.kind),
+        )
         for one in drive.events
         if one.kind not in ROUTINE
     ]
     found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
     return tuple(sorted(found, key=lambda one: one.time_ns))
-
-
-def _named(event: DriveEvent) -> str:
-    """The words of an event; those of a person are called a note."""
-    return f"note: {event.text}" if event.kind is EventKind.NOTE else event.text
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:

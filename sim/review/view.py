@@ -57,28 +57,10 @@ def save_view(
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        write_view(recording, whole, beside=beside, with_map=with_map, language=language)
-        write_whole(rrd_path, whole.read_bytes())
-
-
-def write_view(
-    recording: Recording,
-    path: Path,
-    *,
-    beside: Recording | None = None,
-    with_map: bool = False,
-    language: Language = Language.EN,
-) -> None:
-    """Write a rerun file with our layout, replacing an existing file; if this fails, a half-written file is left."""
-    from sim.review.rerun_drawing import send, send_attribution
-
-    scene = _scene_of(recording, beside)
-    with _stream(scene) as out:
-        out.save(path, default_blueprint=_blueprint(scene, with_map=with_map))
-        send(out, scene, language, with_map=with_map)
-        send_attribution(out, scene.with_attribution())
-        out.flush()
+        scene = _scene_of(recording, beside)
+        out = _send(scene, lambda out, at: out.save(whole, default_blueprint=at), language, with_map=with_map)
         out.disconnect()
+        write_whole(rrd_path, whole.read_bytes())
 
 
 def save_picture(
@@ -123,14 +105,30 @@ def _feed_viewer(scene: ReviewScene, port: int, language: Language, *, with_map:
     If the user closes the viewer meanwhile, that is no error, and rerun's messages about it are not printed.
     """
     os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
+    address = f"rerun+http://127.0.0.1:{port}/proxy"
+    _send(scene, lambda out, at: out.connect_grpc(address, default_blueprint=at), language, with_map=with_map)
+
+
+def _send(
+    scene: ReviewScene,
+    attach: Callable[[rr.RecordingStream, rrb.Blueprint], None],
+    language: Language,
+    *,
+    with_map: bool,
+) -> rr.RecordingStream:
+    """Send a scene to where `attach` leads a new stream: what was recorded, then the energy attribution."""
+    import rerun as rr
+
+    from sim.review.layout import blueprint
     from sim.review.rerun_drawing import send, send_attribution
 
-    with _stream(scene) as out:
-        out.connect_grpc(_viewer_address(port), default_blueprint=_blueprint(scene, with_map=with_map))
+    with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
+        attach(out, blueprint(scene, with_map=with_map))
         send(out, scene, language, with_map=with_map)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()
+    return out
 
 
 def _scene_of(recording: Recording, beside: Recording | None) -> ReviewScene:
@@ -138,19 +136,6 @@ def _scene_of(recording: Recording, beside: Recording | None) -> ReviewScene:
     from sim.review.scene import ReviewScene
 
     return ReviewScene.of(Drive(source=recording), None if beside is None else Drive(source=beside))
-
-
-def _stream(scene: ReviewScene) -> rr.RecordingStream:
-    """A stream to write or send the view of a scene to."""
-    import rerun as rr
-
-    return rr.RecordingStream(APPLICATION, recording_id=scene.drive.name)
-
-
-def _blueprint(scene: ReviewScene, *, with_map: bool) -> rrb.Blueprint:
-    from sim.review.layout import blueprint
-
-    return blueprint(scene, with_map=with_map)
 
 
 def _check_installed(*names: str) -> None:
@@ -170,11 +155,6 @@ def _free_port() -> int:
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])
-
-
-def _viewer_address(port: int) -> str:
-    """Where a viewer on a port of this machine takes data."""
-    return f"rerun+http://127.0.0.1:{port}/proxy"
 
 
 def viewer_command(port: int) -> list[str]:

@@ -256,15 +256,11 @@ def as_rows(events: Iterable[DriveEvent], clock: DriveClock) -> list[dict[str, A
             "kind": str(one.kind),
             "text": one.text,
             **({"bookmark": one.mark} if one.mark else {}),
-            **{name: value for name, value in one.facts.items() if not _is_nan(value)},
+            # JSON does not know NaN.
+            **{name: x for name, x in one.facts.items() if not (isinstance(x, float) and math.isnan(x))},
         }
         for one in events
     ]
-
-
-def _is_nan(value: object) -> bool:
-    """Whether a value is NaN, which JSON does not know."""
-    return isinstance(value, float) and math.isnan(value)
 
 
 def _marked_moments(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:

@@ -167,13 +167,10 @@ def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
     if passed:
         yield _at_signal(drive, passed[0], len(passed))
     for kind in SAFETY_LABELS:
-        events = sorted((one for one in drive.events if one.kind is kind), key=_excess, reverse=True)
+        events = [one for one in drive.events if one.kind is kind]
         if events:
-            yield _of_event(drive, events[0], len(events))
-
-
-def _excess(event: DriveEvent) -> float:
-    return float(event.facts.get("over_kmh", 0.0))
+            worst = max(events, key=lambda one: float(one.facts.get("over_kmh", 0.0)))
+            yield _of_event(drive, worst, len(events))
 
 
 def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:

@@ -20,7 +20,7 @@ from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
 from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
 from sim.drivers.kinds import DriverKind, FrictionPolicy
-from sim.recording.course import minutes, spell
+from sim.recording.course import known, minutes, spell
 from sim.review.report.sentences import compliance, shown_s, told_causes
 from sim.review.words import line_rows, readable
 
@@ -173,11 +173,11 @@ def stop_dicts(drive: Drive) -> list[Row]:
             "s_m": call.s_m,
             "due_arrival_s": at_s(call.due_arrival_ns),
             "arrived_s": at_s(call.arrived_ns),
-            "arrived_late_s": _known(call.arrived_late_s),
+            "arrived_late_s": known(call.arrived_late_s),
             "due_departure_s": at_s(call.due_departure_ns),
             "departed_s": at_s(call.departed_ns),
-            "departed_late_s": _known(call.departed_late_s),
-            "missed_m": _known(call.missed_m),
+            "departed_late_s": known(call.departed_late_s),
+            "missed_m": known(call.missed_m),
             "reached": call.reached,
             "served": call.served,
         }
@@ -210,11 +210,6 @@ def passing_rows(drive: Drive) -> list[Row]:
 def passing_dicts(drive: Drive) -> list[Row]:
     """The passings for programs; times (s) are those of the drive's clock."""
     return as_rows(_passings(drive), drive.clock.zero_ns)
-
-
-def _known(value: float) -> float | None:
-    """A value for JSON, which has no NaN: None stands for it."""
-    return None if math.isnan(value) else value
 
 
 def cause_rows(attribution: Attribution) -> list[Row]:

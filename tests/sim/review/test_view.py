@@ -23,7 +23,7 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
         path.write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(view, "write_view", fail)
+    monkeypatch.setattr(view, "_send", fail)
     with pytest.raises(KeyboardInterrupt):
         view.save_view(open_recording(whole), rrd)
     assert rrd.read_bytes() == b"before"
