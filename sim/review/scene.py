@@ -314,12 +314,9 @@ def _places(drive: Drive) -> Iterator[LinePlace]:
 
 def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
     """The bookmarks; the list of the viewer shows their times beside the texts."""
+    noted = {EventKind.NOTE: "note: "}
     found = [
-        Mark(
-            one.time_ns,
-            f"{place_text(one.s_m)}  {'note: ' if one.kind is EventKind.NOTE else ''}{one.text}",
-            MEANINGS.get(one.kind),
-        )
+        Mark(one.time_ns, f"{place_text(one.s_m)}  {noted.get(one.kind, '')}{one.text}", MEANINGS.get(one.kind))
         for one in drive.events
         if one.kind not in ROUTINE
     ]
@@ -339,11 +336,6 @@ class CostSpan(NamedTuple):
     end_ns: int
     cause: EnergyCause
     energy_j: float
-
-    @property
-    def meaning(self) -> Meaning:
-        """What the colour of the span says."""
-        return meaning_of(self.cause)
 
     @property
     def worth(self) -> bool:
@@ -383,7 +375,7 @@ class AttributionView:
         for span in self.spans:
             text = f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" if span.worth else ""
             if text:
-                colors[text] = span.meaning
+                colors[text] = meaning_of(span.cause)
             while changes and changes[-1].time_ns >= span.start_ns:
                 changes.pop()
             changes += [Change(span.start_ns, text), Change(span.end_ns, "")]
