@@ -11,7 +11,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import secrets
+import socket
+import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -25,12 +29,16 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketClose, WebSocketDisconnect
 
+from das.command_line.process import interrupt_on_termination
+from das.domain.errors import DasError
 from das.domain.route import Route as Line
 from sim.desk import peer as on_bus
-from sim.desk.line import cab_fields, reasons
-from sim.desk.messages import LARGEST_BYTES, DeskGiven, FrameDrawn, Lever, Ready, Said, encoded, heard
+from sim.desk.line import cab_fields, hello_of, reasons
+from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, FrameDrawn, Lever, Ready, Said, encoded, given_of, heard
 from sim.desk.peer import Peer
 from sim.drivers.messages import recorded_view
+from sim.world.scenario import load_scenario
+from sim.world.service import lay_out
 
 PAGE: Final = Path(__file__).parent / "page"
 FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_file()}
@@ -51,6 +59,8 @@ HEADERS: Final = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
     "Cache-Control": "no-store",
 }
+PARENT_LOOK_S = 1.0
+"""The server looks this often (s) whether its parent is still there."""
 
 
 class Outbox:
@@ -264,3 +274,43 @@ def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Ser
         ws_per_message_deflate=False,
     )  # fmt: skip
     return uvicorn.Server(config)
+
+
+def main() -> None:
+    """Serve the desk."""
+    interrupt_on_termination()
+    threading.excepthook = _end_with_thread
+    try:
+        given = given_of(os.environ.pop(GIVEN, ""))
+        asyncio.run(_serve(given))
+    except DasError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(0)
+
+
+def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
+    """End this process when a thread fails: without its session on the bus, a run would wait for the desk for good."""
+    print(f"error: {failed.exc_value}", file=sys.stderr, flush=True)
+    os._exit(2)
+
+
+async def _serve(given: DeskGiven) -> None:
+    scenario = load_scenario(given.scenario, given.journey)
+    line = lay_out(scenario)
+    desk = Desk(given, hello_of(scenario.title, line, scenario.departure_ns, given.language, given.page), line[0])
+    watching = asyncio.create_task(_end_with_parent(int(sys.argv[sys.argv.index("--with-parent") + 1])))
+    try:
+        door = socket.socket(fileno=given.door)
+        await server_of(desk.routes(), door.getsockname()[1], given.token).serve(sockets=[door])
+    finally:
+        desk.peer.close()
+        watching.cancel()
+
+
+async def _end_with_parent(parent: int) -> None:
+    """End this process when its parent has ended."""
+    while os.getppid() == parent:
+        await asyncio.sleep(PARENT_LOOK_S)
+    os._exit(0)

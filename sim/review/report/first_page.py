@@ -13,10 +13,9 @@ from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import Attribution, CauseStretch, worst_stretch
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
 from sim.drive.attribution.driven_legs import LikelyRange
-from sim.drive.attribution.worst_places import CauseStretch, worst_stretch
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text

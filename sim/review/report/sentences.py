@@ -13,9 +13,8 @@ import numpy as np
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.above_optimum import EnergyBand
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import Attribution, worst_places
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
-from sim.drive.attribution.worst_places import worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
