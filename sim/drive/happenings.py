@@ -14,7 +14,7 @@ from das.advice.wording import words
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import NS
-from sim.drive.events.event import DriveEvent, EventKind, place_m, read_notes
+from sim.drive.events.event import DriveEvent, EventKind, read_notes
 from sim.recording.course import DriveClock, DrivenCourse
 
 HEARD_NS: Final = 3_000_000_000
@@ -84,6 +84,11 @@ def _silent(recording: Recording, first_ns: int, last_ns: int) -> Iterator[tuple
         yield Span(heard_ns, last_ns, NOT_HEARD), NOT_HEARD
 
 
+def silence_text(span: Span) -> str:
+    """How long there was no advice, and why."""
+    return f"no advice for {(span.end_ns - span.start_ns) * NS:.0f} s: {span.text}"
+
+
 def withdrawal_words(advice: Any) -> str:
     """Why advice was withdrawn, in words; in a recording older than the codes of reasons, the name of the cause."""
     text = words(Reason.read(advice.reason))
@@ -129,9 +134,7 @@ def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...
     """
     start_ns, end_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
     found = [(EventKind.LOG, *_said(entry.message)) for entry in recording.of(topics.LOG)]
-    for span in silent:
-        text = f"no advice for {(span.end_ns - span.start_ns) * NS:.0f} s: {span.text}"
-        found.append((EventKind.LAPSE, span.start_ns, text))
+    found += [(EventKind.LAPSE, span.start_ns, silence_text(span)) for span in silent]
     for event in (entry.message for entry in recording.of(topics.EVENT)):
         time_ns, text = _said(event)
         # A node that still runs after the last position warns that the position is old.
@@ -143,8 +146,7 @@ def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...
     marks = []
     for kind, time_ns, text in found:
         early = f"({(start_ns - time_ns) * NS:.0f} s before) " if time_ns < start_ns else ""
-        at_ns = max(time_ns, start_ns)
-        marks.append(DriveEvent(time_ns=at_ns, kind=kind, text=f"{early}{text}", s_m=place_m(trip, at_ns)))
+        marks.append(DriveEvent.on(trip, kind, max(time_ns, start_ns), f"{early}{text}"))
     return tuple(sorted(marks, key=lambda one: one.time_ns))
 
 
