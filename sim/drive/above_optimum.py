@@ -28,6 +28,8 @@ NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the s
 """Why, for a drive without a departure from one stop and an arrival at another."""
 NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
 """Why, for a trip without such a departure and arrival, of which no part can be compared either."""
+RECORDED: Final = ("start", "end", "trip_s", "driven_j", "optimum_j")
+"""The figures of a section that a recording states under the same names."""
 _PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")
 """The name of an end of a part between equal speeds."""
 
@@ -117,11 +119,7 @@ class AboveOptimum:
             return cls(
                 sections=tuple(
                     SectionEnergy(
-                        start=one.start,
-                        end=one.end,
-                        trip_s=one.trip_s,
-                        driven_j=one.driven_j,
-                        optimum_j=one.optimum_j,
+                        **{name: getattr(one, name) for name in RECORDED},
                         late_s=math.nan if one.faster_than_possible else 0.0,
                     )
                     for one in found.sections
@@ -230,12 +228,7 @@ class AboveOptimum:
             worst_high_j=worst.high_j,
             sections=[
                 das_pb2.Saving.Section(
-                    start=one.start,
-                    end=one.end,
-                    trip_s=one.trip_s,
-                    driven_j=one.driven_j,
-                    optimum_j=one.optimum_j,
-                    faster_than_possible=one.too_fast,
+                    **{name: getattr(one, name) for name in RECORDED}, faster_than_possible=one.too_fast
                 )
                 for one in self.sections
             ],

@@ -16,7 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from das.advice.wording import Language
 from das.bus.recording import Recording
@@ -37,17 +37,20 @@ CLOSING_S: Final = 5.0
 """How long (s) a viewer may take to end before it is killed."""
 
 
-def save_view(
-    recording: Recording,
-    rrd_path: Path,
-    *,
-    beside: Recording | None = None,
-    with_map: bool = False,
-    language: Language = Language.EN,
-) -> None:
-    """Write a recording as a rerun file, with our layout, the energy attribution, and a display in a language.
+class ViewerChoice(NamedTuple):
+    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, whether there is
+    a map, and the language of the display."""
 
-    The curves of another drive on the line, `beside`, lie under those of the recording.
+    beside: Recording | None = None
+    with_map: bool = False
+    language: Language = Language.EN
+
+
+PLAIN: Final = ViewerChoice()
+
+
+def save_view(recording: Recording, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:
+    """Write a recording as a rerun file, with our layout and the energy attribution.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -57,9 +60,8 @@ def save_view(
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        scene = _scene_of(recording, beside)
-        out = _send(scene, lambda out, at: out.save(whole, default_blueprint=at), language, with_map=with_map)
-        out.disconnect()
+        scene = _scene_of(recording, chosen.beside)
+        _send(scene, chosen, lambda out, layout: out.save(whole, default_blueprint=layout)).disconnect()
         write_whole(rrd_path, whole.read_bytes())
 
 
@@ -79,13 +81,7 @@ def save_picture(
     save_figure(picture_path, picture_of(recording, theme, beside=beside), dpi=DPI, facecolor=theme.background)
 
 
-def open_view(
-    recording: Recording,
-    *,
-    beside: Recording | None = None,
-    with_map: bool = False,
-    language: Language = Language.EN,
-) -> None:
+def open_view(recording: Recording, chosen: ViewerChoice = PLAIN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
     The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
@@ -93,12 +89,12 @@ def open_view(
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = _scene_of(recording, beside), _free_port()
+    scene, port = _scene_of(recording, chosen.beside), _free_port()
     interrupt_on_termination()
-    run_viewer(port, lambda: _feed_viewer(scene, port, language, with_map=with_map))
+    run_viewer(port, lambda: _feed_viewer(scene, port, chosen))
 
 
-def _feed_viewer(scene: ReviewScene, port: int, language: Language, *, with_map: bool) -> None:
+def _feed_viewer(scene: ReviewScene, port: int, chosen: ViewerChoice) -> None:
     """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
     attribution.
 
@@ -106,15 +102,11 @@ def _feed_viewer(scene: ReviewScene, port: int, language: Language, *, with_map:
     """
     os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
     address = f"rerun+http://127.0.0.1:{port}/proxy"
-    _send(scene, lambda out, at: out.connect_grpc(address, default_blueprint=at), language, with_map=with_map)
+    _send(scene, chosen, lambda out, layout: out.connect_grpc(address, default_blueprint=layout))
 
 
 def _send(
-    scene: ReviewScene,
-    attach: Callable[[rr.RecordingStream, rrb.Blueprint], None],
-    language: Language,
-    *,
-    with_map: bool,
+    scene: ReviewScene, chosen: ViewerChoice, attach: Callable[[rr.RecordingStream, rrb.Blueprint], None]
 ) -> rr.RecordingStream:
     """Send a scene to where `attach` leads a new stream: what was recorded, then the energy attribution."""
     import rerun as rr
@@ -123,8 +115,8 @@ def _send(
     from sim.review.rerun_drawing import send, send_attribution
 
     with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
-        attach(out, blueprint(scene, with_map=with_map))
-        send(out, scene, language, with_map=with_map)
+        attach(out, blueprint(scene, with_map=chosen.with_map))
+        send(out, scene, chosen.language, with_map=chosen.with_map)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()

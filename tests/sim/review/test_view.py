@@ -20,7 +20,7 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
     rrd = tmp_path / "view.rrd"
     rrd.write_bytes(b"before")
 
-    def fail(scene: object, attach: Callable[[object, object], None], *how: object, **more: object) -> None:
+    def fail(scene: object, chosen: object, attach: Callable[[object, object], None]) -> None:
         attach(SimpleNamespace(save=lambda path, **_: path.write_bytes(b"half")), None)
         raise KeyboardInterrupt
 
