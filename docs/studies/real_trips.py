@@ -76,7 +76,7 @@ class TripAttribution:
     @property
     def above_ratio(self) -> float:
         """The energy above the optimum as a share of the driven energy."""
-        return self.attribution.difference_j / self.attribution.driven_j
+        return self.attribution.above.difference_j / self.attribution.above.driven_j
 
 
 def trip_attributions(data: Path) -> list[TripAttribution]:
@@ -137,8 +137,8 @@ def above_table(found: Sequence[TripAttribution]) -> Iterator[str]:
             continue
         low, high = kwh(likely.low_j), kwh(likely.high_j)
         friction = "–" if np.isnan(likely.by_friction_j) else f"{kwh(likely.by_friction_j):.0f} kWh"
-        driven, optimum = kwh(attribution.driven_j), kwh(attribution.optimum_j)
-        saved = f"{kwh(attribution.difference_j):.0f} kWh ({one.above_ratio:.0%})"
+        driven, optimum = kwh(attribution.above.driven_j), kwh(attribution.above.optimum_j)
+        saved = f"{kwh(attribution.above.difference_j):.0f} kWh ({one.above_ratio:.0%})"
         cells = (f"{driven:.0f} kWh", f"{optimum:.0f} kWh", saved, f"{low:.0f} to {high:.0f} kWh")
         yield f"| {one.trip} | {one.train} | {' | '.join(cells)} | {kwh(one.entry_j):.0f} kWh | {friction} |"
 
@@ -218,7 +218,9 @@ def above_figure(found: Sequence[TripAttribution]) -> Figure:
         first = row == 0
         axis.plot([low, high], [row, row], color=SEVERAL[0], linewidth=5.0, alpha=0.45, solid_capstyle="butt",
                   label="likely" if first else None)  # fmt: skip
-        axis.plot(kwh(one.attribution.difference_j), row, "o", color=SEVERAL[0], label="estimate" if first else None)
+        axis.plot(
+            kwh(one.attribution.above.difference_j), row, "o", color=SEVERAL[0], label="estimate" if first else None
+        )
         axis.plot(kwh(one.entry_j), row, "s", markerfacecolor="none", color=SEVERAL[2],
                   label="if the entry had to be slow" if first else None)  # fmt: skip
         if not np.isnan(one.likely.by_friction_j):

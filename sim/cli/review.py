@@ -216,7 +216,7 @@ def energy(
         return
     _print_causes(attribution)
     _print_places(attribution)
-    if not attribution.measured:
+    if not attribution.above.measured:
         tell("The energies are estimates by inverse dynamics from positions: nobody measured them.")
 
 
@@ -256,7 +256,7 @@ def _print_causes(attribution: Attribution) -> None:
 
 def _print_places(attribution: Attribution) -> None:
     from das.domain.units import kwh
-    from sim.drive.attribution.worst_places import worst_places
+    from sim.drive.attribution.attribution import worst_places
 
     worst = worst_places(attribution)
     if worst:
@@ -389,7 +389,7 @@ def view(
     from sim.drive.comparison import check_one_line
     from sim.recording.course import part_of
     from sim.recording.opening import open_recording
-    from sim.review.view import open_view, save_picture, save_view
+    from sim.review.view import ViewerChoice, open_view, save_picture, save_view
 
     if theme not in THEMES:
         raise DasError(f"--theme {theme}: expected one of {', '.join(THEMES)}")
@@ -398,12 +398,12 @@ def view(
         other = None if beside is None else open_recording(beside)
         check_one_line([recording] if other is None else [recording, other])
     if save is None and plot is None:
-        open_view(recording, beside=other, with_map=with_map, language=language)
+        open_view(recording, ViewerChoice(other, with_map, language))
     if plot is not None:
         with busy(f"drawing {plot} …"):
             save_picture(recording, plot, THEMES[theme], beside=other)
         tell(f"written: {plot}")
     if save is not None:
         with busy(f"writing {save} …"):
-            save_view(recording, save, beside=other, with_map=with_map, language=language)
+            save_view(recording, save, ViewerChoice(other, with_map, language))
         tell(f"written: {save}\nopen it with: {typed('rerun')} --bind 127.0.0.1 {shlex.quote(str(save))}")

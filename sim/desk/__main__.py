@@ -5,7 +5,7 @@ from das.command_line.process import start
 
 def main() -> None:
     """Entry point of the server."""
-    start("sim.desk.process")
+    start("sim.desk.server")
 
 
 if __name__ == "__main__":

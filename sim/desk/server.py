@@ -1,27 +1,44 @@
-"""The desk's server: one page at a time drives, and what the bus says goes to it."""
+"""The desk's server: one page at a time drives, and what the bus says goes to it.
+
+It answers only a browser on this machine that has the token; all others get an empty answer 403. The address that the
+user opens has the token once. The server turns it into a cookie, which scripts cannot read and other sites cannot use.
+Browsers send a cookie to every port of a host, so the cookie's name has the port. The server checks the name of the
+host, because a foreign page can let its own name lead to 127.0.0.1, and the origin, because a foreign page may open
+sockets to 127.0.0.1.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import secrets
+import socket
+import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import FileResponse, RedirectResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketClose, WebSocketDisconnect
 
+from das.command_line.process import interrupt_on_termination
+from das.domain.errors import DasError
 from das.domain.route import Route as Line
 from sim.desk import peer as on_bus
-from sim.desk.guard import Doorkeeper
-from sim.desk.line import cab_fields, reasons
-from sim.desk.messages import LARGEST_BYTES, DeskGiven, FrameDrawn, Lever, Ready, Said, encoded, heard
+from sim.desk.line import cab_fields, hello_of, reasons
+from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, FrameDrawn, Lever, Ready, Said, encoded, given_of, heard
 from sim.desk.peer import Peer
 from sim.drivers.messages import recorded_view
+from sim.world.scenario import load_scenario
+from sim.world.service import lay_out
 
 PAGE: Final = Path(__file__).parent / "page"
 FILES: Final = {path.name: path for path in sorted(PAGE.iterdir()) if path.is_file()}
@@ -32,6 +49,18 @@ MOST_PER_S, MOST_AT_ONCE = 200.0, 400.0
 """A page that sends more messages than this is cut off; our own page sends at most 60 a second."""
 BAD, TAKEN, FLOOD = 4400, 4409, 4429
 """Codes with which a socket is closed: what came is no message of the page, a newer page drives, too many messages."""
+HEADERS: Final = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+    "font-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+    "Cache-Control": "no-store",
+}
+PARENT_LOOK_S = 1.0
+"""The server looks this often (s) whether its parent is still there."""
 
 
 class Outbox:
@@ -184,6 +213,58 @@ def page_routes() -> list[BaseRoute]:
     return [Route("/", page), Route("/{name}", page)]
 
 
+class Doorkeeper:
+    """Lets through only requests that name this host, come from its own page, and have the token.
+
+    `?token=…` of an address that is typed or clicked sets the cookie and leads to the page. All answers have `HEADERS`.
+    """
+
+    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
+        self._app, self._host, self._token = app, f"127.0.0.1:{port}", token
+        self._cookie = f"desk-{port}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        await self._answering(scope)(scope, receive, send_guarded)
+
+    def _answering(self, scope: Scope) -> ASGIApp:
+        """What answers a request: the page's application, the way into the page, or a refusal."""
+        if scope["type"] == "lifespan":
+            return self._app
+        request = HTTPConnection(scope)
+        if self._comes_from_here(request):
+            tokens = request.query_params.getlist("token")
+            if scope["type"] == "http" and scope["path"] == "/" and len(tokens) == 1 and self._is_token(tokens[0]):
+                return self._way_in()
+            if self._is_token(request.cookies.get(self._cookie, "")):
+                return self._app
+        return WebSocketClose() if scope["type"] == "websocket" else Response(status_code=403)
+
+    def _comes_from_here(self, request: HTTPConnection) -> bool:
+        """Whether host, origin and method are those of our own page; a socket always has an origin."""
+        origins, own = request.headers.getlist("origin"), [f"http://{self._host}"]
+        if request.headers.getlist("host") != [self._host]:
+            return False
+        if request.scope["type"] == "websocket":
+            return origins == own
+        return origins in ([], own) and request.scope["method"] in ("GET", "HEAD")
+
+    def _is_token(self, text: str) -> bool:
+        return secrets.compare_digest(text.encode(), self._token.encode())
+
+    def _way_in(self) -> Response:
+        """Sets the cookie and leads to the page, so that the token leaves the address."""
+        answer = RedirectResponse("/", status_code=303)
+        answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
+        return answer
+
+
 def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Server:
     """The server of these routes; its `serve(sockets=[…])` answers until the process is told to stop."""
     config = uvicorn.Config(
@@ -193,3 +274,43 @@ def server_of(routes: Sequence[BaseRoute], port: int, token: str) -> uvicorn.Ser
         ws_per_message_deflate=False,
     )  # fmt: skip
     return uvicorn.Server(config)
+
+
+def main() -> None:
+    """Serve the desk."""
+    interrupt_on_termination()
+    threading.excepthook = _end_with_thread
+    try:
+        given = given_of(os.environ.pop(GIVEN, ""))
+        asyncio.run(_serve(given))
+    except DasError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(0)
+
+
+def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
+    """End this process when a thread fails: without its session on the bus, a run would wait for the desk for good."""
+    print(f"error: {failed.exc_value}", file=sys.stderr, flush=True)
+    os._exit(2)
+
+
+async def _serve(given: DeskGiven) -> None:
+    scenario = load_scenario(given.scenario, given.journey)
+    line = lay_out(scenario)
+    desk = Desk(given, hello_of(scenario.title, line, scenario.departure_ns, given.language, given.page), line[0])
+    watching = asyncio.create_task(_end_with_parent(int(sys.argv[sys.argv.index("--with-parent") + 1])))
+    try:
+        door = socket.socket(fileno=given.door)
+        await server_of(desk.routes(), door.getsockname()[1], given.token).serve(sockets=[door])
+    finally:
+        desk.peer.close()
+        watching.cancel()
+
+
+async def _end_with_parent(parent: int) -> None:
+    """End this process when its parent has ended."""
+    while os.getppid() == parent:
+        await asyncio.sleep(PARENT_LOOK_S)
+    os._exit(0)

@@ -28,6 +28,8 @@ NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the s
 """Why, for a drive without a departure from one stop and an arrival at another."""
 NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
 """Why, for a trip without such a departure and arrival, of which no part can be compared either."""
+RECORDED: Final = ("start", "end", "trip_s", "driven_j", "optimum_j")
+"""The figures of a section that a recording states under the same names."""
 _PASSING: Final = re.compile(r"km \d+\.\d at \d+ km/h")
 """The name of an end of a part between equal speeds."""
 
@@ -117,11 +119,7 @@ class AboveOptimum:
             return cls(
                 sections=tuple(
                     SectionEnergy(
-                        start=one.start,
-                        end=one.end,
-                        trip_s=one.trip_s,
-                        driven_j=one.driven_j,
-                        optimum_j=one.optimum_j,
+                        **{name: getattr(one, name) for name in RECORDED},
                         late_s=math.nan if one.faster_than_possible else 0.0,
                     )
                     for one in found.sections
@@ -144,9 +142,14 @@ class AboveOptimum:
         return math.fsum(one.optimum_j for one in self.sections)
 
     @property
+    def difference_j(self) -> float:
+        """Energy as driven minus that of the optimum (J), even if the two cannot be compared."""
+        return self.driven_j - self.optimum_j
+
+    @property
     def above_j(self) -> float | None:
         """Energy above the optimum (J); None if the two cannot be compared."""
-        return None if self.why_not else self.driven_j - self.optimum_j
+        return None if self.why_not else self.difference_j
 
     @property
     def ratio(self) -> float | None:
@@ -209,8 +212,8 @@ class AboveOptimum:
 
     def message(self, time_ns: int) -> das_pb2.Saving:
         """The message that is recorded at the end of a drive; the bands of a measured drive have no width."""
-        nothing, above_j = EnergyBand(math.nan, math.nan), self.driven_j - self.optimum_j
-        point = EnergyBand(above_j, above_j) if self.measured else nothing
+        nothing = EnergyBand(math.nan, math.nan)
+        point = EnergyBand(self.difference_j, self.difference_j) if self.measured else nothing
         likely, worst = self.likely or point, self.worst or point
         return das_pb2.Saving(
             time_ns=time_ns,
@@ -225,12 +228,7 @@ class AboveOptimum:
             worst_high_j=worst.high_j,
             sections=[
                 das_pb2.Saving.Section(
-                    start=one.start,
-                    end=one.end,
-                    trip_s=one.trip_s,
-                    driven_j=one.driven_j,
-                    optimum_j=one.optimum_j,
-                    faster_than_possible=one.too_fast,
+                    **{name: getattr(one, name) for name in RECORDED}, faster_than_possible=one.too_fast
                 )
                 for one in self.sections
             ],

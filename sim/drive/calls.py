@@ -15,7 +15,7 @@ from das.bus.recording import Recording
 from das.cab.heard import OrderedStop
 from das.domain.route import Stop
 from das.domain.units import NS
-from sim.recording.course import DrivenCourse
+from sim.recording.course import DrivenCourse, known, stretches_of
 
 STANDING_MPS: Final = 0.3
 """A train that is slower than this (m/s) stands: receivers report a few cm/s at rest."""
@@ -115,11 +115,9 @@ class AtStop(NamedTuple):
 
 def stands(trip: DrivenCourse) -> tuple[StandingTime, ...]:
     """Every stand of the train, in order of time; creeping below `STANDING_MPS` does not end a stand."""
-    still = np.concatenate(([False], trip.speed_mps < STANDING_MPS, [False]))
-    edges = np.flatnonzero(np.diff(still.astype(np.int8)))
     return tuple(
-        StandingTime(int(first), int(end) - 1, float(np.median(trip.s_m[first:end])))
-        for first, end in zip(edges[::2], edges[1::2], strict=True)
+        StandingTime(first, end - 1, float(np.median(trip.s_m[first:end])))
+        for first, end in stretches_of(trip.speed_mps < STANDING_MPS)
     )
 
 
@@ -157,9 +155,9 @@ def kept_calls(
     the times.
     """
     found: list[KeptCall] = []
-    known, seen = stands(trip), () if measured is None else stands(measured)
+    stood, seen = stands(trip), () if measured is None else stands(measured)
     for stop in stops:
-        stand, told = (_nearest(some, stop.s_m, near_m) for some in (known, seen))
+        stand, told = (_nearest(some, stop.s_m, near_m) for some in (stood, seen))
         came_ns = left_ns = 0
         if stand is not None and measured is not None and told is not None:
             came_ns, left_ns = _rest_ns(measured, told)
@@ -211,9 +209,9 @@ def _is_lost(measured: DrivenCourse, moving: int, first: int) -> bool:
     return 0.5 * float(measured.speed_mps[moving]) * over_s < POSITION_ERROR_M
 
 
-def _nearest(known: Sequence[StandingTime], s_m: float, near_m: float) -> StandingTime | None:
+def _nearest(stood: Sequence[StandingTime], s_m: float, near_m: float) -> StandingTime | None:
     """The stand that is nearest to a position; None if none is within `near_m`."""
-    near = [one for one in known if abs(one.s_m - s_m) <= near_m]
+    near = [one for one in stood if abs(one.s_m - s_m) <= near_m]
     return min(near, key=lambda one: abs(one.s_m - s_m), default=None)
 
 
@@ -249,8 +247,8 @@ def as_rows(made: Sequence[KeptCall]) -> list[dict[str, Any]]:
             "due_s": since_s(one.due_arrival_ns or one.due_departure_ns),
             "arrived_s": since_s(one.arrived_ns),
             "departed_s": since_s(one.departed_ns),
-            "late_s": None if math.isnan(one.late_s) else one.late_s,
-            "missed_m": None if math.isnan(one.missed_m) else one.missed_m,
+            "late_s": known(one.late_s),
+            "missed_m": known(one.missed_m),
         }
         for one in made
     ]

@@ -27,8 +27,7 @@ from sim.drive.attribution.driven_legs import DrivenLeg, since_departure_j
 from sim.drive.drive import Drive
 from sim.drive.equal_arrival import EqualArrival, SavedByAdvice, same_brakes
 from sim.drive.events.chronicle import place_text
-from sim.recording.course import Floats, Times
-from sim.recording.inputs import DriveInputs
+from sim.recording.course import Floats, Times, known
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,9 +41,6 @@ class DriveOnTrack:
 
     label: str
     drive: Drive
-    recording: Recording
-    inputs: DriveInputs
-    legs: tuple[DrivenLeg, ...]
     time_s: Floats
     s_m: Floats
     speed_mps: Floats
@@ -56,7 +52,7 @@ class DriveOnTrack:
     @property
     def train(self) -> str:
         """The vehicle, as the journey names it."""
-        return str(self.recording.of(topics.JOURNEY)[-1].message.vehicle_id)
+        return str(self.drive.recording.of(topics.JOURNEY)[-1].message.vehicle_id)
 
     def at(self, s_m: Floats, values: Floats) -> Floats:
         """Values of the drive at positions; where the train stood, the value when it came to a stand."""
@@ -82,19 +78,16 @@ def drives_on_track(drives: Sequence[Drive]) -> list[DriveOnTrack]:
 
 def on_track(drive: Drive, label: str) -> DriveOnTrack:
     """A recorded drive by position; DasError if line or train is not known, or fewer than two stops were served."""
-    recording, inputs, motion, legs = drive.recording, drive.inputs, drive.motion, drive.legs
+    motion, legs = drive.motion, drive.legs
     first = int(np.searchsorted(motion.time_ns, legs[0].motion.time_ns[0]))
     last = int(np.searchsorted(motion.time_ns, legs[-1].motion.time_ns[-1]))
     part = slice(max(first - 1, 0), last + 1)
     time_ns = motion.time_ns[part].copy()
     time_ns[0], time_ns[-1] = legs[0].motion.time_ns[0], legs[-1].motion.time_ns[-1]  # from rest to rest
-    mode, advised_mps = _advised(recording, time_ns)
+    mode, advised_mps = _advised(drive.recording, time_ns)
     return DriveOnTrack(
         label=label,
         drive=drive,
-        recording=recording,
-        inputs=inputs,
-        legs=legs,
         time_s=np.asarray((time_ns - drive.clock.zero_ns) * NS, dtype=np.float64),
         s_m=_on_stops(motion.s_m[part], legs),
         speed_mps=motion.speed_mps[part],
@@ -160,8 +153,7 @@ class Advised(NamedTuple):
     other: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PartedStretch:
+class PartedStretch(NamedTuple):
     """A stretch between stops or changes of the limit (m), and by how much more the other drive needed there.
 
     `time_s` is the time, `energy_j` the energy drawn, `lost_j` the energy drawn minus the rise of the kinetic energy.
@@ -199,16 +191,16 @@ class AlignedDrives(Summary):
         """Align drives over the part of the line that all of them drove; DasError if there is none."""
         if not step_m > 0 or math.isinf(step_m):
             raise DasError(f"--step {step_m:g}: expected metres > 0")
-        check_one_line([one.recording for one in drives])
+        check_one_line([one.drive.recording for one in drives])
         low_m = max(float(drive.s_m[0]) for drive in drives)
         high_m = min(float(drive.s_m[-1]) for drive in drives)
         if high_m - low_m < step_m:
             raise DasError("the drives have no way in common, so that there is nothing to compare")
-        s_m, limit_mps = _rows(drives[0], low_m, high_m, step_m)
+        s_m, limit_mps = _rows(drives[0].drive, low_m, high_m, step_m)
         speed = np.array([drive.at(s_m, drive.speed_mps) for drive in drives])
         own = same_brakes([drive.drive for drive in drives])
         energy = np.array([drive.at(s_m, drive.energy_j if own else drive.motors_first_j) for drive in drives])
-        inertial_kg = np.array([[drive.inputs.vehicle.inertial_mass_kg] for drive in drives])
+        inertial_kg = np.array([[one.drive.inputs.vehicle.inertial_mass_kg] for one in drives])
         lost = energy - 0.5 * inertial_kg * speed**2
         time = np.array([drive.at(s_m, drive.time_s) for drive in drives])
         return cls(
@@ -247,7 +239,7 @@ class AlignedDrives(Summary):
     @property
     def trains_differ(self) -> bool:
         """Whether the drives are of different trains, by name or by mass."""
-        return len({(drive.train, drive.inputs.vehicle.mass_kg) for drive in self.drives}) > 1
+        return len({(one.train, one.drive.inputs.vehicle.mass_kg) for one in self.drives}) > 1
 
     def is_same(self, other: int) -> bool:
         """Whether a drive agrees with the first in time, speed, energy and advice at every row."""
@@ -279,24 +271,13 @@ class AlignedDrives(Summary):
     def stretches(self, other: int) -> list[PartedStretch]:
         """The stretches between stops and changes of the limit, and how much more the other drive needed there."""
         edges = self._edges()
-        return [
-            PartedStretch(
-                start_m=float(self.s_m[first]),
-                end_m=float(self.s_m[last]),
-                time_s=self._more(self.time_s, other, first, last),
-                energy_j=self._more(self.energy_j, other, first, last),
-                lost_j=self._more(self.lost_j, other, first, last),
-            )
-            for first, last in pairwise(edges)
-        ]
-
-    def _more(self, values: Floats, other: int, first: int, last: int) -> float:
-        apart = values[other] - values[0]
-        return float(apart[last] - apart[first])
+        ends_m = pairwise(self.s_m[edges].tolist())
+        more = (np.diff((values[other] - values[0])[edges]) for values in (self.time_s, self.energy_j, self.lost_j))
+        return [PartedStretch(*end_m, *map(float, one)) for end_m, *one in zip(ends_m, *more, strict=True)]
 
     def _edges(self) -> list[int]:
         """Rows at which a stretch ends: the ends, the changes of the limit and the stops."""
-        stops_m = [leg.start.s_m for leg in self.drives[0].legs] + [leg.end.s_m for leg in self.drives[0].legs]
+        stops_m = [end.s_m for leg in self.drives[0].drive.legs for end in (leg.start, leg.end)]
         rows = {0, len(self.s_m) - 1}
         rows |= {int(row) + 1 for row in np.flatnonzero(np.diff(self.s_m) == 0)}
         rows |= {int(np.searchsorted(self.s_m, stop)) for stop in stops_m if self.s_m[0] < stop < self.s_m[-1]}
@@ -304,9 +285,9 @@ class AlignedDrives(Summary):
         return [kept[0], *(b for a, b in pairwise(kept) if self.s_m[b] - self.s_m[a] > EDGE_M)]
 
 
-def _rows(drive: DriveOnTrack, low_m: float, high_m: float, step_m: float) -> tuple[Floats, Floats]:
+def _rows(first: Drive, low_m: float, high_m: float, step_m: float) -> tuple[Floats, Floats]:
     """Positions in constant steps, and every change of the limit twice, with the limit (m/s) before and after it."""
-    limits = drive.inputs.route.limits_mps
+    limits = first.inputs.route.limits_mps
     even = np.append(np.arange(low_m, high_m, step_m), high_m)
     changes = limits.start_m[(limits.start_m > low_m) & (limits.start_m < high_m)]
     changes = changes[limits.at(changes) != limits.at(changes - 1e-6)]
@@ -345,19 +326,20 @@ def as_dict(aligned: AlignedDrives) -> dict[str, Any]:
 
 def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
     """One drive compared with the first, for programs."""
-    drive = aligned.drives[index]
+    on_track = aligned.drives[index]
+    drive = on_track.drive
     advised = None if index == 0 else aligned.first_different_advice(index)
     found: dict[str, Any] = {
         "recording": str(drive.recording.path),
-        "label": drive.label,
-        "train": drive.train,
+        "label": on_track.label,
+        "train": on_track.train,
         "time_s": float(aligned.time_s[index, -1]),
         "compared_energy_kwh": kwh(float(aligned.energy_j[index, -1])),
         "motors_first": not aligned.own_energies,
-        "energy_kwh": None if drive.drive.driven_j is None else kwh(drive.drive.driven_j),
-        "measured": drive.drive.measured,
-        **({} if drive.drive.above is None else drive.drive.above.as_dict()),
-        "arrived_late_s": [_number(leg.end.arrived_late_s) for leg in drive.legs],
+        "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
+        "measured": drive.measured,
+        **({} if drive.above is None else drive.above.as_dict()),
+        "arrived_late_s": [known(leg.end.arrived_late_s) for leg in drive.legs],
     }
     if index:
         found |= {
@@ -381,36 +363,29 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
     return found
 
 
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value
-
-
 def as_csv(aligned: AlignedDrives) -> bytes:
     """A CSV table with one row per position, two at a change of the limit; columns of a drive end in its number.
 
     Drives are numbered from 1. `clock_s` is on the drive's clock; `time_s` and the energies count from the first row.
     """
     columns = {"s_m": aligned.s_m, "limit_kmh": kmh(aligned.limit_mps)}
-    for number in range(1, len(aligned.drives) + 1):
-        i = number - 1
-        columns |= {
-            f"clock_s_{number}": aligned.clock_s[i],
-            f"time_s_{number}": aligned.time_s[i],
-            f"speed_kmh_{number}": kmh(aligned.speed_mps[i]),
-            f"energy_kwh_{number}": kwh(aligned.energy_j[i]),
-            f"lost_kwh_{number}": kwh(aligned.lost_j[i]),
-        }
+    each = {
+        "clock_s": aligned.clock_s,
+        "time_s": aligned.time_s,
+        "speed_kmh": kmh(aligned.speed_mps),
+        "energy_kwh": kwh(aligned.energy_j),
+        "lost_kwh": kwh(aligned.lost_j),
+    }
+    for i in range(len(aligned.drives)):
+        columns |= {f"{name}_{i + 1}": values[i] for name, values in each.items()}
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(
-        [f"{value:.6g}" if j else f"{value:.3f}" for j, value in enumerate(row)] for row in _transposed(columns)
+        [f"{value:.6g}" if j else f"{value:.3f}" for j, value in enumerate(row)]
+        for row in np.column_stack(list(columns.values()))
     )
     return text.getvalue().encode()
-
-
-def _transposed(columns: dict[str, Any]) -> Any:
-    return np.column_stack(list(columns.values()))
 
 
 def _more(value: float, unit: str, digits: int) -> str:
@@ -429,7 +404,7 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
         told = [f"{other.label} took the same time and energy as {first.label}."]
     if other.train != first.train:
         told.append(f"They are different trains: {first.train} and {other.train}.")
-    elif other.inputs.vehicle.mass_kg != first.inputs.vehicle.mass_kg:
+    elif other.drive.inputs.vehicle.mass_kg != first.drive.inputs.vehicle.mass_kg:
         told.append("They have the same train, but of another mass.")
     told += energy_sentences(aligned, index)
     advised = aligned.first_different_advice(index)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -14,8 +13,8 @@ from das.advice.reason import Reason
 from das.advice.wording import words
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.domain.units import KM, NS
-from sim.drive.events.event import place_m, read_notes
+from das.domain.units import NS
+from sim.drive.events.event import DriveEvent, EventKind, read_notes
 from sim.recording.course import DriveClock, DrivenCourse
 
 HEARD_NS: Final = 3_000_000_000
@@ -45,15 +44,6 @@ class Point(NamedTuple):
 
     s_m: float
     told_ns: int
-    text: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Happening:
-    """Something to be marked: when it happened, its kind (log, warning, silence, note), and a text."""
-
-    time_ns: int
-    kind: str
     text: str
 
 
@@ -94,6 +84,11 @@ def _silent(recording: Recording, first_ns: int, last_ns: int) -> Iterator[tuple
         yield Span(heard_ns, last_ns, NOT_HEARD), NOT_HEARD
 
 
+def silence_text(span: Span) -> str:
+    """How long there was no advice, and why."""
+    return f"no advice for {(span.end_ns - span.start_ns) * NS:.0f} s: {span.text}"
+
+
 def withdrawal_words(advice: Any) -> str:
     """Why advice was withdrawn, in words; in a recording older than the codes of reasons, the name of the cause."""
     text = words(Reason.read(advice.reason))
@@ -132,39 +127,28 @@ def _asked(target: Any, clock: DriveClock) -> str:
     return ", ".join(f"{word} {clock.shown(at_ns)}" for word, at_ns in words if at_ns)
 
 
-def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> tuple[Happening, ...]:
-    """All marks in order of time: the simulator's log, silences, other warnings of the node, and notes."""
+def happenings(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> tuple[DriveEvent, ...]:
+    """All marks in order of time: the simulator's log, silences, other warnings of the node, and notes.
+
+    What happened before the first position is moved to the moment of that position, and its text says so.
+    """
     start_ns, end_ns = int(trip.time_ns[0]), int(trip.time_ns[-1])
-    found = [_happening(entry.message, "log") for entry in recording.of(topics.LOG)]
-    for span in silent:
-        text = f"no advice for {(span.end_ns - span.start_ns) * NS:.0f} s: {span.text}"
-        found.append(Happening(time_ns=span.start_ns, kind="silence", text=text))
-    for entry in recording.of(topics.EVENT):
-        event = entry.message
-        one = _happening(event, "warning")
+    found = [(EventKind.LOG, *_said(entry.message)) for entry in recording.of(topics.LOG)]
+    found += [(EventKind.LAPSE, span.start_ns, silence_text(span)) for span in silent]
+    for event in (entry.message for entry in recording.of(topics.EVENT)):
+        time_ns, text = _said(event)
         # A node that still runs after the last position warns that the position is old.
-        if event.level >= Log.WARNING and one.time_ns <= end_ns and not any(x.text in one.text for x in silent):
-            found.append(one)
+        if event.level >= Log.WARNING and time_ns <= end_ns and not any(x.text in text for x in silent):
+            found.append((EventKind.WARNING, time_ns, text))
     for note in read_notes(recording.path):
-        if not start_ns <= note.time_ns <= end_ns:  # about another part of the drive
-            continue
-        found.append(Happening(time_ns=note.time_ns, kind="note", text=f"note: {note.text}"))
-    found = [_from_the_start(one, start_ns) for one in found]
-    return tuple(sorted(found, key=lambda one: one.time_ns))
+        if start_ns <= note.time_ns <= end_ns:  # not about another part of the drive
+            found.append((EventKind.NOTE, note.time_ns, f"note: {note.text}"))
+    marks = []
+    for kind, time_ns, text in found:
+        early = f"({(start_ns - time_ns) * NS:.0f} s before) " if time_ns < start_ns else ""
+        marks.append(DriveEvent.on(trip, kind, max(time_ns, start_ns), f"{early}{text}"))
+    return tuple(sorted(marks, key=lambda one: one.time_ns))
 
 
-def _happening(event: Any, kind: str) -> Happening:
-    return Happening(time_ns=event.timestamp.ToNanoseconds(), kind=kind, text=event.message)
-
-
-def _from_the_start(one: Happening, start_ns: int) -> Happening:
-    """Move what happened before the first position to the moment of that position, and say so in the text."""
-    early_s = (start_ns - one.time_ns) * NS
-    if early_s <= 0:
-        return one
-    return replace(one, time_ns=start_ns, text=f"({early_s:.0f} s before) {one.text}")
-
-
-def where_and_when(one: Happening, trip: DrivenCourse, clock: DriveClock) -> str:
-    """A happening in one line, with its time on the drive's clock and its place."""
-    return f"{clock.shown(one.time_ns)}, km {place_m(trip, one.time_ns) / KM:.1f}: {one.text}"
+def _said(event: Any) -> tuple[int, str]:
+    return event.timestamp.ToNanoseconds(), event.message

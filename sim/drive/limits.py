@@ -21,7 +21,7 @@ from das.bus.restrictions import valid_restrictions
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
 from sim.drive.happenings import Signal
-from sim.recording.course import DrivenCourse, Floats, Times
+from sim.recording.course import DrivenCourse, Floats, Times, stretches_of
 from sim.recording.inputs import DriveInputs
 
 OVER_MPS: Final = 1.0 * KMH
@@ -125,9 +125,7 @@ class SpanAbove(NamedTuple):
 def spans_above(trip: DrivenCourse, allowed_mps: Floats) -> Iterator[SpanAbove]:
     """The spans of time in which a train exceeded the allowed speed by more than the error of a speedometer."""
     at, over_mps = trip.time_ns, trip.speed_mps - allowed_mps
-    over = np.concatenate(([False], over_mps > OVER_MPS, [False]))
-    edges = np.flatnonzero(np.diff(over.astype(np.int8)))
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
+    for first, end in stretches_of(over_mps > OVER_MPS):
         worst = first + int(np.argmax(over_mps[first:end]))
         lasted_s = float(at[min(end, len(at) - 1)] - at[first]) * NS
         yield SpanAbove(int(at[first]), int(at[end - 1]), float(over_mps[worst]), float(allowed_mps[worst]), lasted_s)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from das.domain.journey import Passing
 from das.domain.units import NS
+from sim.recording.course import known
 
 PASSINGS: Final = "passings"
 """The key of a recording's metadata for the passings of its journey."""
@@ -98,7 +99,7 @@ def as_rows(kept: Sequence[KeptPassing], zero_ns: int) -> list[dict[str, Any]]:
             "earliest_s": since_s(one.due.earliest_ns),
             "latest_s": since_s(one.due.latest_ns),
             "passed_s": since_s(one.passed_ns),
-            "late_s": None if math.isnan(one.late_s) else one.late_s,
+            "late_s": known(one.late_s),
             "wish": one.due.wish,
             "tolerance_s": one.due.tolerance_s,
         }

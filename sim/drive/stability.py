@@ -11,6 +11,7 @@ from das.bus import topics
 from das.bus.recording import Recording
 from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import Shown
+from sim.recording.course import known
 
 MOST_CHANGES_PER_MIN: Final = 2.0
 """Advice that changes more often than this, on average, is restless."""
@@ -68,9 +69,9 @@ class AdviceStability:
     def as_dict(self) -> dict[str, Any]:
         """The measures for JSON and tables; None for a measure without a value."""
         return {
-            "advice_changes_per_min": _number(self.changes_per_min),
+            "advice_changes_per_min": known(self.changes_per_min),
             "reversals": self.reversals,
-            "shortest_mode_s": _number(self.shortest_mode_s),
+            "shortest_mode_s": known(self.shortest_mode_s),
             "advice_restless": self.warning is not None,
         }
 
@@ -148,7 +149,3 @@ def recorded_stability(recording: Recording) -> AdviceStability:
         view = recorded_view(cab)
         watch.look(since_s, speeds_mps.get(cab.time_ns, 0.0), None if view is None else Shown.of(view))
     return watch.found
-
-
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value

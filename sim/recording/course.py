@@ -40,7 +40,7 @@ class DrivenCourse:
             data = recording.columns(topic, "time_ns", "s_m", "speed_mps")
             if len(data["time_ns"]):
                 order = np.argsort(data["time_ns"], kind="stable")
-                return cls(**{name: data[name][order] for name in ("time_ns", "s_m", "speed_mps")})
+                return DrivenCourse(**{name: data[name][order] for name in ("time_ns", "s_m", "speed_mps")})
         raise DasError(f"{recording.path}: holds no positions of train {recording.train}, so there is nothing to show")
 
     def trip_ns(self, time_ns: Times) -> Times:
@@ -56,6 +56,17 @@ class DrivenCourse:
     def at(self, time_ns: Times, values: Floats) -> Floats:
         """Values along the course (one per position) at other times; before and after it, the values at its ends."""
         return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)
+
+
+def stretches_of(holds: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """The stretches of samples at which something holds: the index of the first, and that behind the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(np.int8)))
+    return [(first, end) for first, end in edges.reshape(-1, 2).tolist()]
+
+
+def known(value: float) -> float | None:
+    """A value for JSON, which has no NaN: None stands for it."""
+    return None if math.isnan(value) else value
 
 
 MINUTE_S: Final = 60

@@ -337,7 +337,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
         _said(axis, drive, lane)
     for axis in (time, energy):
         axis.axhline(0.0, color=COMPARED[0], linewidth=1.0)
-    legs = aligned.drives[0].legs
+    legs = aligned.drives[0].drive.legs
     places = [(legs[0].start.name, legs[0].start.s_m), *((leg.end.name, leg.end.s_m) for leg in legs)]
     common = [(name, s_m) for name, s_m in places if aligned.s_m[0] - EDGE_M <= s_m <= aligned.s_m[-1] + EDGE_M]
     for axis in (speed, time, energy):

@@ -116,9 +116,8 @@ def _tabs(scene: ReviewScene, *, with_map: bool) -> list[rrb.View]:
     found.append(rrb.TextDocumentView(origin="summary", name="Summary"))
     way = scene.way
     if way is not None:
-        found += [_track(way), *([_map(way)] if with_map else [])]
+        found += [_track(way), *([rrb.MapView(origin="map", name="Map", zoom=_zoom(way))] if with_map else [])]
     if scene.recording.of(EVENT) or scene.recording.of(LOG):
-        columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
         found.append(rrb.TextLogView(origin="events", name="Log", columns=columns))
     return found
 
@@ -163,10 +162,6 @@ def _track(way: MapTrack) -> rrb.View:
     (left, top), (right, bottom) = low - margin, high + margin
     bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
     return rrb.Spatial2DView(origin="track", name="Track", visual_bounds=bounds)
-
-
-def _map(way: MapTrack) -> rrb.View:
-    return rrb.MapView(origin="map", name="Map", zoom=_zoom(way))
 
 
 def _zoom(way: MapTrack) -> float:

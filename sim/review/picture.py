@@ -31,7 +31,7 @@ from sim.review.canvas import (
     share_x,
 )
 from sim.review.lanes import WAY, Lane
-from sim.review.scene import DRAWN_OVER_DISTANCE, OVER_DISTANCE, CostSpan, ReviewScene, speed_text
+from sim.review.scene import DRAWN_OVER_DISTANCE, OVER_DISTANCE, CostSpan, ReviewScene, meaning_of, speed_text
 from sim.review.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
 from sim.review.words import headline, line_rows, on_this_day
 
@@ -282,12 +282,13 @@ def _costs(axis: Any, costs: Sequence[CostSpan], along: Along, theme: Theme) -> 
     low, high = axis.get_xlim()
     for span in costs:
         start, end = along(np.array([span.start_ns, span.end_ns]))
-        axis.broken_barh([(start, end - start)], (0.06, 0.88), facecolor=theme.of[span.meaning], edgecolor="none")
+        color = theme.of[meaning_of(span.cause)]
+        axis.broken_barh([(start, end - start)], (0.06, 0.88), facecolor=color, edgecolor="none")
         if end - start >= FIGURE_SHARE * (high - low):
             axis.text(
                 0.5 * (start + end), 0.52, f"{kwh(span.energy_j):+.1f}", ha="center", va="center",
                 color=theme.background, fontsize=SMALL - 1.0,
             )  # fmt: skip
-    used = {meaning: {span.cause.label for span in costs if span.meaning is meaning} for meaning in COSTS}
+    used = {meaning: {span.cause.label for span in costs if meaning_of(span.cause) is meaning} for meaning in COSTS}
     named = {names.pop() if len(names) == 1 else COSTS[meaning]: meaning for meaning, names in used.items() if names}
     legend(axis, theme, {text: theme.of[meaning] for text, meaning in named.items()})

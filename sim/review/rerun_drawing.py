@@ -23,7 +23,7 @@ from das.bus import topics
 from das.domain.units import KM, KMH, NS
 from das.drawing.meanings import STANDING_GREY, VIEWER, Meaning, rgba
 from sim.drive.calls import STANDING_MPS
-from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
+from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, stretches_of
 from sim.review.cab_display import send_cab
 from sim.review.lanes import Lane, lane_entity
 from sim.review.scene import DRAWN_OVER_DISTANCE, ReviewScene
@@ -333,10 +333,8 @@ def _over_distance(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene
 
 def unbroken(x: Floats, y: Floats, values: Floats) -> list[Floats]:
     """The pieces of a line between values that are not known, each of shape (points, 2)."""
-    known = np.concatenate(([False], np.isfinite(values), [False]))
-    edges = np.flatnonzero(np.diff(known.astype(np.int8)))
     points = np.column_stack((x, y))
-    return [points[first:end] for first, end in zip(edges[::2], edges[1::2], strict=True)]
+    return [points[first:end] for first, end in stretches_of(np.isfinite(values))]
 
 
 def stepped(points: Floats) -> Floats:

@@ -20,12 +20,22 @@ from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
-from sim.drive.events.event import DriveEvent, EventKind
-from sim.drive.happenings import NOT_HEARD, Happening, Span, happenings, points, where_and_when
+from sim.drive.events.event import EventKind
+from sim.drive.happenings import NOT_HEARD, Span, happenings, points
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
-from sim.review.beside import partings, series_beside
 from sim.review.lanes import COST, Change, Lane, instructions, lanes
-from sim.review.series import STYLES, FirstPlans, Found, MapTrack, filled_in, on_trip, quantity_of, series
+from sim.review.series import (
+    STYLES,
+    FirstPlans,
+    Found,
+    MapTrack,
+    filled_in,
+    on_trip,
+    partings,
+    quantity_of,
+    series,
+    series_beside,
+)
 from sim.review.words import attribution_text
 
 OVER_DISTANCE: Final = ("speed", "force", "gradient")
@@ -41,13 +51,11 @@ GAP: Final = np.array([np.nan])
 USUAL_PERCENT: Final = (2.5, 97.5)
 """Percentiles of the advised force that its axis shows; the force exceeds them in the last metres before a stop."""
 
-HAPPENING_MEANINGS: Final = {"warning": Meaning.WARNING, "silence": Meaning.NO_ADVICE, "note": Meaning.NOTE}
-"""What the colours of marks mean, by kind of happening; other kinds have the colour of the ink."""
 ROUTINE: Final = (
     EventKind.ADVICE, EventKind.REPLAN, EventKind.DRIVER, EventKind.DELAY, EventKind.JOURNEY, EventKind.LOG,
 )  # fmt: skip
 """Events that are frequent or repeat another event: they are no bookmarks, but `das-sim events` lists them."""
-BOOKMARK_MEANINGS: Final = {
+MEANINGS: Final = {
     EventKind.NOTE: Meaning.NOTE,
     EventKind.WARNING: Meaning.WARNING,
     EventKind.OVERSPEED: Meaning.WARNING,
@@ -59,7 +67,7 @@ BOOKMARK_MEANINGS: Final = {
     EventKind.WITHDRAWAL: Meaning.NO_ADVICE,
     EventKind.LAPSE: Meaning.NO_ADVICE,
 }
-"""What the colours of bookmarks mean; other kinds have the colour of the ink."""
+"""What the colours of marks and bookmarks mean; other kinds have the colour of the ink."""
 
 LEAST_KWH: Final = 0.05
 """A span that cost less than this (kWh) is not in the lane of costs."""
@@ -159,7 +167,10 @@ class ReviewScene:
         """
         recording, trip, clock = drive.recording, drive.course, drive.clock
         filled = filled_in(drive)
-        happened = happenings(recording, trip, drive.silences)
+        marked = [
+            Mark(one.time_ns, f"{clock.shown(one.time_ns)}, km {one.s_m / KM:.1f}: {one.text}", MEANINGS.get(one.kind))
+            for one in happenings(recording, trip, drive.silences)
+        ]
         return cls(
             drive=drive,
             series={
@@ -174,7 +185,7 @@ class ReviewScene:
                 (stop.name, stop.s_m) for one in recording.of(topics.JOURNEY)[-1:] for stop in one.message.stops
             ),
             places=tuple(_places(drive)),
-            marks=tuple(_mark(one, trip, clock) for one in happened),
+            marks=tuple(marked),
             bookmarks=_bookmarks(drive, beside),
             way=MapTrack.of(recording) or filled.way,
             filled_from=filled.source,
@@ -301,24 +312,16 @@ def _places(drive: Drive) -> Iterator[LinePlace]:
         yield LinePlace(Meaning.OPERATOR, point.s_m, point.s_m, point.text)
 
 
-def _mark(one: Happening, trip: DrivenCourse, clock: DriveClock) -> Mark:
-    return Mark(one.time_ns, where_and_when(one, trip, clock), HAPPENING_MEANINGS.get(one.kind))
-
-
 def _bookmarks(drive: Drive, beside: Drive | None) -> tuple[Mark, ...]:
     """The bookmarks; the list of the viewer shows their times beside the texts."""
+    noted = {EventKind.NOTE: "note: "}
     found = [
-        Mark(one.time_ns, f"{place_text(one.s_m)}  {_named(one)}", BOOKMARK_MEANINGS.get(one.kind))
+        Mark(one.time_ns, f"{place_text(one.s_m)}  {noted.get(one.kind, '')}{one.text}", MEANINGS.get(one.kind))
         for one in drive.events
         if one.kind not in ROUTINE
     ]
     found += [Mark(time_ns, text, Meaning.OTHER_DRIVE) for time_ns, text in partings(drive, beside)]
     return tuple(sorted(found, key=lambda one: one.time_ns))
-
-
-def _named(event: DriveEvent) -> str:
-    """The words of an event; those of a person are called a note."""
-    return f"note: {event.text}" if event.kind is EventKind.NOTE else event.text
 
 
 def meaning_of(cause: EnergyCause) -> Meaning:
@@ -333,11 +336,6 @@ class CostSpan(NamedTuple):
     end_ns: int
     cause: EnergyCause
     energy_j: float
-
-    @property
-    def meaning(self) -> Meaning:
-        """What the colour of the span says."""
-        return meaning_of(self.cause)
 
     @property
     def worth(self) -> bool:
@@ -377,7 +375,7 @@ class AttributionView:
         for span in self.spans:
             text = f"{kwh(span.energy_j):+.1f} kWh {span.cause.label}" if span.worth else ""
             if text:
-                colors[text] = span.meaning
+                colors[text] = meaning_of(span.cause)
             while changes and changes[-1].time_ns >= span.start_ns:
                 changes.pop()
             changes += [Change(span.start_ns, text), Change(span.end_ns, "")]

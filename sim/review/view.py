@@ -16,7 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from das.advice.wording import Language
 from das.bus.recording import Recording
@@ -37,17 +37,20 @@ CLOSING_S: Final = 5.0
 """How long (s) a viewer may take to end before it is killed."""
 
 
-def save_view(
-    recording: Recording,
-    rrd_path: Path,
-    *,
-    beside: Recording | None = None,
-    with_map: bool = False,
-    language: Language = Language.EN,
-) -> None:
-    """Write a recording as a rerun file, with our layout, the energy attribution, and a display in a language.
+class ViewerChoice(NamedTuple):
+    """What a user chooses for the viewer: another drive whose curves lie under those of the recording, whether there is
+    a map, and the language of the display."""
 
-    The curves of another drive on the line, `beside`, lie under those of the recording.
+    beside: Recording | None = None
+    with_map: bool = False
+    language: Language = Language.EN
+
+
+PLAIN: Final = ViewerChoice()
+
+
+def save_view(recording: Recording, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:
+    """Write a recording as a rerun file, with our layout and the energy attribution.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -57,28 +60,9 @@ def save_view(
     check_writable(rrd_path, overwrite=True)
     with tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         whole = Path(folder) / "view.rrd"
-        write_view(recording, whole, beside=beside, with_map=with_map, language=language)
+        scene = _scene_of(recording, chosen.beside)
+        _send(scene, chosen, lambda out, layout: out.save(whole, default_blueprint=layout)).disconnect()
         write_whole(rrd_path, whole.read_bytes())
-
-
-def write_view(
-    recording: Recording,
-    path: Path,
-    *,
-    beside: Recording | None = None,
-    with_map: bool = False,
-    language: Language = Language.EN,
-) -> None:
-    """Write a rerun file with our layout, replacing an existing file; if this fails, a half-written file is left."""
-    from sim.review.rerun_drawing import send, send_attribution
-
-    scene = _scene_of(recording, beside)
-    with _stream(scene) as out:
-        out.save(path, default_blueprint=_blueprint(scene, with_map=with_map))
-        send(out, scene, language, with_map=with_map)
-        send_attribution(out, scene.with_attribution())
-        out.flush()
-        out.disconnect()
 
 
 def save_picture(
@@ -97,13 +81,7 @@ def save_picture(
     save_figure(picture_path, picture_of(recording, theme, beside=beside), dpi=DPI, facecolor=theme.background)
 
 
-def open_view(
-    recording: Recording,
-    *,
-    beside: Recording | None = None,
-    with_map: bool = False,
-    language: Language = Language.EN,
-) -> None:
+def open_view(recording: Recording, chosen: ViewerChoice = PLAIN) -> None:
     """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
 
     The viewer opens with what was recorded; the energy attribution follows as soon as it is found. The viewer listens
@@ -111,26 +89,38 @@ def open_view(
     """
     _check_installed("rerun", "rerun_cli")
     _check_display()
-    scene, port = _scene_of(recording, beside), _free_port()
+    scene, port = _scene_of(recording, chosen.beside), _free_port()
     interrupt_on_termination()
-    run_viewer(port, lambda: _feed_viewer(scene, port, language, with_map=with_map))
+    run_viewer(port, lambda: _feed_viewer(scene, port, chosen))
 
 
-def _feed_viewer(scene: ReviewScene, port: int, language: Language, *, with_map: bool) -> None:
+def _feed_viewer(scene: ReviewScene, port: int, chosen: ViewerChoice) -> None:
     """Send a scene to the viewer that listens on a port of this machine: what was recorded, then the energy
     attribution.
 
     If the user closes the viewer meanwhile, that is no error, and rerun's messages about it are not printed.
     """
     os.environ.setdefault("RUST_LOG", "off")  # read when rerun is imported
+    address = f"rerun+http://127.0.0.1:{port}/proxy"
+    _send(scene, chosen, lambda out, layout: out.connect_grpc(address, default_blueprint=layout))
+
+
+def _send(
+    scene: ReviewScene, chosen: ViewerChoice, attach: Callable[[rr.RecordingStream, rrb.Blueprint], None]
+) -> rr.RecordingStream:
+    """Send a scene to where `attach` leads a new stream: what was recorded, then the energy attribution."""
+    import rerun as rr
+
+    from sim.review.layout import blueprint
     from sim.review.rerun_drawing import send, send_attribution
 
-    with _stream(scene) as out:
-        out.connect_grpc(_viewer_address(port), default_blueprint=_blueprint(scene, with_map=with_map))
-        send(out, scene, language, with_map=with_map)
+    with rr.RecordingStream(APPLICATION, recording_id=scene.drive.name) as out:
+        attach(out, blueprint(scene, with_map=chosen.with_map))
+        send(out, scene, chosen.language, with_map=chosen.with_map)
         out.flush()
         send_attribution(out, scene.with_attribution())
         out.flush()
+    return out
 
 
 def _scene_of(recording: Recording, beside: Recording | None) -> ReviewScene:
@@ -138,19 +128,6 @@ def _scene_of(recording: Recording, beside: Recording | None) -> ReviewScene:
     from sim.review.scene import ReviewScene
 
     return ReviewScene.of(Drive(source=recording), None if beside is None else Drive(source=beside))
-
-
-def _stream(scene: ReviewScene) -> rr.RecordingStream:
-    """A stream to write or send the view of a scene to."""
-    import rerun as rr
-
-    return rr.RecordingStream(APPLICATION, recording_id=scene.drive.name)
-
-
-def _blueprint(scene: ReviewScene, *, with_map: bool) -> rrb.Blueprint:
-    from sim.review.layout import blueprint
-
-    return blueprint(scene, with_map=with_map)
 
 
 def _check_installed(*names: str) -> None:
@@ -170,11 +147,6 @@ def _free_port() -> int:
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])
-
-
-def _viewer_address(port: int) -> str:
-    """Where a viewer on a port of this machine takes data."""
-    return f"rerun+http://127.0.0.1:{port}/proxy"
 
 
 def viewer_command(port: int) -> list[str]:

@@ -53,16 +53,18 @@ def attribution_text(attribution: Attribution) -> str:
     """The energy attribution as a table (Markdown)."""
     rows = [f"| {cause.label} | {kwh(energy_j):+.1f} |" for cause, energy_j in attribution.by_cause.items()]
     meanings = [f"- **{cause.label}.** {cause.meaning}" for cause in attribution.by_cause]
-    source = "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured it"
+    source = (
+        "measured by the simulator" if attribution.above.measured else "estimated from positions; nobody measured it"
+    )
     return "\n".join(
         [
             f"### Above the optimum for the same times: {attribution.above.words}",
             "",
             "| | kWh |",
             "|---|---:|",
-            f"| optimum for the same times | {kwh(attribution.optimum_j):.1f} |",
+            f"| optimum for the same times | {kwh(attribution.above.optimum_j):.1f} |",
             *rows,
-            f"| **as driven** | **{kwh(attribution.driven_j):.1f}** |",
+            f"| **as driven** | **{kwh(attribution.above.driven_j):.1f}** |",
             "",
             f"Energy at the current collector, {source}.",
             "",

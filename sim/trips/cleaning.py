@@ -16,7 +16,7 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import NS
-from sim.recording.course import utc
+from sim.recording.course import stretches_of, utc
 from sim.trips.record import Bools, Ints, Record
 from sim.trips.settings import GAPS, POSITIONS, SPEEDS
 
@@ -228,10 +228,9 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > SPEEDS.wrong_speed_mps
     repeats = np.append(False, (np.diff(along_m) == 0) & moving[1:])
-    edges = np.flatnonzero(np.diff(np.concatenate((repeats, [False])).astype(np.int8)))
-    for last_good, last in edges.reshape(-1, 2):
+    for last_good, last in ((first - 1, end - 1) for first, end in stretches_of(repeats)):
         if np.all(along_m[last:] == along_m[last]):
-            frozen[last_good + 1 :] |= _led_on(time_s, along_m, speed_mps, int(last_good))
+            frozen[last_good + 1 :] |= _led_on(time_s, along_m, speed_mps, last_good)
             break
         run = slice(last_good, last + 2)
         told_m = np.trapezoid(np.nan_to_num(speed_mps[run]), time_s[run])

@@ -25,7 +25,7 @@ from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from das.estimate.settings import CALIBRATION
 from das.estimate.window import NORMAL_MAD, LineIntegral, MeasuredWindow, Sample
-from sim.trips.settings import ESTIMATE, FINDING
+from sim.trips.settings import CHOICE, ESTIMATE, RATIO_SEARCH, SHARES, WINDOWS
 from sim.trips.trip import Trip
 
 
@@ -62,7 +62,7 @@ class FoundTrain:
     @property
     def mass_known(self) -> bool:
         """Whether the record shows the mass better than it is known of any train."""
-        return self.mass_sd <= FINDING.ratios.known_sd_ratio * FINDING.ratios.mass_sd
+        return self.mass_sd <= RATIO_SEARCH.known_sd_ratio * RATIO_SEARCH.mass_sd
 
 
 class TrainWindow(NamedTuple):
@@ -115,7 +115,7 @@ def shares(found: Iterable[FoundTrain]) -> dict[str, float]:
     if not possible:
         return {}
     off = np.array([one.evidence for one in possible]) - max(one.evidence for one in possible)
-    weights = np.exp(FINDING.ratios.evidence_weight * off)
+    weights = np.exp(RATIO_SEARCH.evidence_weight * off)
     return {one.names[0]: float(weight) for one, weight in zip(possible, weights / weights.sum(), strict=True)}
 
 
@@ -146,13 +146,13 @@ def _motion_key(vehicle: Vehicle) -> tuple[Any, ...]:
 
 def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: float) -> FoundTrain:
     windows = windows_of(trip, vehicle, noise_mps)
-    if len(windows) < FINDING.windows.least:
+    if len(windows) < WINDOWS.least:
         raise DasError(
-            f"{trip.path}: too short to find its train: {len(windows)} stretches of {FINDING.windows.samples} s above "
-            f"{CALIBRATION.sample.slowest_mps / KMH:.0f} km/h, expected at least {FINDING.windows.least}"
+            f"{trip.path}: too short to find its train: {len(windows)} stretches of {WINDOWS.samples} s above "
+            f"{CALIBRATION.sample.slowest_mps / KMH:.0f} km/h, expected at least {WINDOWS.least}"
         )
     fits = [_WindowFit.of(window, vehicle) for window in windows]
-    posterior = RATIOS.log_prior + FINDING.windows.weight * sum(one.log_density for one in fits)
+    posterior = RATIOS.log_prior + WINDOWS.weight * sum(one.log_density for one in fits)
     evidence = _log_sum(posterior)
     weight = np.exp(posterior - evidence)
     (mass, mass_sd), (resistance, resistance_sd) = (_moments(one, weight) for one in (RATIOS.mass, RATIOS.resistance))
@@ -162,9 +162,9 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
         names=names,
         vehicle=vehicle,
         mass_ratio=mass,
-        mass_sd=math.hypot(mass_sd, FINDING.ratios.model_sd),
+        mass_sd=math.hypot(mass_sd, RATIO_SEARCH.model_sd),
         resistance_ratio=resistance,
-        resistance_sd=math.hypot(resistance_sd, FINDING.ratios.model_sd),
+        resistance_sd=math.hypot(resistance_sd, RATIO_SEARCH.model_sd),
         beyond_ratio=float(beyond.mean()),
         evidence=evidence + _speed_evidence(trip, vehicle),
     )
@@ -174,9 +174,9 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
 def _why_not(trip: Trip, found: FoundTrain, beyond: int) -> str:
     """Why a train cannot have driven the trip; empty if it can. `beyond` windows need more effort than it has."""
     top_mps, own_mps = held_speed_mps(trip), found.vehicle.max_speed_mps
-    if top_mps > FINDING.choice.overspeed_ratio * own_mps:
+    if top_mps > CHOICE.overspeed_ratio * own_mps:
         return f"the trip held {top_mps / KMH:.0f} km/h, this train runs {own_mps / KMH:.0f} km/h"
-    if beyond >= FINDING.choice.beyond_windows and found.beyond_ratio > FINDING.choice.beyond_ratio:
+    if beyond >= CHOICE.beyond_windows and found.beyond_ratio > CHOICE.beyond_ratio:
         return f"in {100 * found.beyond_ratio:.0f} % of the time the trip needs more effort than this train has"
     return ""
 
@@ -192,8 +192,8 @@ def speed_noise_mps(trip: Trip) -> float:
     """The noise of the reported speeds (m/s, one standard deviation), by their median distance from the smooth run."""
     matched, run = trip.matched, trip.run
     seen = ~(matched.invalid | matched.dropout | matched.standing)
-    if np.count_nonzero(seen) < FINDING.windows.samples:
-        return FINDING.windows.unmeasured_speed_sd_mps
+    if np.count_nonzero(seen) < WINDOWS.samples:
+        return WINDOWS.unmeasured_speed_sd_mps
     since_s = (matched.time_ns[seen] - run.start_time_ns) * NS - run.speed_lag_s
     off = matched.speed_mps[seen] - np.interp(since_s, run.time_s, run.speed_mps)
     return max(float(np.median(np.abs(off - np.median(off)))) / NORMAL_MAD, CALIBRATION.window.speed_sd_mps)
@@ -201,7 +201,7 @@ def speed_noise_mps(trip: Trip) -> float:
 
 def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWindow]:
     """The windows of the smooth run above a slow speed, each half over the one before."""
-    run, samples = trip.run, FINDING.windows.samples
+    run, samples = trip.run, WINDOWS.samples
     settings = replace(CALIBRATION.window, samples=samples, speed_sd_mps=noise_mps)
     line = LineIntegral(trip.route, vehicle, vehicle.train_length_m, settings)
     effort_n = vehicle.traction_effort_n(np.maximum(run.speed_mps, CALIBRATION.sample.slowest_mps))
@@ -224,11 +224,11 @@ class Ratios:
 
     def __init__(self) -> None:
         axes = (
-            np.linspace(low, high, FINDING.ratios.steps)
-            for low, high in (FINDING.ratios.mass_bounds, FINDING.ratios.resistance_bounds)
+            np.linspace(low, high, RATIO_SEARCH.steps)
+            for low, high in (RATIO_SEARCH.mass_bounds, RATIO_SEARCH.resistance_bounds)
         )
         self.mass, self.resistance = (grid.ravel() for grid in np.meshgrid(*axes))
-        off = (self.mass - 1.0) / FINDING.ratios.mass_sd, np.log(self.resistance) / FINDING.ratios.resistance_log_sd
+        off = (self.mass - 1.0) / RATIO_SEARCH.mass_sd, np.log(self.resistance) / RATIO_SEARCH.resistance_log_sd
         log_prior = -0.5 * (off[0] ** 2 + off[1] ** 2)
         self.log_prior = log_prior - _log_sum(log_prior)
 
@@ -253,22 +253,21 @@ class _WindowFit(NamedTuple):
         held_n = carried_kg * means.line_mps2 + RATIOS.resistance * (c0_n + means.moving_n) + means.tunnel_n
         force_n = moved_kg * a + held_n
         full_n = np.maximum(np.minimum(means.force_n, moved_kg * train.max_acceleration_mps2 + held_n), 1.0)
-        brakes_n = np.minimum(window.brakes_n, moved_kg * FINDING.windows.hardest_braking_mps2)
-        line_n = FINDING.windows.line_sd_ratio * carried_kg * STANDARD_GRAVITY_MPS2
+        brakes_n = np.minimum(window.brakes_n, moved_kg * WINDOWS.hardest_braking_mps2)
+        line_n = WINDOWS.line_sd_ratio * carried_kg * STANDARD_GRAVITY_MPS2
         sd_n = np.sqrt(moved_kg**2 * means.acceleration_variance + line_n**2)
-        full_sd_n = np.sqrt(sd_n**2 + means.force_variance + (FINDING.windows.full_sd_ratio * full_n) ** 2)
-        held_sd = math.hypot(math.sqrt(means.acceleration_variance), FINDING.windows.held_sd_mps2)
+        full_sd_n = np.sqrt(sd_n**2 + means.force_variance + (WINDOWS.full_sd_ratio * full_n) ** 2)
+        held_sd = math.hypot(math.sqrt(means.acceleration_variance), WINDOWS.held_sd_mps2)
         below = _step((full_n - force_n) / full_sd_n)
-        share = FINDING.shares
         density = moved_kg * (
-            share.coasting * _normal(force_n / sd_n) / sd_n
-            + share.full * _normal((force_n - full_n) / full_sd_n) / full_sd_n
+            SHARES.coasting * _normal(force_n / sd_n) / sd_n
+            + SHARES.full * _normal((force_n - full_n) / full_sd_n) / full_sd_n
         )
-        density += share.held * float(_normal(a / held_sd)) / held_sd * below
-        density += share.traction * np.minimum(_step(force_n / sd_n), below)
-        density += share.braking * np.minimum(_step(-force_n / sd_n), _step((force_n + brakes_n) / sd_n))
-        beyond = force_n - FINDING.choice.certain_sds * sd_n > ESTIMATE.beyond_ratio * full_n
-        return cls(np.log(density + share.unexplained), beyond.astype(float))
+        density += SHARES.held * float(_normal(a / held_sd)) / held_sd * below
+        density += SHARES.traction * np.minimum(_step(force_n / sd_n), below)
+        density += SHARES.braking * np.minimum(_step(-force_n / sd_n), _step((force_n + brakes_n) / sd_n))
+        beyond = force_n - CHOICE.certain_sds * sd_n > ESTIMATE.beyond_ratio * full_n
+        return cls(np.log(density + SHARES.unexplained), beyond.astype(float))
 
 
 def _normal(off: Any) -> Any:
@@ -293,13 +292,13 @@ def _moments(values: Floats, weight: Floats) -> tuple[float, float]:
 def _speed_evidence(trip: Trip, vehicle: Vehicle) -> float:
     """The logarithm of the density of the trip's high speed, as drivers come near what line and train allow."""
     run = trip.run
-    place_m = np.linspace(run.s_m[0], run.s_m[-1], FINDING.choice.places)
+    place_m = np.linspace(run.s_m[0], run.s_m[-1], CHOICE.places)
     limit = np.minimum(trip.route.limits_over_train(vehicle.train_length_m).at(place_m), vehicle.max_speed_mps)
     allowed, driven = (
-        float(np.percentile(speed, FINDING.choice.high_percentile))
+        float(np.percentile(speed, CHOICE.high_percentile))
         for speed in (limit, np.interp(place_m, run.s_m, run.speed_mps))
     )
-    slower_ratio = FINDING.choice.slower_ratio
+    slower_ratio = CHOICE.slower_ratio
     return -max(1.0 - driven / allowed, 0.0) / slower_ratio - math.log(slower_ratio * allowed)
 
 

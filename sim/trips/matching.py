@@ -10,6 +10,7 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Floats, Route, Stop
 from das.domain.units import KMH, NS
+from sim.recording.course import DrivenCourse
 from sim.trips import cleaning
 from sim.trips.cleaning import CleaningReport, FindingKind, FindingLog
 from sim.trips.line import Line
@@ -56,7 +57,7 @@ class RunEnds(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MatchedTrip:
+class MatchedTrip(DrivenCourse):
     """A record on a route, arrays of shape (points,); `s_m` never decreases, `speed_mps` has no dropouts.
 
     `dropout` marks speeds that were not measured but derived from positions, `invalid` points that a recording calls
@@ -64,9 +65,6 @@ class MatchedTrip:
     """
 
     source: str
-    time_ns: Ints
-    s_m: Floats
-    speed_mps: Floats
     latitude_deg: Floats
     longitude_deg: Floats
     dropout: Bools

@@ -11,6 +11,7 @@ import numpy as np
 from das.domain.errors import DasError
 from das.domain.route import Floats
 from das.domain.units import KMH
+from sim.recording.course import stretches_of
 from sim.trips import cleaning
 from sim.trips.cleaning import FindingKind, FindingLog
 from sim.trips.line import Line
@@ -266,8 +267,7 @@ def left_over(speed_mps: float) -> tuple[float, float]:
 
 def stands(standing_points: Bools) -> list[Stand]:
     """The standstills in order."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], standing_points, [False])).astype(np.int8)))
-    return [Stand(int(first), int(end) - 1) for first, end in edges.reshape(-1, 2)]
+    return [Stand(first, end - 1) for first, end in stretches_of(standing_points)]
 
 
 def visits(found: list[Stand], s_m: Floats, stop_m: float, *, last: bool) -> list[Stand]:

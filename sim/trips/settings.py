@@ -6,7 +6,7 @@ The values are assumptions unless a field says otherwise. They were tried on cle
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from das.domain.units import KMH
@@ -261,16 +261,6 @@ class TrainChoice:
     """Places along the way at which speeds are compared."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FindingSettings:
-    """How the train of a trip is found; tried on simulated drives (docs/explanation/find-train.md)."""
-
-    windows: TrainWindows = field(default_factory=TrainWindows)
-    shares: RegimeShares = field(default_factory=RegimeShares)
-    ratios: RatioSearch = field(default_factory=RatioSearch)
-    choice: TrainChoice = field(default_factory=TrainChoice)
-
-
 POSITIONS: Final = PositionSettings()
 SPEEDS: Final = SpeedSettings()
 GAPS: Final = GapSettings()
@@ -278,4 +268,8 @@ STANDS: Final = StandSettings()
 PLACING: Final = PlacingSettings()
 SMOOTHING: Final = SmoothingSettings()
 ESTIMATE: Final = EstimateSettings()
-FINDING: Final = FindingSettings()
+WINDOWS: Final = TrainWindows()
+SHARES: Final = RegimeShares()
+RATIO_SEARCH: Final = RatioSearch()
+CHOICE: Final = TrainChoice()
+"""How the train of a trip is found; tried on simulated drives (docs/explanation/find-train.md)."""

@@ -22,11 +22,11 @@ def test_a_real_trip_is_accounted_for_and_the_page_says_so(monkeypatch: pytest.M
     attribution = possible.attribution
     assert possible.possible
     assert not impossible.possible
-    assert sum(attribution.by_cause.values()) == pytest.approx(attribution.difference_j, rel=1e-3)
+    assert sum(attribution.by_cause.values()) == pytest.approx(attribution.above.difference_j, rel=1e-3)
     by_part = [_lost_j(possible, start_km * KM, end_km * KM) for _, start_km, end_km in PARTS]
-    assert sum(by_part) == pytest.approx(attribution.difference_j, rel=1e-3)
-    assert 0.0 < possible.entry_j < attribution.difference_j  # a forced slow entry explains a part, not all
-    assert possible.likely.low_j < attribution.difference_j < possible.likely.high_j
+    assert sum(by_part) == pytest.approx(attribution.above.difference_j, rel=1e-3)
+    assert 0.0 < possible.entry_j < attribution.above.difference_j  # a forced slow entry explains a part, not all
+    assert possible.likely.low_j < attribution.above.difference_j < possible.likely.high_j
     page = real_trips.PAGE.read_text(encoding="utf-8")
     for line in above_table([possible, impossible]):
         assert line in page

@@ -192,7 +192,8 @@ def committed(
 ) -> Committed:
     """The committed energy of a driven leg at each `every`-th sample, with the cause of each rise."""
     leg = knowledge.leg
-    motion, samples, vehicle = leg.motion, _cuts(len(leg.motion.s_m), every), knowledge.inputs.vehicle
+    motion, vehicle, last = leg.motion, knowledge.inputs.vehicle, len(leg.motion.s_m) - 1
+    samples = np.unique(np.append(np.arange(0, last + 1, every), last)).astype(np.intp)  # the last one, too
     energy_j, news_j = np.full(len(samples), math.nan), np.zeros(len(samples) - 1)
     causes: list[EnergyCause] = []
     judge, told = Judge(), knowledge.nothing_told
@@ -217,11 +218,6 @@ def committed(
         energy_j[0] = knowledge.front().fastest().balance.input
     energy_j[-1] = energies.motors_j[-1]
     return Committed(sample=samples, energy_j=energy_j, causes=tuple(causes), news_j=news_j)
-
-
-def _cuts(samples: int, every: int) -> NDArray[np.intp]:
-    """The samples from which the optimum is sought: the first, each `every`-th after it, and the last."""
-    return np.unique(np.append(np.arange(0, samples, every), samples - 1)).astype(np.intp)
 
 
 def spacing(legs: Sequence[DrivenLeg]) -> int:

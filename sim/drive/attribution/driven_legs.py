@@ -28,11 +28,11 @@ from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, NOT_WHOLE, EnergyBand, SectionEnergy
 from sim.drive.calls import KeptCall, knows_truth
-from sim.recording.course import Floats, Times
+from sim.recording.course import DrivenCourse, Floats, Times
 from sim.recording.inputs import DriveInputs
 from sim.trips.estimate import BRAKING, DrivenCase, EnergyRange, Unknown, estimate_run, one_by_one, over_unknowns
 from sim.trips.profile import DrivenRun, to_profile
-from sim.trips.settings import FINDING, SMOOTHING
+from sim.trips.settings import CHOICE, SMOOTHING
 from sim.trips.trip import recorded_trip
 
 LEAST_WAY_M = 100.0
@@ -40,16 +40,13 @@ LEAST_WAY_M = 100.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DrivenMotion:
-    """Samples of a drive, each array of shape (samples,).
+class DrivenMotion(DrivenCourse):
+    """Samples of a drive with its energy, each array of shape (samples,).
 
     `input_j` is the energy at the current collector and `friction_j` that of the friction brake, both since the start;
     they are None if they were not measured.
     """
 
-    time_ns: Times
-    s_m: Floats
-    speed_mps: Floats
     input_j: Floats | None = None
     friction_j: Floats | None = None
 
@@ -130,15 +127,12 @@ def smoothed_motions(recording: Recording, route: Route) -> Callable[[float], Dr
     """
     trip = recorded_trip(recording, route)
 
-    def motion(jerk_psd_m2ps5: float) -> DrivenMotion:
+    def smoothed(jerk_psd_m2ps5: float) -> DrivenMotion:
         run = trip.run if jerk_psd_m2ps5 == SMOOTHING.jerk_psd_m2ps5 else to_profile(trip.matched, 1.0, jerk_psd_m2ps5)
-        return _with_friction(recording, DrivenMotion.of_run(run))
+        motion = DrivenMotion.of_run(run)
+        return replace(motion, friction_j=_friction_j(recording, motion.time_ns, motion.speed_mps))
 
-    return motion
-
-
-def _with_friction(recording: Recording, motion: DrivenMotion) -> DrivenMotion:
-    return replace(motion, friction_j=_friction_j(recording, motion.time_ns, motion.speed_mps))
+    return smoothed
 
 
 def _friction_j(recording: Recording, time_ns: Times, speed_mps: Floats) -> Floats | None:
@@ -168,18 +162,14 @@ def _legs(motion: DrivenMotion, served: list[KeptCall]) -> Iterator[DrivenLeg]:
             continue
         leaving = int(np.searchsorted(motion.time_ns, start.departed_ns, side="right")) - 1
         arrived = int(np.searchsorted(motion.time_ns, end.arrived_ns))
-        cut = _part(motion, slice(max(leaving, 0), arrived + 1))
+        part = slice(max(leaving, 0), arrived + 1)
+        cut = replace(motion, **{name: one[part] for name, one in vars(motion).items() if one is not None})
         time_ns, speed_mps = cut.time_ns.copy(), cut.speed_mps.copy()
         # From rest to rest: a leg lasts from the recorded departure to the arrival, and its optimum has all that time.
         time_ns[0], time_ns[-1] = start.departed_ns, end.arrived_ns
         speed_mps[0], speed_mps[-1] = start.passed_mps, end.passed_mps
         s_m = np.clip(np.maximum.accumulate(cut.s_m), cut.s_m[0], cut.s_m[-1])
         yield DrivenLeg(start=start, end=end, motion=replace(cut, time_ns=time_ns, speed_mps=speed_mps, s_m=s_m))
-
-
-def _part(motion: DrivenMotion, part: slice) -> DrivenMotion:
-    arrays = {name: None if array is None else array[part] for name, array in vars(motion).items()}
-    return DrivenMotion(**arrays)  # type: ignore[arg-type]
 
 
 def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restriction] = ()) -> Section:
@@ -203,7 +193,7 @@ def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
     """
     top_mps, own_mps = float(motion.speed_mps.max()), vehicle.max_speed_mps
     losses = (one for one in vehicle.losses.values() if isinstance(one, LossMap))
-    known_mps = min([FINDING.choice.overspeed_ratio * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
+    known_mps = min([CHOICE.overspeed_ratio * own_mps, *(float(one.speed_mps[-1]) for one in losses)])
     return replace(vehicle, max_speed_mps=top_mps) if own_mps < top_mps <= known_mps else vehicle
 
 
@@ -414,12 +404,9 @@ def _best_run(one: ComparedLeg, case: DrivenCase) -> Solution | None:
     if case == DrivenCase():
         return one.optimum
     try:
-        best = solve_front(section_in(one.front.section, case)).trajectory(one.leg.trip_s)
+        section = one.front.section
+        train = rebuilt(section, case.train(section.vehicle), case.brakes(section))
+        best = solve_front(train).trajectory(one.leg.trip_s)
     except DasError:  # such a train cannot run here
         return None
     return None if best.fit is Fit.LATE else best
-
-
-def section_in(section: Section, case: DrivenCase) -> Section:
-    """The section with the train and the brakes of a case; raises DasError if that train cannot run there."""
-    return rebuilt(section, case.train(section.vehicle), case.brakes(section))

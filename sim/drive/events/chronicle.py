@@ -34,11 +34,10 @@ from sim.drive.events.event import (
     EventKind,
     deviation_events,
     lateness_text,
-    place_m,
     read_notes,
     with_marks,
 )
-from sim.drive.happenings import NOT_HEARD, Span, points, signals
+from sim.drive.happenings import NOT_HEARD, Span, points, signals, silence_text
 from sim.drive.limits import temporary_limits
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
@@ -171,13 +170,7 @@ def _changed(advice: Any, before: Regime, told: ShownRegime, cause: str, zone: t
 def replan_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     """Every plan that replaced another."""
     for plan in new_plans(recording, trip):
-        yield DriveEvent(
-            time_ns=plan.time_ns,
-            kind=EventKind.REPLAN,
-            text=f"new plan: {plan.cause}",
-            s_m=place_m(trip, plan.time_ns),
-            facts={"cause": plan.cause},
-        )
+        yield DriveEvent.on(trip, EventKind.REPLAN, plan.time_ns, f"new plan: {plan.cause}", cause=plan.cause)
 
 
 def withdrawal_events(recording: Recording, trip: DrivenCourse, silent: tuple[Span, ...]) -> Iterator[DriveEvent]:
@@ -191,14 +184,10 @@ def withdrawal_events(recording: Recording, trip: DrivenCourse, silent: tuple[Sp
         lasted_s = (span.end_ns - span.start_ns) * NS
         unheard = span.text == NOT_HEARD
         cause = "not-heard" if unheard else Cause(causes.get(span.start_ns, 0)).label
-        yield DriveEvent(
-            time_ns=span.start_ns,
-            end_ns=span.end_ns,
-            kind=EventKind.LAPSE if unheard else EventKind.WITHDRAWAL,
-            text=f"no advice for {lasted_s:.0f} s: {span.text}",
-            s_m=place_m(trip, span.start_ns),
-            facts={"cause": cause, "lasted_s": lasted_s, "reason": span.text},
-        )
+        yield DriveEvent.on(
+            trip, EventKind.LAPSE if unheard else EventKind.WITHDRAWAL, span.start_ns, silence_text(span),
+            end_ns=span.end_ns, cause=cause, lasted_s=lasted_s, reason=span.text,
+        )  # fmt: skip
 
 
 def place_text(s_m: float) -> str:
@@ -256,23 +245,18 @@ def as_rows(events: Iterable[DriveEvent], clock: DriveClock) -> list[dict[str, A
             "kind": str(one.kind),
             "text": one.text,
             **({"bookmark": one.mark} if one.mark else {}),
-            **{name: value for name, value in one.facts.items() if not _is_nan(value)},
+            # JSON does not know NaN.
+            **{name: x for name, x in one.facts.items() if not (isinstance(x, float) and math.isnan(x))},
         }
         for one in events
     ]
-
-
-def _is_nan(value: object) -> bool:
-    """Whether a value is NaN, which JSON does not know."""
-    return isinstance(value, float) and math.isnan(value)
 
 
 def _marked_moments(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     """The moments that the person at a cab desk marked, as notes."""
     for mark in (entry.message for entry in recording.of(topics.MARK)):
         if mark.kind == mark.KIND_MARK:
-            text, at_m = "marked by the driver", place_m(trip, mark.time_ns)
-            yield DriveEvent(time_ns=mark.time_ns, kind=EventKind.NOTE, text=text, s_m=at_m)
+            yield DriveEvent.on(trip, EventKind.NOTE, mark.time_ns, "marked by the driver")
 
 
 def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
@@ -282,14 +266,10 @@ def _notes(recording: Recording, trip: DrivenCourse) -> Iterable[DriveEvent]:
             continue
         tags = f" [{', '.join(note.tags)}]" if note.tags else ""
         by = f" ({note.author})" if note.author else ""
-        yield DriveEvent(
-            time_ns=note.time_ns,
-            end_ns=note.end_ns,
-            kind=EventKind.NOTE,
-            text=f"{note.text}{tags}{by}",
-            s_m=place_m(trip, note.time_ns),
-            facts={"number": number, "note": note.text, "tags": list(note.tags), "author": note.author},
-        )
+        yield DriveEvent.on(
+            trip, EventKind.NOTE, note.time_ns, f"{note.text}{tags}{by}", end_ns=note.end_ns,
+            number=number, note=note.text, tags=list(note.tags), author=note.author,
+        )  # fmt: skip
 
 
 def _told_events(recording: Recording, trip: DrivenCourse, zone: tzinfo) -> Iterator[DriveEvent]:
@@ -297,21 +277,18 @@ def _told_events(recording: Recording, trip: DrivenCourse, zone: tzinfo) -> Iter
     yield from _restrictions(recording, trip, zone)
     for point in points(recording, trip):
         text = f"traffic management: {point.text} at km {point.s_m / KM:.1f}"
-        yield DriveEvent(time_ns=point.told_ns, kind=EventKind.TARGET, text=text, s_m=place_m(trip, point.told_ns))
-    for index, entry in enumerate(recording.of(topics.JOURNEY)):
-        if index:
-            stops = " – ".join(stop.name for stop in entry.message.stops)
-            at = int(entry.message.time_ns)
-            yield DriveEvent(
-                time_ns=at, kind=EventKind.JOURNEY, text=f"another journey was received: {stops}", s_m=place_m(trip, at)
-            )
+        yield DriveEvent.on(trip, EventKind.TARGET, point.told_ns, text)
+    for entry in recording.of(topics.JOURNEY)[1:]:
+        stops = " – ".join(stop.name for stop in entry.message.stops)
+        text = f"another journey was received: {stops}"
+        yield DriveEvent.on(trip, EventKind.JOURNEY, int(entry.message.time_ns), text)
     yield from _delays(recording, trip)
     for signal in signals(recording):
         lasted_s = (signal.end_ns - signal.start_ns) * NS
-        yield DriveEvent(
-            time_ns=signal.start_ns, end_ns=signal.end_ns, kind=EventKind.SIGNAL, s_m=place_m(trip, signal.start_ns),
-            text=f"signal at danger at km {signal.s_m / KM:.2f} in sight for {lasted_s:.0f} s",
-            facts={"signal_m": signal.s_m, "lasted_s": lasted_s},
+        yield DriveEvent.on(
+            trip, EventKind.SIGNAL, signal.start_ns,
+            f"signal at danger at km {signal.s_m / KM:.2f} in sight for {lasted_s:.0f} s",
+            end_ns=signal.end_ns, signal_m=signal.s_m, lasted_s=lasted_s,
         )  # fmt: skip
     for entry in recording.of(topics.LOG):
         yield _said(entry.message, EventKind.LOG, trip)
@@ -323,13 +300,11 @@ def _told_events(recording: Recording, trip: DrivenCourse, zone: tzinfo) -> Iter
 def _restrictions(recording: Recording, trip: DrivenCourse, zone: tzinfo) -> Iterator[DriveEvent]:
     for span in temporary_limits(recording, trip):
         one = span.restriction
-        facts = {"start_m": one.start_m, "end_m": one.end_m, "limit_mps": one.limit_mps}
+        facts: dict[str, Any] = {"start_m": one.start_m, "end_m": one.end_m, "limit_mps": one.limit_mps}
         for at, word in span.changes():
             if word == "received" or at <= trip.time_ns[-1]:
-                yield DriveEvent(
-                    time_ns=at, kind=EventKind.RESTRICTION, s_m=place_m(trip, at), facts=facts,
-                    text=f"restriction {word}: {one.words_in(zone)}",
-                )  # fmt: skip
+                text = f"restriction {word}: {one.words_in(zone)}"
+                yield DriveEvent.on(trip, EventKind.RESTRICTION, at, text, **facts)
 
 
 def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
@@ -338,14 +313,11 @@ def _delays(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
     before_s = 0.0
     for time_ns, delay_s in zip(delay["time_ns"].tolist(), delay["delay_s"].tolist(), strict=True):
         if abs(delay_s - before_s) >= DELAY_STEP_S:
-            yield DriveEvent(
-                time_ns=time_ns, kind=EventKind.DELAY, text=f"the operator reports {lateness_text(delay_s)}",
-                s_m=place_m(trip, time_ns), facts={"delay_s": delay_s},
-            )  # fmt: skip
+            text = f"the operator reports {lateness_text(delay_s)}"
+            yield DriveEvent.on(trip, EventKind.DELAY, time_ns, text, delay_s=delay_s)
             before_s = delay_s
 
 
 def _said(log: Any, kind: EventKind, trip: DrivenCourse) -> DriveEvent:
-    at = log.timestamp.ToNanoseconds()
     said = f"{log.name}: {log.message}" if log.name else str(log.message)
-    return DriveEvent(time_ns=at, kind=kind, text=said, s_m=place_m(trip, at))
+    return DriveEvent.on(trip, kind, log.timestamp.ToNanoseconds(), said)

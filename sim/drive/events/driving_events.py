@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,9 +109,8 @@ def top_speed_events(trip: DrivenCourse, top_mps: float) -> Iterator[DriveEvent]
 
 
 def _at_speed(trip: DrivenCourse, over: SpanAbove, kind: EventKind, text: str, allowed: str) -> DriveEvent:
-    s_m = place_m(trip, over.start_ns)
     facts = {allowed: over.allowed_mps, "over_kmh": kmh(over.over_mps), "lasted_s": over.lasted_s}
-    return DriveEvent(time_ns=over.start_ns, end_ns=over.end_ns, kind=kind, s_m=s_m, text=text, facts=facts)
+    return DriveEvent.on(trip, kind, over.start_ns, text, end_ns=over.end_ns, **facts)
 
 
 def driver_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
@@ -140,18 +139,16 @@ def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], 
     waited_s = (at - at[0]) * NS
     answered = np.flatnonzero(does & (waited_s <= LONGEST_ANSWER_S))
     stood_s = float(waited_s[-1]) + 1.0
-    facts: dict[str, object] = {"mode": mode_name(mode)}
     if len(answered):
         reaction_s = float(waited_s[answered[0]])
         late = ", which is late" if reaction_s > LATE_ANSWER_S else ""
         text = f"{mode_name(mode)} was followed after {reaction_s:.0f} s{late}"
-        facts |= {"followed": True, "reaction_s": reaction_s}
+        facts: dict[str, Any] = {"followed": True, "reaction_s": reaction_s}
     else:
         over = f"it stood for {stood_s:.0f} s" if stood_s <= LONGEST_ANSWER_S else f"{LONGEST_ANSWER_S:.0f} s"
         text = f"{mode_name(mode)} was not followed ({over})"
-        facts |= {"followed": False, "stood_s": stood_s}
-    s_m = place_m(trip, int(at[0]))
-    return DriveEvent(time_ns=int(at[0]), kind=EventKind.DRIVER, text=text, s_m=s_m, facts=facts)
+        facts = {"followed": False, "stood_s": stood_s}
+    return DriveEvent.on(trip, EventKind.DRIVER, int(at[0]), text, mode=mode_name(mode), **facts)
 
 
 def pause_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
@@ -159,11 +156,9 @@ def pause_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEven
     at = np.sort(recording.columns(topics.POSITION, "time_ns")["time_ns"])
     for index in np.flatnonzero(np.diff(at) > PAUSE_NS):
         lasted_s = float(at[index + 1] - at[index]) * NS
-        s_m = place_m(trip, int(at[index]))
-        yield DriveEvent(
-            time_ns=int(at[index]), end_ns=int(at[index + 1]), kind=EventKind.LAPSE, s_m=s_m,
-            text=f"no position for {lasted_s:.0f} s from km {s_m / KM:.2f}", facts={"lasted_s": lasted_s},
-        )  # fmt: skip
+        start_ns, end_ns = int(at[index]), int(at[index + 1])
+        text = f"no position for {lasted_s:.0f} s from km {place_m(trip, start_ns) / KM:.2f}"
+        yield DriveEvent.on(trip, EventKind.LAPSE, start_ns, text, end_ns=end_ns, lasted_s=lasted_s)
 
 
 def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveEvent]:
@@ -174,22 +169,21 @@ def decision_events(recording: Recording, trip: DrivenCourse) -> Iterator[DriveE
     told = [(KINDS[one.message.kind - 1], one.message) for one in recording.of(topics.DECISION)]
     kept = [one for one in told if one[0] != "expected"]
     for (kind, one), (after, reaction) in pairwise([*kept, ("", None)]):
-        s_m = place_m(trip, int(one.time_ns))
         if kind in DECIDED:
             follows = DECIDED[kind]
             advice = mode_name(Regime(int(one.value)))
-            text, facts = f"advice '{advice}' is not followed", {"mode": advice, "followed": follows}
+            text = f"advice '{advice}' is not followed"
+            facts: dict[str, Any] = {"mode": advice, "followed": follows}
             if not follows:
                 text += _controller(recording, int(one.time_ns))
             if after == "reaction":  # The reaction that a decision starts is recorded right after the decision.
                 facts |= {"reaction_s": reaction.value}
                 text = f"{advice} is followed after a reaction of {reaction.value:.1f} s" if follows else text
-            yield DriveEvent(time_ns=one.time_ns, kind=EventKind.DRIVER, text=text, s_m=s_m, facts=facts)
+            yield DriveEvent.on(trip, EventKind.DRIVER, one.time_ns, text, **facts)
         elif kind == "lapse":
-            yield DriveEvent(
-                time_ns=one.time_ns, end_ns=one.time_ns + round(one.value / NS), kind=EventKind.DRIVER, s_m=s_m,
-                text=f"attention is away for {one.value:.0f} s, unless the train warns", facts={"away_s": one.value},
-            )  # fmt: skip
+            text = f"attention is away for {one.value:.0f} s, unless the train warns"
+            end_ns = one.time_ns + round(one.value / NS)
+            yield DriveEvent.on(trip, EventKind.DRIVER, one.time_ns, text, end_ns=end_ns, away_s=one.value)
 
 
 def _controller(recording: Recording, time_ns: int) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
@@ -72,6 +72,11 @@ class DriveEvent:
     end_ns: int = 0
     facts: Mapping[str, Any] = field(default_factory=dict)
     mark: str = ""
+
+    @classmethod
+    def on(cls, trip: DrivenCourse, kind: EventKind, time_ns: int, text: str, *, end_ns: int = 0, **facts: Any) -> Self:
+        """An event where the train was on its course at that moment; the figures that go with it are given by name."""
+        return cls(time_ns=time_ns, end_ns=end_ns, kind=kind, text=text, s_m=place_m(trip, time_ns), facts=facts)
 
     @property
     def last_ns(self) -> int:
@@ -195,13 +200,8 @@ def deviation_events(recording: Recording, trip: DrivenCourse) -> Iterator[Drive
         for at in np.flatnonzero(np.abs(late_s) >= LARGE_DEVIATION_S)[:1]
     ]
     for time_ns, late_s, words in sorted(firsts)[:1]:
-        yield DriveEvent(
-            time_ns=time_ns,
-            kind=EventKind.DEVIATION,
-            text=f"{words} {lateness_text(late_s)}",
-            s_m=place_m(trip, time_ns),
-            facts={"deviation_s": late_s},
-        )
+        text = f"{words} {lateness_text(late_s)}"
+        yield DriveEvent.on(trip, EventKind.DEVIATION, time_ns, text, deviation_s=late_s)
 
 
 def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:

@@ -56,8 +56,8 @@ def by_time(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
     return DataTable(name="by_time", columns=[*_moments(at_ns, zero_ns), *_joined(tables, at_ns)])
 
 
-def by_position(tables: Mapping[str, DataTable], zero_ns: int, step_m: float = STEP_M) -> DataTable | None:
-    """One row every `step_m` along the route as driven; None if the train did not move.
+def by_position(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
+    """One row every `STEP_M` along the route as driven; None if the train did not move.
 
     A row has the time at which the train first reached its position. There are no rows where the position was not
     recorded for longer than `LONGEST_S`.
@@ -68,7 +68,7 @@ def by_position(tables: Mapping[str, DataTable], zero_ns: int, step_m: float = S
     time_ns, s_m = _first_there(base)
     if len(s_m) < 2:
         return None
-    places = np.arange(np.ceil(s_m[0] / step_m), np.floor(s_m[-1] / step_m) + 1) * step_m
+    places = np.arange(np.ceil(s_m[0] / STEP_M), np.floor(s_m[-1] / STEP_M) + 1) * STEP_M
     if len(places):
         at_ns = time_ns[0] + np.rint(np.interp(places, s_m, (time_ns - time_ns[0]).astype(np.float64))).astype(np.int64)
         there = _between_neighbours(np.sort(_times(base)), at_ns)

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Any, Final
 
 from das.bus.recorder import comments, message_time_ns
@@ -80,11 +81,7 @@ class DataTable:
 
     def only(self, keep: Sequence[bool]) -> DataTable:
         """The table with some of its rows."""
-        return replace(self, columns=[replace(x, values=_picked(x.values, keep)) for x in self.columns])
-
-
-def _picked(values: list[Any], keep: Sequence[bool]) -> list[Any]:
-    return [value for value, kept in zip(values, keep, strict=True) if kept]
+        return replace(self, columns=[replace(x, values=list(compress(x.values, keep))) for x in self.columns])
 
 
 def tables_of(name: str, entries: Sequence[Stamped], zero_ns: int) -> list[DataTable]:

@@ -13,10 +13,9 @@ from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import Attribution, CauseStretch, worst_stretch
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
 from sim.drive.attribution.driven_legs import LikelyRange
-from sim.drive.attribution.worst_places import CauseStretch, worst_stretch
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
@@ -167,13 +166,10 @@ def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
     if passed:
         yield _at_signal(drive, passed[0], len(passed))
     for kind in SAFETY_LABELS:
-        events = sorted((one for one in drive.events if one.kind is kind), key=_excess, reverse=True)
+        events = [one for one in drive.events if one.kind is kind]
         if events:
-            yield _of_event(drive, events[0], len(events))
-
-
-def _excess(event: DriveEvent) -> float:
-    return float(event.facts.get("over_kmh", 0.0))
+            worst = max(events, key=lambda one: float(one.facts.get("over_kmh", 0.0)))
+            yield _of_event(drive, worst, len(events))
 
 
 def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:

@@ -16,7 +16,7 @@ from das.domain.errors import DasError
 from das.domain.units import kwh
 from das.drawing.meanings import LIGHT
 from sim.drive.attribution.attribution import as_dict as energy_dict
-from sim.drive.attribution.worst_places import worst_places
+from sim.drive.attribution.attribution import worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
@@ -108,16 +108,16 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 def _images(drive: Drive) -> dict[str, str]:
     """The pictures by name; an empty text for a picture in which there is nothing to draw."""
     scene = ReviewScene.of(drive).with_attribution()
-    made = {"first": figures.first_figure(scene, findings(drive)), "speed": figures.drive_figure(scene)}
-    if drive.calls:
-        made["punctuality"] = figures.punctuality_figure(scene)
-    if scene.attribution is not None:
-        made["causes"] = figures.cause_figure(scene)
-        made["places"] = figures.place_figure(scene)
-        made["efficiency"] = figures.efficiency_figure(scene)
-    names = ("first", "speed", "punctuality", "causes", "places", "efficiency")
-    found = {name: made.get(name) for name in names}
-    return {name: "" if figure is None else as_image(figure) for name, figure in found.items()}
+    known = scene.attribution is not None
+    made = {
+        "first": figures.first_figure(scene, findings(drive)),
+        "speed": figures.drive_figure(scene),
+        "punctuality": figures.punctuality_figure(scene) if drive.calls else None,
+        "causes": figures.cause_figure(scene) if known else None,
+        "places": figures.place_figure(scene) if known else None,
+        "efficiency": figures.efficiency_figure(scene) if known else None,
+    }
+    return {name: "" if figure is None else as_image(figure) for name, figure in made.items()}
 
 
 def _comparison(aligned: AlignedDrives) -> dict[str, Any]:

@@ -13,9 +13,8 @@ import numpy as np
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.above_optimum import EnergyBand
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution.attribution import Attribution, worst_places
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
-from sim.drive.attribution.worst_places import worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
@@ -125,10 +124,14 @@ def _took(drive: Drive) -> list[str]:
     attribution = drive.attribution
     if attribution is None:
         return [f"Where its energy went cannot be said: {drive.why_no_attribution}."]
-    driven, more, best = kwh(attribution.driven_j), kwh(attribution.difference_j), kwh(attribution.optimum_j)
+    driven, more, best = (
+        kwh(attribution.above.driven_j),
+        kwh(attribution.above.difference_j),
+        kwh(attribution.above.optimum_j),
+    )
     ratio = attribution.above.ratio
     word = "above" if more >= 0 else "below"
-    how = "It drew" if attribution.measured else "By its positions it drew about"
+    how = "It drew" if attribution.above.measured else "By its positions it drew about"
     share = "" if ratio is None else f" ({abs(ratio):.1%})"
     told = [
         f"{how} {driven:.1f} kWh at the current collector: {abs(more):.1f} kWh{share} {word} "
@@ -154,7 +157,7 @@ def _took(drive: Drive) -> list[str]:
 
 def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:
     """The causes with their energies (J), the largest first; for an estimated drive, only those that are not 0."""
-    parts = [one for one in attribution.by_cause.items() if one[1] or attribution.measured]
+    parts = [one for one in attribution.by_cause.items() if one[1] or attribution.above.measured]
     return sorted(parts, key=lambda one: -one[1])
 
 

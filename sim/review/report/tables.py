@@ -20,7 +20,7 @@ from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
 from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
 from sim.drivers.kinds import DriverKind, FrictionPolicy
-from sim.recording.course import minutes, spell
+from sim.recording.course import known, minutes, spell
 from sim.review.report.sentences import compliance, shown_s, told_causes
 from sim.review.words import line_rows, readable
 
@@ -89,9 +89,12 @@ def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
             rows.append((OTHER_TRAIN, f"{kwh(attribution.other_train_j):+.1f} kWh"))
     return [
         *rows,
-        ("optimum for the same times", f"{kwh(attribution.optimum_j):.1f} kWh"),
+        ("optimum for the same times", f"{kwh(attribution.above.optimum_j):.1f} kWh"),
         ("above that optimum", attribution.above.words),
-        ("energy as driven", f"{kwh(attribution.driven_j):.1f} kWh{'' if attribution.measured else ' (estimated)'}"),
+        (
+            "energy as driven",
+            f"{kwh(attribution.above.driven_j):.1f} kWh{'' if attribution.above.measured else ' (estimated)'}",
+        ),
     ]
 
 
@@ -115,7 +118,9 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
     if attribution is not None:
         vehicle = attribution.inputs.vehicle
         measured = (
-            "measured by the simulator" if attribution.measured else "estimated from positions; nobody measured them"
+            "measured by the simulator"
+            if attribution.above.measured
+            else "estimated from positions; nobody measured them"
         )
         rows += [
             ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),
@@ -168,11 +173,11 @@ def stop_dicts(drive: Drive) -> list[Row]:
             "s_m": call.s_m,
             "due_arrival_s": at_s(call.due_arrival_ns),
             "arrived_s": at_s(call.arrived_ns),
-            "arrived_late_s": _known(call.arrived_late_s),
+            "arrived_late_s": known(call.arrived_late_s),
             "due_departure_s": at_s(call.due_departure_ns),
             "departed_s": at_s(call.departed_ns),
-            "departed_late_s": _known(call.departed_late_s),
-            "missed_m": _known(call.missed_m),
+            "departed_late_s": known(call.departed_late_s),
+            "missed_m": known(call.missed_m),
             "reached": call.reached,
             "served": call.served,
         }
@@ -207,14 +212,9 @@ def passing_dicts(drive: Drive) -> list[Row]:
     return as_rows(_passings(drive), drive.clock.zero_ns)
 
 
-def _known(value: float) -> float | None:
-    """A value for JSON, which has no NaN: None stands for it."""
-    return None if math.isnan(value) else value
-
-
 def cause_rows(attribution: Attribution) -> list[Row]:
     """Every cause with its energy, its share, its duration and its meaning."""
-    lasted, whole_j = seconds_by_cause(attribution), attribution.difference_j
+    lasted, whole_j = seconds_by_cause(attribution), attribution.above.difference_j
     always = (EnergyCause.FRICTION, EnergyCause.TRAIN)
     return [
         {
@@ -337,7 +337,7 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
     ]
     if drive.attribution is not None:
         rows.append(("line and train of this page", drive.attribution.inputs.source))
-        rows.append(("energies", "measured" if drive.attribution.measured else "estimated from positions"))
+        rows.append(("energies", "measured" if drive.attribution.above.measured else "estimated from positions"))
     said = [] if drive.said is None else drive.said.rows()
     rows += [(f"said by the recording: {name}", text) for name, text in said]
     return [*rows, ("attached files", ", ".join(drive.recording.attachments) or "none")]

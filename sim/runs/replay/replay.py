@@ -35,7 +35,6 @@ from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, Smoothed,
 from sim.drive.attribution.open_part import open_calls
 from sim.drive.calls import KeptCall, calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
-from sim.recording.course import DrivenCourse
 from sim.recording.inputs import input_files, sha256
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
 from sim.trips.profile import DrivenRun, to_profile
@@ -170,26 +169,17 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
 def driven_legs(trip: Trip, run: DrivenRun) -> tuple[DrivenLeg, ...]:
     """The legs of a trip, cut and timed as for every drive; one leg if the train does not stand at both end stops."""
     motion = DrivenMotion.of_run(run)
-    course, told = _courses(trip, motion)
-    start, end = kept_calls([OrderedStop(one.name, one.position_m) for one in (trip.start, trip.end)], course, told)
+    ends = [OrderedStop(one.name, one.position_m) for one in (trip.start, trip.end)]
+    start, end = kept_calls(ends, motion, trip.matched)
     if not trip.whole:
         return (DrivenLeg(start=start, end=end, motion=motion),)
     return legs_of(trip.path, motion, [start, *_on_the_way(trip, motion), end])
 
 
-def _courses(trip: Trip, motion: DrivenMotion) -> tuple[DrivenCourse, DrivenCourse]:
-    """The course of a smoothed trip, and that of its record."""
-    matched = trip.matched
-    return (
-        DrivenCourse(time_ns=motion.time_ns, s_m=motion.s_m, speed_mps=motion.speed_mps),
-        DrivenCourse(time_ns=matched.time_ns, s_m=matched.s_m, speed_mps=matched.speed_mps),
-    )
-
-
 def _on_the_way(trip: Trip, motion: DrivenMotion) -> tuple[KeptCall, ...]:
     """The stops on the way at which a trip stood."""
     stood = [one for one in trip.route.stops if one.name in trip.stops_on_the_way]
-    return calls_on_the_way(stood, *_courses(trip, motion))
+    return calls_on_the_way(stood, motion, trip.matched)
 
 
 def smoothed_legs(trip: Trip) -> Smoothed:

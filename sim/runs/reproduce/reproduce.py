@@ -89,11 +89,8 @@ class Comparison:
         for one in self.differences:
             for path, by in {(_bare(x.path), x.by) for x in one.fields}:
                 found[f"{one.topic}.{path}"].append(by)
-        return {path: (len(bys), _largest(bys)) for path, bys in found.items()}
-
-
-def _largest(amounts: Sequence[float]) -> float:
-    return max((one for one in amounts if not math.isnan(one)), default=math.nan)
+        known = {path: [by for by in bys if not math.isnan(by)] for path, bys in found.items()}
+        return {path: (len(bys), max(known[path], default=math.nan)) for path, bys in found.items()}
 
 
 def compare(recorded: Sequence[Said], today: Sequence[Said]) -> Comparison:

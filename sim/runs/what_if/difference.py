@@ -196,7 +196,7 @@ def _drive_rows(aligned: AlignedDrives) -> list[tuple[str, str, str]]:
     time = [minutes(float(one[-1])) for one in aligned.time_s]
     energy, times_j = [kwh(float(one[-1])) for one in aligned.energy_j], aligned.equal_arrival(1).times_j
     equal = [] if times_j is None else [("energy at equal arrival", *_in_kwh(energy[0], energy[1] - kwh(times_j)))]
-    late = [f"{drive.legs[-1].end.arrived_late_s:+.0f} s" for drive in aligned.drives]
+    late = [f"{one.drive.legs[-1].end.arrived_late_s:+.0f} s" for one in aligned.drives]
     return [
         ("driven, min", time[0], time[1]),
         ("energy, motors brake first" if not aligned.own_energies else "energy", *_in_kwh(*energy)),

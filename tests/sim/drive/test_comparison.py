@@ -67,10 +67,11 @@ def test_more_energy_is_told_where_the_faster_drive_took_it() -> None:
 
 def limited(one: DriveOnTrack) -> DriveOnTrack:
     """The drive on the same line with a lower limit from 2003 m to 4001 m."""
-    limits = one.inputs.route.limits_mps
+    line = one.drive.inputs
+    limits = line.route.limits_mps
     start_m, value = np.array([0.0, 2003.0, 4001.0]), np.array([limits.value[0], 20.0, limits.value[0]])
-    route = replace(one.inputs.route, limits_mps=replace(limits, start_m=start_m, value=value))
-    return replace(one, inputs=replace(one.inputs, route=route))
+    route = replace(line.route, limits_mps=replace(limits, start_m=start_m, value=value))
+    return replace(one, drive=replace(one.drive, given=replace(line, route=route)))
 
 
 def test_positions_are_a_constant_step_apart_and_a_change_of_the_limit_is_two_rows() -> None:
@@ -88,17 +89,19 @@ def test_positions_are_a_constant_step_apart_and_a_change_of_the_limit_is_two_ro
 
 
 def test_drives_of_another_line_are_refused_and_other_trains_are_said_to_be() -> None:
-    messages = dict(calm().recording.messages)
+    one = calm()
+    recording = one.drive.recording
+    messages = dict(recording.messages)
     journey = type(messages["journey"][0].message).FromString(messages["journey"][0].message.SerializeToString())
     journey.vehicle_id = "other-train"
-    renamed = replace(
-        calm().recording, messages={**messages, "journey": (messages["journey"][0]._replace(message=journey),)}
+    renamed = replace(recording, messages={**messages, "journey": (messages["journey"][0]._replace(message=journey),)})
+    other = replace(
+        calm(), drive=replace(calm().drive, source=renamed), label="other", speed_mps=calm().speed_mps + 0.1
     )
-    other = replace(calm(), recording=renamed, label="other", speed_mps=calm().speed_mps + 0.1)
     aligned = AlignedDrives.of([calm(), other])
     assert aligned.trains_differ
     assert "They are different trains: re460-ic and other-train." in sentences(aligned, 1)
     journey.route_id = "elsewhere"
-    assert other.recording.of(topics.JOURNEY)[-1].message.route_id == "elsewhere"
+    assert other.drive.recording.of(topics.JOURNEY)[-1].message.route_id == "elsewhere"
     with pytest.raises(DasError, match="drives elsewhere"):
         AlignedDrives.of([calm(), other])

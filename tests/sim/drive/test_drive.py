@@ -55,7 +55,7 @@ def test_a_run_and_its_recording_are_equally_far_above_the_optimum_of_the_true_t
     assert recorded.ratio == pytest.approx(run.ratio, abs=2e-3)
     attribution = driven()[1].known_attribution
     assert attribution.other_train_j > 0.03 * run.optimum_j  # a heavier train needs more than the plan's
-    assert driven()[1].driven_j == pytest.approx(attribution.driven_j)
+    assert driven()[1].driven_j == pytest.approx(attribution.above.driven_j)
 
 
 def test_a_run_and_its_recording_have_the_same_limits_and_advice() -> None:
@@ -80,9 +80,9 @@ def test_a_record_without_truth_is_used_as_it_is_in_memory() -> None:
     (leg,) = alone.legs
     first, last = alone.calls
     assert (leg.motion.time_ns[0], leg.motion.time_ns[-1]) == (first.departed_ns, last.arrived_ns)
-    assert not alone.known_attribution.measured
+    assert not alone.known_attribution.above.measured
     # Of a lighter train that brakes with its motors first, as far as anybody knows.
-    assert 0.4 < alone.known_attribution.driven_j / simulated.known_attribution.driven_j < 1.0
+    assert 0.4 < alone.known_attribution.above.driven_j / simulated.known_attribution.above.driven_j < 1.0
     assert alone.late_s == pytest.approx(simulated.late_s, abs=3.0)
 
 

@@ -147,7 +147,7 @@ def test_what_happened_is_told_once_and_in_order() -> None:
     found = [(x.kind, x.text) for x in happenings(recording, drive.course, drive.silences)]
     assert found == [
         ("log", "(7 s before) departed"), ("warning", "position rejected"),
-        ("silence", "no advice for 60 s: the clock was set"), ("log", "signal clear"),
+        ("lapse", "no advice for 60 s: the clock was set"), ("log", "signal clear"),
     ]  # fmt: skip
 
 
@@ -192,15 +192,15 @@ def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -
     assert shown.series["lost/driving"][1][-1] == pytest.approx(kwh(driving), abs=0.1)
     other = sum(attribution.by_cause.get(cause, 0.0) for cause in OTHER_THAN_ADVISED)
     assert shown.series["lost/advice"][1][-1] == pytest.approx(kwh(other), abs=1e-6)
-    assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(attribution.optimum_j), rel=1e-6)
+    assert shown.series["energy/optimum"][1][-1] == pytest.approx(kwh(attribution.above.optimum_j), rel=1e-6)
     (summed,) = scene.over_distance(["sum/lost"])
-    assert summed.values[-1] == pytest.approx(kwh(attribution.difference_j))
+    assert summed.values[-1] == pytest.approx(kwh(attribution.above.difference_j))
     times = [change.time_ns for change in shown.lane.changes]
     assert times == sorted(set(times))
     assert sum(span.energy_j for span in shown.spans) == pytest.approx(motion, rel=1e-9)
     in_lane = [change.state for change in shown.lane.changes if change.state]
     assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in shown.spans if one.worth]
-    assert f"Above the optimum for the same times: {kwh(attribution.difference_j):+.1f} kWh" in shown.text
+    assert f"Above the optimum for the same times: {kwh(attribution.above.difference_j):+.1f} kWh" in shown.text
     names = list(panels(scene))
     assert "lost" in names
     assert names.index("cost") == names.index("lever") + 1  # under the effort shown and set

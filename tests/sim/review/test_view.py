@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from das.bus import topics
-from das.bus.recording import Recording
 from das.domain.errors import DasError
 from sim.recording.opening import open_recording
 from sim.review import view
@@ -19,11 +20,11 @@ def test_a_failed_view_leaves_nothing(whole: Path, tmp_path: Path, monkeypatch: 
     rrd = tmp_path / "view.rrd"
     rrd.write_bytes(b"before")
 
-    def fail(recording: Recording, path: Path, **how: object) -> None:
-        path.write_bytes(b"half")
+    def fail(scene: object, chosen: object, attach: Callable[[object, object], None]) -> None:
+        attach(SimpleNamespace(save=lambda path, **_: path.write_bytes(b"half")), None)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(view, "write_view", fail)
+    monkeypatch.setattr(view, "_send", fail)
     with pytest.raises(KeyboardInterrupt):
         view.save_view(open_recording(whole), rrd)
     assert rrd.read_bytes() == b"before"

@@ -14,9 +14,8 @@ from das.bus.recording import Stamped
 from das.domain.errors import DasError
 from das.domain.units import kwh
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
-from sim.drive.attribution.attribution import Attribution, as_dict
+from sim.drive.attribution.attribution import Attribution, as_dict, worst_places
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.worst_places import worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
@@ -64,9 +63,9 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
     planned_j = sum(
         front.trajectory(leg.leg.trip_s).balance.input for front, leg in zip(fronts, found.legs, strict=True)
     )
-    small_j = 1e-3 * found.driven_j
-    assert 0.0 < planned_j - found.optimum_j < 5.0 * small_j
-    assert abs(found.driven_j - planned_j) < small_j
+    small_j = 1e-3 * found.above.driven_j
+    assert 0.0 < planned_j - found.above.optimum_j < 5.0 * small_j
+    assert abs(found.above.driven_j - planned_j) < small_j
     others_j = {cause: found_j for cause, found_j in found.by_cause.items() if cause is not EnergyCause.AS_ADVISED}
     assert all(abs(one_j) < small_j for one_j in others_j.values()), others_j
 
@@ -84,7 +83,7 @@ def test_a_perfect_follower_drives_the_optimum_and_nothing_is_blamed() -> None:
 def test_a_planted_fault_gets_nine_tenths_of_the_energy_above_the_optimum(fault: type, cause: EnergyCause) -> None:
     found = attribution(clear_day(), fault(PerfectDriver(clear_day().service.line)))
     check_sums(found)
-    more_j = found.difference_j - faultless().difference_j
+    more_j = found.above.difference_j - faultless().above.difference_j
     assert found.by_cause[cause] >= 0.9 * more_j
     # And by as much more than without the fault, within what the figures hold.
     assert found.by_cause[cause] - faultless().by_cause.get(cause, 0.0) == pytest.approx(more_j, rel=0.12)
@@ -125,8 +124,8 @@ def test_a_simulated_drive_is_compared_with_the_optimum_of_its_true_train() -> N
     known = Drive(
         source=replace(recording, messages={**recording.messages, "saving": (Stamped(0, said),)}), given=inputs
     ).known_attribution
-    assert (known.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
-    assert known.above.ratio == pytest.approx((known.driven_j - true_j) / known.driven_j)
+    assert (known.above.optimum_j, known.other_train_j) == pytest.approx((true_j, 3.6e6))
+    assert known.above.ratio == pytest.approx((known.above.driven_j - true_j) / known.above.driven_j)
     check_sums(known)
     assert known.by_cause[EnergyCause.TRAIN] == pytest.approx(plain.by_cause[EnergyCause.TRAIN] - 3.6e6, abs=1.0)
     assert known.against_timetable == pytest.approx(plain.against_timetable)
@@ -137,16 +136,16 @@ def test_the_energy_that_a_signal_costs_is_the_signals() -> None:
     found = attribution(day, PerfectDriver(day.service.line))
     check_sums(found)
     parts = found.by_cause
-    assert parts[EnergyCause.SIGNAL] > 0.3 * found.difference_j
+    assert parts[EnergyCause.SIGNAL] > 0.3 * found.above.difference_j
     blamed = parts.get(EnergyCause.AGAINST_ADVICE, 0.0) + parts.get(EnergyCause.LATE_COASTING, 0.0)
-    assert blamed < 0.1 * found.difference_j
+    assert blamed < 0.1 * found.above.difference_j
 
 
 def test_a_train_that_is_heavier_than_planned_is_told_apart() -> None:
     day = flat_day("[truth]\nmass_ratio = 1.1\n")
     heavier = attribution(day, PerfectDriver(day.service.line))
     check_sums(heavier)
-    assert heavier.by_cause[EnergyCause.TRAIN] > 0.4 * heavier.difference_j
+    assert heavier.by_cause[EnergyCause.TRAIN] > 0.4 * heavier.above.difference_j
 
 
 def test_lateness_that_is_recovered_has_its_price_in_the_sum_against_the_timetable() -> None:
@@ -157,11 +156,13 @@ def test_lateness_that_is_recovered_has_its_price_in_the_sum_against_the_timetab
         against, timetable_j = found.against_timetable, found.timetable_j
         assert against is not None
         assert timetable_j is not None
-        assert sum(against.values()) == pytest.approx(found.driven_j - timetable_j, abs=1e-3 * found.driven_j)
+        assert sum(against.values()) == pytest.approx(
+            found.above.driven_j - timetable_j, abs=1e-3 * found.above.driven_j
+        )
     assert in_time.timetable_j == pytest.approx(delayed.timetable_j)
     price_j = (delayed.against_timetable or {})[EnergyCause.RECOVERED]
-    more_j = delayed.driven_j - in_time.driven_j
-    assert price_j > 0.05 * in_time.driven_j
+    more_j = delayed.above.driven_j - in_time.above.driven_j
+    assert price_j > 0.05 * in_time.above.driven_j
     assert price_j + (delayed.against_timetable or {})[EnergyCause.ARRIVAL] == pytest.approx(more_j, rel=0.15)
     assert abs((in_time.against_timetable or {})[EnergyCause.RECOVERED]) < 0.2 * price_j
 

@@ -16,8 +16,8 @@ from das.command_line.pdf import BROWSERS, write_pdf
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from sim.drive.above_optimum import energy_words
+from sim.drive.attribution.attribution import worst_stretch
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
-from sim.drive.attribution.worst_places import worst_stretch
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.happenings import Signal

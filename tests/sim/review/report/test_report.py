@@ -116,7 +116,7 @@ def test_the_paragraph_has_times_energy_and_what_it_went_for() -> None:
     attribution = fast().drive.attribution
     assert attribution is not None
     assert "ran the 6.0 km from" in text
-    assert f"It drew {attribution.driven_j / 3.6e6:.1f} kWh" in text
+    assert f"It drew {attribution.above.driven_j / 3.6e6:.1f} kWh" in text
     assert "against the advice" in text
     assert "kept every limit" in text
 

@@ -131,7 +131,7 @@ def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(dr
         np.testing.assert_array_equal(ours.motion.s_m, theirs.motion.s_m)
     assert drive.late_s == pytest.approx((job.arrived_ns - job.timing.arrival_ns) * 1e-9)
     attribution, likely = drive.known_attribution, drive.likely
-    assert attribution.difference_j == pytest.approx(found.above.above_j)
+    assert attribution.above.difference_j == pytest.approx(found.above.above_j)
     assert likely is not None
     assert (likely.low_j, likely.high_j) == found.above.likely
 
