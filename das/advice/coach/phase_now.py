@@ -106,23 +106,20 @@ class PhaseNow:
         has reached the speed of the coasting, and must be as fast or faster behind it. None: the train coasts.
         """
         shown, below_mps = self._scene.shown, target - state.v_mps
-        rolled_mps = self._rolled_up_mps(state)
-        if rolled_mps > state.v_mps:
-            top_mps = target if below_mps > -SAME_MPS else place.limit_mps
-            return top_mps if shown.mode is Regime.CRUISE and rolled_mps > top_mps - SAME_READING_MPS else None
+        section = schedule.section
+        rolled_mps = self._scene.brakes.ahead.rolling_mps(state.s_m, state.v_mps)
+        soon = section.node_m[-len(rolled_mps) :] < state.s_m + COASTS_ON_S * state.v_mps
+        if rolled_mps[soon].max(initial=0.0) > state.v_mps:
+            tops_mps = np.minimum(section.limit_mps[-len(rolled_mps) :], place.limit_mps)
+            tops_mps = np.minimum(tops_mps, target if below_mps > -SAME_MPS else math.inf)
+            reached = tops_mps[soon & (rolled_mps > tops_mps - SAME_READING_MPS)]
+            return float(reached[0]) if shown.mode is Regime.CRUISE and reached.size else None
         goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
         if not goes_on or schedule.phases[number + 1].target_mps < target - SAME_MPS:
             return None
         least_mps = self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS
         in_vain = below_mps > least_mps and target - self._coast_ends(schedule, number, state)[1] > least_mps
         return target if in_vain else None
-
-    def _rolled_up_mps(self, state: TrainState) -> float:
-        """The highest speed (m/s) of a coasting train in the next `COASTS_ON_S`."""
-        ahead = self._scene.brakes.ahead
-        speeds_mps = ahead.rolling_mps(state.s_m, state.v_mps)
-        soon = ahead.section.node_m[-len(speeds_mps) :] < state.s_m + COASTS_ON_S * state.v_mps
-        return float(speeds_mps[soon].max(initial=0.0))
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
@@ -180,16 +177,13 @@ class PhaseNow:
         here_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
         on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
         ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
-        is_braked = end_m < schedule.begin_m(number + 1)
-        if is_braked:  # The nearest step may be above the speed at which the announced brake takes over.
-            ends_at_mps += 0.5 * TARGET_STEP_MPS
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
         goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
         told = shown.speed_mps if goes_on else target
         young = self._scene.shown_s < self._settings.least_shown_s
         if goes_on and (young or end_m - here_m < state.v_mps * COASTS_ON_S):
             return told
-        if abs(ends_mps - told) <= (0.5 * TARGET_STEP_MPS if is_braked else COAST_MISSES_MPS):
+        if abs(ends_mps - told) <= COAST_MISSES_MPS:
             return told
         leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
         return told_mps(leads_mps, schedule.section, highest)

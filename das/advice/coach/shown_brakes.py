@@ -133,7 +133,8 @@ class ShownBrakes:
         settings, v_mps, limit_mps = self._settings.limit, state.v_mps, min(place.limit_mps, place.allowed_mps)
         rolls_mps2 = self.ahead.rolls_mps2(state.s_m, v_mps)
         excess = v_mps - limit_mps
-        if excess + max(rolls_mps2, 0.0) * self._settings.lead.braking_s <= 0.0:
+        rises_mps = max(rolls_mps2, 0.0) * self._settings.lead.braking_s
+        if excess + rises_mps <= 0.0:
             return wanted
         falls = place.allowed_mps < place.limit_mps
         target = min(wanted.speed_mps, limit_mps)
@@ -148,8 +149,8 @@ class ShownBrakes:
             return wanted
         if wanted.mode is not Regime.COAST and excess <= OVERSPEED_MPS:
             return wanted
-        if wanted.speed_mps <= limit_mps and rolls_mps2 <= 0.0 and excess <= SAME_READING_MPS:
-            return wanted  # Nobody can read how little the coasting train is above the limit, and it gets slower.
+        if wanted.speed_mps <= limit_mps and excess + rises_mps <= SAME_READING_MPS:
+            return wanted  # Nobody can read how little the coasting train is above the limit.
         if -rolls_mps2 * COASTS_IN_S < excess:
             return Instruction(mode=Regime.CRUISE, speed_mps=limit_mps)
         if wanted.mode is Regime.COAST and wanted.speed_mps <= limit_mps:
