@@ -45,7 +45,6 @@ ParametersOption = Annotated[
         "--parameters",
         metavar="LIST",
         help="Parameters to vary, separated by commas [default: all].",
-        show_default=False,
     ),
 ]
 MarkdownOption = Annotated[bool, typer.Option("--markdown", help="Print the table as Markdown, for a document.")]

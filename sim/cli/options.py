@@ -32,12 +32,9 @@ FromTimeOption = Annotated[
         "--from",
         metavar="TIME",
         help="Only from here on: 12:34 on the drive's clock, or 08:16:34Z.",
-        show_default=False,
     ),
 ]
-ToTimeOption = Annotated[
-    str | None, typer.Option("--to", metavar="TIME", help="Only up to here, in the same form.", show_default=False)
-]
+ToTimeOption = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Only up to here, in the same form.")]
 PageOption = Annotated[
     Path | None,
     typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print in words]."),
@@ -77,7 +74,6 @@ DriverAtOption = Annotated[
         "--driver-at",
         metavar="ENDPOINT",
         help=f"Where the run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
-        show_default=False,
     ),
 ]
 DriverHereOption = Annotated[
@@ -92,7 +88,6 @@ RunAtOption = Annotated[
         "--connect",
         metavar="ENDPOINT",
         help=f"Where the run listens [default: {DEFAULT_DRIVER_AT}].",
-        show_default=False,
     ),
 ]
 DriversOption = Annotated[
@@ -125,7 +120,6 @@ ParticipantsOption = Annotated[
         "--participants",
         metavar="LIST",
         help="Human drivers of the population, like 1-30, each on every day [default: the seed draws the driver].",
-        show_default=False,
     ),
 ]
 

@@ -238,7 +238,6 @@ class WhatIfAsked:
         typer.Option(
             "--driven-anew/--open-loop",
             help="Drive the day anew, or keep the drive as it was [default: anew where a driver or display is named].",
-            show_default=False,
         ),
     ] = None
 

@@ -128,7 +128,7 @@ def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
 
 def note(
     file: RecordingArgument,
-    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What to remember.", show_default=False)] = "",
+    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What to remember.")] = "",
     at: Annotated[
         str | None,
         typer.Option("--at", metavar="TIME", help="When: 12:34 on the drive's clock, or 08:16:34Z."),
