@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
-from das.command_line.printing import busy, paragraph, print_table
+from das.command_line.printing import busy, new_table, paragraph, print_table
 from das.domain.errors import DasError
 from precompute.workers import Workers
 from sim.cli.options import (
@@ -206,17 +206,9 @@ def power(asked: PowerAsked, as_json: JsonOption = False) -> None:
 
 
 def _print_power(found: PowerAnswer) -> None:
-    from rich.table import Table
-
     paragraph(found.about)
-    table = Table()
-    for name in (
-        "in each group" if found.groups else "participants",
-        "power",
-        "95 %",
-        *(["corrected"] if found.strict else []),
-    ):
-        table.add_column(name, justify="right")
+    heads = ("in each group" if found.groups else "participants", "power", "95 %", "corrected")
+    table = new_table("", (), heads if found.strict else heads[:3], lines=True)
     for index, one in enumerate(found.points):
         low, high = one.interval
         cells = [str(one.participants), f"{one.power:.0%}", f"{low:.0%} to {high:.0%}"]

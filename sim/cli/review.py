@@ -12,7 +12,7 @@ import typer
 from das.advice.wording import Language
 from das.command_line.files import check_outputs, check_picture, save_figure
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
-from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed, visible
+from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, typed, visible
 from das.domain.errors import DasError
 from sim.cli.options import (
     FromTimeOption,
@@ -108,16 +108,11 @@ def events(
 
 
 def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
-    from rich.table import Table
-
     from sim.drive.events.chronicle import place_text
 
     clock = drive.clock
-    table = Table()
-    for name in ("time", str(clock.zone), "place", "kind"):
-        table.add_column(name, no_wrap=True)
-    table.add_column("bookmark")
-    table.add_column("what happened")
+    heads = ("time", str(clock.zone), "place", "kind")
+    table = new_table("", ("bookmark", "what happened"), whole=heads, lines=True)
     for one in found:
         shown = (clock.shown(one.time_ns), clock.of_day(one.time_ns), place_text(one.s_m), str(one.kind))
         table.add_row(*shown, one.mark, visible(one.text))
@@ -316,17 +311,14 @@ def _print_comparison(aligned: AlignedDrives) -> None:
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
-    from rich.table import Table
-
     from das.domain.units import kwh
     from sim.drive.events.chronicle import place_text
 
     parted = [one for one in aligned.stretches(index) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005]
     if not parted:
         return
-    table = Table(title=f"where {aligned.drives[index].label} parts from the first", title_justify="left")
-    for name in ("from", "to", "time, s", "drawn, kWh", "lost, kWh"):
-        table.add_column(name, justify="right")
+    title = f"where {aligned.drives[index].label} parts from the first"
+    table = new_table(title, (), ("from", "to", "time, s", "drawn, kWh", "lost, kWh"), lines=True)
     most = sorted(parted, key=lambda one: -abs(one.lost_j))[:SHOWN]
     for one in sorted(most, key=lambda one: one.start_m):
         numbers = (f"{one.time_s:+.1f}", f"{kwh(one.energy_j):+.2f}", f"{kwh(one.lost_j):+.2f}")

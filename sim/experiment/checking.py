@@ -12,11 +12,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Final
 
-from rich import box
-from rich.table import Table
-
 from das.command_line.files import warn_unusual
-from das.command_line.printing import paragraph, print_table, progress_bar, tell, typed
+from das.command_line.printing import new_table, paragraph, print_table, progress_bar, tell, typed
 from das.command_line.process import available_cores
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
@@ -330,10 +327,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None:
     """Print what the check found."""
     tell(f"{design.name}: {design.title}")
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("factor", no_wrap=True)
-    for name in ("levels", "participants meet", "sensed"):
-        table.add_column(name)
+    table = new_table("", ("levels", "participants meet", "sensed"), whole=("factor",))
     sensed = {one.factor: one for one in found.sensed}
     for factor in design.factors:
         one = sensed[factor.name]
@@ -385,10 +379,7 @@ def print_run(design: Design, found: StudyRun) -> None:
 
 def print_studies(found: Sequence[Design]) -> None:
     """Print the bundled studies."""
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("study", no_wrap=True)
-    for name in ("title", "participants", "factors"):
-        table.add_column(name)
+    table = new_table("", ("title", "participants", "factors"), whole=("study",))
     for one in found:
         table.add_row(one.name, one.title, str(one.people.count), _factors_in_words(one))
     print_table(table)
