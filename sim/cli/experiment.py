@@ -92,10 +92,9 @@ def run(
         from sim.experiment.checking import checked_in
         from sim.experiment.design import load_design
         from sim.experiment.trials import Keep, jobs_of, run_study
-        from sim.jobs.batch import require_pyarrow
 
         if not measures_only:
-            require_pyarrow()
+            check_packages("batch", "pyarrow")
         asked = load_design(design)
     checked_in(asked, out)
     keep: Keep = Keep.RECORDINGS if recordings else Keep.MEASURES if measures_only else Keep.SERIES
