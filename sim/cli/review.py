@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -222,30 +223,31 @@ def _print_causes(attribution: Attribution) -> None:
     from sim.drive.attribution.attribution import OTHER_TRAIN
     from sim.drive.attribution.causes import EnergyCause
 
-    columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in attribution.legs]
+    legs = attribution.legs
     table = Table(title="energy at the current collector, kWh", title_justify="left")
     table.add_column("")
-    for name, _, _ in columns:
-        table.add_column(name, justify="right")
+    for leg in legs:
+        table.add_column(f"{leg.leg.start.name} – {leg.leg.end.name}", justify="right")
     table.add_column("all", justify="right", no_wrap=True)
+
+    def total(name: str, of_legs_j: Sequence[float], all_j: float) -> None:
+        table.add_row(name, *(f"{kwh(one):.1f}" for one in (*of_legs_j, all_j)))
+
+    def part(name: str, of_legs_j: Sequence[float], all_j: float) -> None:
+        table.add_row(f"  {name}", *(f"{kwh(one):+.1f}" for one in (*of_legs_j, all_j)))
+
     told = dict(attribution.by_cause)
     if attribution.against_timetable is not None and attribution.timetable_j is not None:
-        due = [kwh(leg.timetable_j or 0.0) for _, _, leg in columns]
-        table.add_row("optimum for the timetable", *(f"{x:.1f}" for x in due), f"{kwh(attribution.timetable_j):.1f}")
+        total("optimum for the timetable", [leg.timetable_j or 0.0 for leg in legs], attribution.timetable_j)
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
             told[cause] = attribution.against_timetable[cause]
-            cells = (f"{kwh((leg.against_timetable or {}).get(cause, 0.0)):+.1f}" for _, _, leg in columns)
-            table.add_row(f"  {cause.label}", *cells, f"{kwh(told[cause]):+.1f}")
+            part(cause.label, [(leg.against_timetable or {}).get(cause, 0.0) for leg in legs], told[cause])
         if attribution.other_train_j:
-            other = (f"{kwh(leg.other_train_j):+.1f}" for _, _, leg in columns)
-            table.add_row(f"  {OTHER_TRAIN}", *other, f"{kwh(attribution.other_train_j):+.1f}")
-    best = [kwh(leg.optimum_j) for _, _, leg in columns]
-    table.add_row("optimum for the same times", *(f"{x:.1f}" for x in best), f"{sum(best):.1f}")
+            part(OTHER_TRAIN, [leg.other_train_j for leg in legs], attribution.other_train_j)
+    total("optimum for the same times", best := [leg.optimum_j for leg in legs], sum(best))
     for cause, energy_j in attribution.by_cause.items():
-        cells = (f"{kwh(parts.get(cause, 0.0)):+.1f}" for _, parts, _ in columns)
-        table.add_row(f"  {cause.label}", *cells, f"{kwh(energy_j):+.1f}")
-    driven = [kwh(leg.driven_j) for _, _, leg in columns]
-    table.add_row("as driven", *(f"{x:.1f}" for x in driven), f"{sum(driven):.1f}")
+        part(cause.label, [leg.by_cause.get(cause, 0.0) for leg in legs], energy_j)
+    total("as driven", driven := [leg.driven_j for leg in legs], sum(driven))
     print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
 
 

@@ -349,7 +349,9 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
         f"driving them takes about {math.ceil(found.work_s / cores / MINUTE_S)} min on {cores} cores at this "
         "machine's present load"
     )
-    paragraph(f"measures: {len(design.plan.measures)}; planned comparisons: {_comparison_words(design)}")
+    plan, planned = design.plan, len(design.plan.comparisons)
+    planned_words = f"{planned}, alpha {plan.alpha:g}, correction {plan.correction}" if planned else "none"
+    paragraph(f"measures: {len(plan.measures)}; planned comparisons: {planned_words}")
     for note in found.notes:
         paragraph(f"note: {note}", hanging="  ")
     tell(f"hash: {found.digest}")
@@ -361,11 +363,6 @@ def _sensed_words(one: Sensed) -> str:
     if one.alike:
         return f"no: {' = '.join(one.alike[0])}"
     return "yes, on the first day" if one.days == 1 else f"yes, within {one.days} days"
-
-
-def _comparison_words(design: Design) -> str:
-    count = len(design.plan.comparisons)
-    return f"{count}, alpha {design.plan.alpha:g}, correction {design.plan.correction}" if count else "none"
 
 
 def print_run(design: Design, found: StudyRun) -> None:
@@ -381,9 +378,6 @@ def print_studies(found: Sequence[Design]) -> None:
     """Print the bundled studies."""
     table = new_table("", ("title", "participants", "factors"), whole=("study",))
     for one in found:
-        table.add_row(one.name, one.title, str(one.people.count), _factors_in_words(one))
+        factors = " × ".join(f"{len(factor.levels)} {factor.name}" for factor in one.factors)
+        table.add_row(one.name, one.title, str(one.people.count), factors)
     print_table(table)
-
-
-def _factors_in_words(design: Design) -> str:
-    return " × ".join(f"{len(factor.levels)} {factor.name}" for factor in design.factors)
