@@ -6,7 +6,6 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,16 +15,7 @@ from das.command_line.options import JsonOption, OutFolder, OutFolderOption, Ove
 from das.command_line.printing import busy, new_table, paragraph, print_table
 from das.domain.errors import DasError
 from precompute.workers import Workers
-from sim.cli.options import (
-    PageOption,
-    PdfOption,
-    WorkersOption,
-    check_packages,
-    check_page,
-    page_and_pdf,
-    tell_written,
-    write_page,
-)
+from sim.cli.options import PageFiles, WorkersOption, check_packages, tell_written
 from sim.experiment.plan import DESIGN_JSON, FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
 from sim.options import PowerAsked
 
@@ -148,15 +138,17 @@ EffectsOption = Annotated[
 
 def analyse(
     folder: StudyArgument,
-    out: PageOption = None,
-    pdf: PdfOption = None,
+    written: PageFiles,
     effect: EffectsOption = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Analyse a study that was run: paired differences with intervals, a mixed model, checks."""
-    out, pdf = page_and_pdf(out, pdf)
-    _check(folder, (out, pdf), effect or (), overwrite=overwrite)
+    check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
+    read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
+    written.check(read, overwrite=overwrite)
+    for one in effect or ():
+        _check_effect(one)
     from sim.experiment.analysis.comparing import analyse_study
     from sim.experiment.analysis.page import as_dict, page
     from sim.experiment.analysis.reading import read_study
@@ -165,7 +157,7 @@ def analyse(
     study = read_study(folder)
     with busy("analysing the trials …"):
         found = analyse_study(study, tuple(effect or ()))
-    write_page(lambda: page(found), out, pdf)
+    written.write(lambda: page(found))
     if as_json:
         print(json.dumps(as_dict(found)))
         return
@@ -173,16 +165,7 @@ def analyse(
         paragraph(line)
     for name, line in in_short(found):
         paragraph(f"{name}: {line}" if name else line)
-    tell_written(out, pdf)
-
-
-def _check(folder: Path, files: tuple[Path | None, Path | None], effects: Sequence[float], *, overwrite: bool) -> None:
-    """Raise DasError if an output cannot be made or an option is wrong; called before the work begins."""
-    check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
-    read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
-    check_page(*files, read, overwrite=overwrite)
-    for one in effects:
-        _check_effect(one)
+    tell_written(*written.paths)
 
 
 def _check_effect(effect: float) -> None:

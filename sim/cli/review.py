@@ -15,18 +15,7 @@ from das.command_line.files import check_outputs, check_picture, save_figure
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, typed, visible
 from das.domain.errors import DasError
-from sim.cli.options import (
-    FromTimeOption,
-    PageOption,
-    PdfOption,
-    RecordingArgument,
-    ToTimeOption,
-    check_packages,
-    check_page,
-    page_and_pdf,
-    tell_written,
-    write_page,
-)
+from sim.cli.options import FromTimeOption, PageFiles, RecordingArgument, ToTimeOption, check_packages, tell_written
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.options import OfTrainOption
 
@@ -335,15 +324,13 @@ def report(
             metavar="RECORDING…", help="Recordings (.mcap); several drives of one line are compared as well."
         ),
     ],
-    out: PageOption = None,
-    pdf: PdfOption = None,
+    written: PageFiles,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
     check_packages("view", "jinja2", "matplotlib")
-    out, pdf = page_and_pdf(out, pdf)
-    check_page(out, pdf, files, overwrite=overwrite)
+    written.check(files, overwrite=overwrite)
     with loading_solver():
         from sim.review.report.page import as_dict, compared, page, subject_of
         from sim.review.report.sentences import paragraph as in_words
@@ -351,13 +338,13 @@ def report(
     with busy("reading the recordings and solving their sections …"):
         subjects = [subject_of(path) for path in files]
         aligned, not_compared = compared(subjects)
-    write_page(lambda: page(subjects, aligned, not_compared), out, pdf)
+    written.write(lambda: page(subjects, aligned, not_compared))
     if as_json:
         print(json.dumps(as_dict(subjects, aligned, not_compared)))
         return
     for subject in subjects:
         paragraph(f"{subject.drive.name}: {in_words(subject.drive)}")
-    tell_written(out, pdf)
+    tell_written(*written.paths)
 
 
 def view(
