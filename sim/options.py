@@ -26,6 +26,7 @@ from das.command_line.options import (
     PointMassOption,
     RecordedRouteOption,
     RecordedVehicleOption,
+    SeedOption,
     StrictOption,
     TablesOption,
     ToOption,
@@ -52,14 +53,11 @@ VehiclesOption = Annotated[
         metavar="A,B,…|all",
         help="Find the train: which of these can have driven the trip? Bundled names, files, folders of files, or all "
         "(every bundled train).",
-        show_default=False,
     ),
 ]
 OfTrainOption = Annotated[
     str | None,
-    typer.Option(
-        "--of-train", metavar="NAME", help="Which train, where the recording holds several.", show_default=False
-    ),
+    typer.Option("--of-train", metavar="NAME", help="Which train, where the recording holds several."),
 ]
 SpeedOption = Annotated[
     str,
@@ -74,7 +72,6 @@ ParticipantOption = Annotated[
         metavar="N",
         min=0,
         help="Human driver number N of the population, the same on every day [default: the seed draws the driver].",
-        show_default=False,
     ),
 ]
 PopulationOption = Annotated[
@@ -83,7 +80,6 @@ PopulationOption = Annotated[
         "--population",
         metavar="FILE",
         help="TOML file of the population that participants are drawn from [default: the bundled population].",
-        show_default=False,
     ),
 ]
 
@@ -95,7 +91,7 @@ class NodeSaid:
     node: Annotated[
         str | None,
         typer.Option(
-            "--node", metavar="OPTIONS", show_default=False,
+            "--node", metavar="OPTIONS",
             help="Options with which das-node was started, in quotes [default: those in the recording].",
         ),
     ] = None  # fmt: skip
@@ -166,6 +162,69 @@ class ReplayOptions:
     train: TrainOption = DEFAULT_TRAIN
     bus: BusFolderOption = None
     insecure_bus: InsecureBusOption = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerAsked:
+    """What `das-sim experiment power` is asked; `effect` and `sd` are in the unit of the report."""
+
+    effect: Annotated[
+        float,
+        typer.Option(
+            "--effect", metavar="X", help="True difference to be found, in the unit of the report (points for a ratio)."
+        ),
+    ]
+    source: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="DIR|DESIGN",
+            help="Folder of a pilot study, whose drivers are drawn again; or a design (design file, frozen design.json "
+            "or bundled study), for its level and number of comparisons (then --sd is needed).",
+        ),
+    ] = None
+    comparison: Annotated[
+        str | None, typer.Option("--comparison", metavar="NAME", help="Planned comparison [default: the first].")
+    ] = None
+    participants: Annotated[
+        str, typer.Option("--participants", metavar="LIST", help="Numbers of participants, separated by commas.")
+    ] = "12,24,36,48,76,100,150"
+    wanted: Annotated[
+        float, typer.Option("--power", metavar="X", help="Share of studies that are to find the difference.")
+    ] = 0.8
+    sd: Annotated[
+        float | None,
+        typer.Option(
+            "--sd",
+            metavar="X",
+            help="Standard deviation between participants (bell curve) of their difference, or with --groups of their "
+            "means; instead of a pilot's drivers.",
+        ),
+    ] = None
+    sd_of_pairs: Annotated[
+        float,
+        typer.Option("--sd-pairs", metavar="X", help="With --sd: standard deviation between pairs of one participant."),
+    ] = 0.0
+    pairs: Annotated[
+        int | None,
+        typer.Option(
+            "--pairs",
+            metavar="N",
+            min=1,
+            help="Pairs of trials that each participant drives [default: as in the pilot, or 1].",
+        ),
+    ] = None
+    groups: Annotated[
+        bool,
+        typer.Option(
+            "--groups",
+            help="With --sd: each participant drives one of the two conditions, and numbers are those of each group.",
+        ),
+    ] = False
+    alpha: Annotated[
+        float | None,
+        typer.Option("--alpha", metavar="X", help="Level of the test [default: the design's, or 0.05]."),
+    ] = None
+    seed: SeedOption = 0
 
 
 class WhatIfKind(StrEnum):

@@ -19,7 +19,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from inspect import Parameter, Signature
 from types import MappingProxyType
 from typing import Annotated, Any, get_type_hints
@@ -88,12 +88,9 @@ class Group:
 
     def load(self) -> TyperGroup:
         """The group with its commands; the module of each is imported when it is called."""
-        group = get_command(_group_of(self))
-        assert isinstance(group, TyperGroup)
-        group.name = self.name
-        for entry in self.entries():
-            group.add_command(_LazyCommand(entry))
-        return group
+        app = _typer(no_args_is_help=True, add_completion=False)
+        app.callback(help=self.summary, epilog="-h after a command explains it.")(lambda: None)
+        return _filled(app, self.name, self.entries())
 
 
 def _entries(where: str) -> tuple[Entry, ...]:
@@ -102,14 +99,14 @@ def _entries(where: str) -> tuple[Entry, ...]:
     return found
 
 
-def _group_of(group: Group) -> typer.Typer:
-    app = _typer(no_args_is_help=True, add_completion=False)
-
-    @app.callback(help=group.summary, epilog="-h after a command explains it.")
-    def nothing_yet() -> None:
-        pass
-
-    return app
+def _filled(app: typer.Typer, name: str, entries: Sequence[Entry | Group]) -> TyperGroup:
+    """The group of an application, with its name and its commands."""
+    group = get_command(app)
+    assert isinstance(group, TyperGroup)
+    group.name = name
+    for entry in entries:
+        group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
+    return group
 
 
 def application(
@@ -131,11 +128,7 @@ def application(
         if context.invoked_subcommand is None and without_command is not None:
             without_command()
 
-    group = get_command(app)
-    assert isinstance(group, TyperGroup)
-    group.name = name
-    for entry in entries:
-        group.add_command(entry.load() if isinstance(entry, Group) else _LazyCommand(entry))
+    group = _filled(app, name, entries)
     for word, instead in gone.items():
         group.add_command(_GoneCommand(word, instead))
     group.params.append(_version_parameter())
@@ -266,11 +259,8 @@ def _options(group: type) -> Iterator[Parameter]:
         if is_dataclass(hints[field.name]):
             yield from _options(hints[field.name])
         else:
-            yield Parameter(field.name, Parameter.KEYWORD_ONLY, default=_default(field), annotation=hints[field.name])
-
-
-def _default(field: Field[Any]) -> Any:
-    return Parameter.empty if field.default is MISSING else field.default
+            default = Parameter.empty if field.default is MISSING else field.default
+            yield Parameter(field.name, Parameter.KEYWORD_ONLY, default=default, annotation=hints[field.name])
 
 
 def _gathered(group: Any, given: Mapping[str, Any]) -> Any:

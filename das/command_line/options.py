@@ -112,9 +112,7 @@ TablesOption = Annotated[
 
 def listen_option(default: str) -> Any:
     """The option for the endpoint at which a process listens; `default` is named in its help text."""
-    return typer.Option(
-        "--listen", metavar="ENDPOINT", help=f"Own endpoint on this machine [default: {default}].", show_default=False
-    )
+    return typer.Option("--listen", metavar="ENDPOINT", help=f"Own endpoint on this machine [default: {default}].")
 
 
 @dataclass(frozen=True, kw_only=True)

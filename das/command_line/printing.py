@@ -76,12 +76,24 @@ def error_console() -> Console:
     return _plain_console()(stderr=True, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
-def new_table(title: str, texts: Iterable[str], figures: Iterable[str]) -> Table:
-    """A table without rows: columns of `texts` by name, then of `figures`, which are on the right and not wrapped."""
+def new_table(
+    title: str,
+    texts: Iterable[str],
+    figures: Iterable[str] = (),
+    *,
+    whole: Iterable[str] = (),
+    lines: bool = False,
+) -> Table:
+    """A table without rows: columns by name, those of `whole` texts first, then of `texts`, then of `figures`.
+
+    Figures are on the right. Neither they nor whole texts are wrapped. With `lines` the columns have lines around them.
+    """
     from rich import box
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=title, title_justify="left", box=box.HEAVY_HEAD if lines else box.SIMPLE_HEAD)
+    for name in whole:
+        table.add_column(name, no_wrap=True)
     for name in texts:
         table.add_column(name)
     for name in figures:

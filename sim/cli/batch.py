@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -25,6 +25,7 @@ from sim.cli.options import (
     ParticipantsOption,
     ScenarioArgument,
     WorkersOption,
+    check_packages,
     chosen,
 )
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
@@ -45,7 +46,6 @@ ParametersOption = Annotated[
         "--parameters",
         metavar="LIST",
         help="Parameters to vary, separated by commas [default: all].",
-        show_default=False,
     ),
 ]
 MarkdownOption = Annotated[bool, typer.Option("--markdown", help="Print the table as Markdown, for a document.")]
@@ -74,10 +74,10 @@ def batch(
     The table runs.parquet in the folder has one row per run; a run is repeated only if one of its inputs has changed.
     """
     with busy("reading the scenarios …"):
-        from sim.jobs.batch import Batch, parse_seeds, require_pyarrow
+        from sim.jobs.batch import Batch, parse_seeds
         from sim.jobs.report import print_summary
 
-        require_pyarrow()
+        check_packages("batch", "pyarrow")
         asked = Batch(
             scenarios=scenarios,
             drivers=(who := _drivers(drivers)),
@@ -94,11 +94,6 @@ def batch(
     found = _run_all(jobs, out, Workers.asked(workers))
     as_text = json.dumps({**found, "savings": [one.as_dict() for one in found["savings"]]})
     print(as_text) if as_json else print_summary(found)
-    _check_all_done(found, jobs, out)
-
-
-def _check_all_done(found: Mapping[str, Any], jobs: Sequence[BatchJob], out: Path) -> None:
-    """End with code 1 if runs failed."""
     if failed := sum(group["failed"] for group in found["groups"]):
         print(f"{failed} of {len(jobs)} runs failed: see the column error of {out / TABLE}", file=sys.stderr)
         raise typer.Exit(1)

@@ -35,7 +35,7 @@ WhatArgument = Annotated[
 ]
 AtOption = Annotated[
     str | None,
-    typer.Option("--at", metavar="TIME", help="Recording: begin here, 12:34 on the drive's clock.", show_default=False),
+    typer.Option("--at", metavar="TIME", help="Recording: begin here, 12:34 on the drive's clock."),
 ]
 
 

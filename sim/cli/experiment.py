@@ -6,35 +6,23 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption, SeedOption
-from das.command_line.printing import busy, paragraph, print_table
+from das.command_line.options import JsonOption, OutFolder, OutFolderOption, OverwriteOption
+from das.command_line.printing import busy, new_table, paragraph, print_table
 from das.domain.errors import DasError
 from precompute.workers import Workers
-from sim.cli.options import (
-    PageOption,
-    PdfOption,
-    WorkersOption,
-    check_packages,
-    check_page,
-    page_and_pdf,
-    tell_written,
-    write_page,
-)
+from sim.cli.options import PageFiles, WorkersOption, check_packages, tell_written
 from sim.experiment.plan import DESIGN_JSON, FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
+from sim.options import PowerAsked
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer
     from sim.experiment.trials import Keep
 
-DEFAULT_PARTICIPANTS: Final = "12,24,36,48,76,100,150"
-MOST_ROWS: Final = 50
-"""`power` gives a row for at most this many numbers of participants."""
 
 DesignArgument = Annotated[
     str,
@@ -94,10 +82,9 @@ def run(
         from sim.experiment.checking import checked_in
         from sim.experiment.design import load_design
         from sim.experiment.trials import Keep, jobs_of, run_study
-        from sim.jobs.batch import require_pyarrow
 
         if not measures_only:
-            require_pyarrow()
+            check_packages("batch", "pyarrow")
         asked = load_design(design)
     checked_in(asked, out)
     keep: Keep = Keep.RECORDINGS if recordings else Keep.MEASURES if measures_only else Keep.SERIES
@@ -145,84 +132,23 @@ EffectsOption = Annotated[
         metavar="X",
         help="Also say how many participants would show a difference of X, in the unit of the report (points for a "
         "ratio); may be given several times.",
-        show_default=False,
-    ),
-]
-PilotArgument = Annotated[
-    Path | None,
-    typer.Argument(
-        metavar="DIR|DESIGN",
-        help="Folder of a pilot study, whose drivers are drawn again; or a design (design file, frozen design.json or "
-        "bundled study), for its level and number of comparisons (then --sd is needed).",
-        show_default=False,
-    ),
-]
-EffectOption = Annotated[
-    float,
-    typer.Option(
-        "--effect", metavar="X", help="True difference to be found, in the unit of the report (points for a ratio)."
-    ),
-]
-ComparisonOption = Annotated[
-    str | None,
-    typer.Option("--comparison", metavar="NAME", help="Planned comparison [default: the first].", show_default=False),
-]
-NumbersOption = Annotated[
-    str, typer.Option("--participants", metavar="LIST", help="Numbers of participants, separated by commas.")
-]
-WantedOption = Annotated[
-    float, typer.Option("--power", metavar="X", help="Share of studies that are to find the difference.")
-]
-SdOption = Annotated[
-    float | None,
-    typer.Option(
-        "--sd",
-        metavar="X",
-        help="Standard deviation between participants (bell curve) of their difference, or with --groups of their "
-        "means; instead of a pilot's drivers.",
-        show_default=False,
-    ),
-]
-SdOfPairsOption = Annotated[
-    float,
-    typer.Option("--sd-pairs", metavar="X", help="With --sd: standard deviation between pairs of one participant."),
-]
-PairsOption = Annotated[
-    int | None,
-    typer.Option(
-        "--pairs",
-        metavar="N",
-        min=1,
-        help="Pairs of trials that each participant drives [default: as in the pilot, or 1].",
-        show_default=False,
-    ),
-]
-GroupsOption = Annotated[
-    bool,
-    typer.Option(
-        "--groups",
-        help="With --sd: each participant drives one of the two conditions, and numbers are those of each group.",
-    ),
-]
-AlphaOption = Annotated[
-    float | None,
-    typer.Option(
-        "--alpha", metavar="X", help="Level of the test [default: the design's, or 0.05].", show_default=False
     ),
 ]
 
 
 def analyse(
     folder: StudyArgument,
-    out: PageOption = None,
-    pdf: PdfOption = None,
+    written: PageFiles,
     effect: EffectsOption = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Analyse a study that was run: paired differences with intervals, a mixed model, checks."""
-    out, pdf = page_and_pdf(out, pdf)
-    _check(folder, (out, pdf), effect or (), overwrite=overwrite)
+    check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
+    read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
+    written.check(read, overwrite=overwrite)
+    for one in effect or ():
+        _check_effect(one)
     from sim.experiment.analysis.comparing import analyse_study
     from sim.experiment.analysis.page import as_dict, page
     from sim.experiment.analysis.reading import read_study
@@ -231,7 +157,7 @@ def analyse(
     study = read_study(folder)
     with busy("analysing the trials …"):
         found = analyse_study(study, tuple(effect or ()))
-    write_page(lambda: page(found), out, pdf)
+    written.write(lambda: page(found))
     if as_json:
         print(json.dumps(as_dict(found)))
         return
@@ -239,16 +165,7 @@ def analyse(
         paragraph(line)
     for name, line in in_short(found):
         paragraph(f"{name}: {line}" if name else line)
-    tell_written(out, pdf)
-
-
-def _check(folder: Path, files: tuple[Path | None, Path | None], effects: Sequence[float], *, overwrite: bool) -> None:
-    """Raise DasError if an output cannot be made or an option is wrong; called before the work begins."""
-    check_packages("experiment", "jinja2", "matplotlib", "scipy", "statsmodels")
-    read = [folder / name for name in (DESIGN_JSON, TRIALS_TABLE, TRIALS_SIDECAR)]
-    check_page(*files, read, overwrite=overwrite)
-    for one in effects:
-        _check_effect(one)
+    tell_written(*written.paths)
 
 
 def _check_effect(effect: float) -> None:
@@ -256,30 +173,12 @@ def _check_effect(effect: float) -> None:
         raise DasError(f"--effect {effect:g}: expected a number above 0")
 
 
-def power(
-    effect: EffectOption,
-    source: PilotArgument = None,
-    comparison: ComparisonOption = None,
-    participants: NumbersOption = DEFAULT_PARTICIPANTS,
-    wanted: WantedOption = 0.8,
-    sd: SdOption = None,
-    sd_of_pairs: SdOfPairsOption = 0.0,
-    pairs: PairsOption = None,
-    groups: GroupsOption = False,
-    alpha: AlphaOption = None,
-    seed: SeedOption = 0,
-    as_json: JsonOption = False,
-) -> None:
+def power(asked: PowerAsked, as_json: JsonOption = False) -> None:
     """Say how often an experiment would find a difference, and how many participants it needs."""
     check_packages("experiment", "scipy")
-    _check_effect(effect)
-    from sim.experiment.analysis.power import Asked, answer
+    _check_effect(asked.effect)
+    from sim.experiment.analysis.power import answer
 
-    asked = Asked(
-        source=source, effect=effect, comparison=comparison, participants=_counts(participants), wanted=wanted, sd=sd,
-        sd_of_pairs=sd_of_pairs, pairs=pairs, alpha=alpha, seed=seed,
-        groups=groups,
-    )  # fmt: skip
     with busy("simulating experiments …"):
         found = answer(asked)
     if as_json:
@@ -289,17 +188,9 @@ def power(
 
 
 def _print_power(found: PowerAnswer) -> None:
-    from rich.table import Table
-
     paragraph(found.about)
-    table = Table()
-    for name in (
-        "in each group" if found.groups else "participants",
-        "power",
-        "95 %",
-        *(["corrected"] if found.strict else []),
-    ):
-        table.add_column(name, justify="right")
+    heads = ("in each group" if found.groups else "participants", "power", "95 %", "corrected")
+    table = new_table("", (), heads if found.strict else heads[:3], lines=True)
     for index, one in enumerate(found.points):
         low, high = one.interval
         cells = [str(one.participants), f"{one.power:.0%}", f"{low:.0%} to {high:.0%}"]
@@ -313,10 +204,3 @@ def _print_power(found: PowerAnswer) -> None:
     print_table(table, legend)
     for line in found.sentences:
         paragraph(line)
-
-
-def _counts(text: str) -> tuple[int, ...]:
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) > MOST_ROWS or not all(part.isascii() and part.isdigit() and len(part) < 8 for part in parts):
-        raise DasError(f"--participants {text}: expected at most {MOST_ROWS} whole numbers separated by commas")
-    return tuple(sorted({int(part) for part in parts}))

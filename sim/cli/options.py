@@ -6,6 +6,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -32,19 +33,9 @@ FromTimeOption = Annotated[
         "--from",
         metavar="TIME",
         help="Only from here on: 12:34 on the drive's clock, or 08:16:34Z.",
-        show_default=False,
     ),
 ]
-ToTimeOption = Annotated[
-    str | None, typer.Option("--to", metavar="TIME", help="Only up to here, in the same form.", show_default=False)
-]
-PageOption = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print in words]."),
-]
-PdfOption = Annotated[
-    Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
-]
+ToTimeOption = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Only up to here, in the same form.")]
 WorkersOption = Annotated[
     int | None,
     typer.Option("--workers", metavar="N", help="Number of processes [default: one a core].", min=1, max=1024),
@@ -77,7 +68,6 @@ DriverAtOption = Annotated[
         "--driver-at",
         metavar="ENDPOINT",
         help=f"Where the run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
-        show_default=False,
     ),
 ]
 DriverHereOption = Annotated[
@@ -92,7 +82,6 @@ RunAtOption = Annotated[
         "--connect",
         metavar="ENDPOINT",
         help=f"Where the run listens [default: {DEFAULT_DRIVER_AT}].",
-        show_default=False,
     ),
 ]
 DriversOption = Annotated[
@@ -125,7 +114,6 @@ ParticipantsOption = Annotated[
         "--participants",
         metavar="LIST",
         help="Human drivers of the population, like 1-30, each on every day [default: the seed draws the driver].",
-        show_default=False,
     ),
 ]
 
@@ -181,36 +169,53 @@ def check_packages(extra: str, *names: str) -> None:
             raise DasError(f"{name} is not installed: pip install '.[{extra}]' in the checkout")
 
 
-def page_and_pdf(out: Path | None, pdf: Path | None) -> tuple[Path | None, Path | None]:
-    """The page and its PDF to write: `--out` with a name that ends in .pdf means the PDF, unless `--pdf` names one."""
-    return (None, out) if out is not None and pdf is None and out.suffix.lower() == ".pdf" else (out, pdf)
+@dataclass(frozen=True, kw_only=True)
+class PageFiles:
+    """Options on the page that a command writes; an `out` whose name ends in .pdf means the PDF, unless `pdf` is given.
 
+    None stands for a file that was not asked for.
+    """
 
-def check_page(out: Path | None, pdf: Path | None, inputs: Iterable[Path], *, overwrite: bool) -> None:
-    """Raise DasError if a page or its PDF cannot be made; called before the work begins."""
-    for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
-        if path is not None and path.suffix.lower() not in suffixes:
-            raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
-    check_outputs(out, pdf, inputs=inputs, overwrite=overwrite)
-    if pdf is not None:
-        from das.command_line.pdf import browser
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print in words]."),
+    ] = None
+    pdf: Annotated[
+        Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
+    ] = None
 
-        browser()
+    @property
+    def paths(self) -> tuple[Path | None, Path | None]:
+        """The page and its PDF."""
+        pdf_alone = self.out is not None and self.pdf is None and self.out.suffix.lower() == ".pdf"
+        return (None, self.out) if pdf_alone else (self.out, self.pdf)
 
+    def check(self, inputs: Iterable[Path], *, overwrite: bool) -> None:
+        """Raise DasError if the page or its PDF cannot be made; called before the work begins."""
+        out, pdf = self.paths
+        for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
+            if path is not None and path.suffix.lower() not in suffixes:
+                raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
+        check_outputs(out, pdf, inputs=inputs, overwrite=overwrite)
+        if pdf is not None:
+            from das.command_line.pdf import browser
 
-def write_page(draw: Callable[[], str], out: Path | None, pdf: Path | None) -> None:
-    """Draw a page and write it as HTML, as PDF or as both; None stands for what was not asked for."""
-    if out is None and pdf is None:
-        return
-    with busy("drawing the page …"):
-        content = draw()
-    if out is not None:
-        write_whole(out, content.encode())
-    if pdf is not None:
-        from das.command_line.pdf import write_pdf
+            browser()
 
-        with busy(f"printing {pdf} …"):
-            write_pdf(content, pdf)
+    def write(self, draw: Callable[[], str]) -> None:
+        """Draw the page and write it as HTML, as PDF or as both; it is not drawn if neither was asked for."""
+        out, pdf = self.paths
+        if out is None and pdf is None:
+            return
+        with busy("drawing the page …"):
+            content = draw()
+        if out is not None:
+            write_whole(out, content.encode())
+        if pdf is not None:
+            from das.command_line.pdf import write_pdf
+
+            with busy(f"printing {pdf} …"):
+                write_pdf(content, pdf)
 
 
 def tell_written(*paths: Path | None) -> None:

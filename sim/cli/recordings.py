@@ -15,7 +15,7 @@ import typer
 
 from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
-from das.command_line.printing import busy, loading_solver, paragraph, print_table, progress_bar, tell, typed
+from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, progress_bar, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
@@ -72,10 +72,7 @@ def _print_check(found: Checked) -> None:
     for name, value in found.figures.items():
         figures.add_row(name, value)
     print_table(figures)
-    rates = Table(title="topics", title_justify="left")
-    rates.add_column(RATE_COLUMNS[0], no_wrap=True)
-    for name in RATE_COLUMNS[1:]:
-        rates.add_column(name, justify="right")
+    rates = new_table("topics", (), RATE_COLUMNS[1:], whole=RATE_COLUMNS[:1], lines=True)
     for row in found.rate_rows():
         rates.add_row(*row)
     print_table(rates)
@@ -238,7 +235,6 @@ class WhatIfAsked:
         typer.Option(
             "--driven-anew/--open-loop",
             help="Drive the day anew, or keep the drive as it was [default: anew where a driver or display is named].",
-            show_default=False,
         ),
     ] = None
 
@@ -345,16 +341,11 @@ def _what_if_dict(found: Changed, new: Otherwise, file: Path, written: Path, not
 
 
 def _print_what_if(found: Changed, new: Otherwise, files: tuple[Path, Path], notes: list[str]) -> None:
-    from rich.table import Table
-
     from sim.runs.what_if.difference import NAMES
 
     tell(f"{found.kind}: {WAYS[found.kind]}")
     tell(f"otherwise: {'; '.join(new.described()) or 'nothing'}")
-    table = Table()
-    table.add_column("")
-    for name in NAMES:
-        table.add_column(name, justify="right")
+    table = new_table("", ("",), NAMES, lines=True)
     for row in found.rows():
         table.add_row(*row)
     if table.row_count:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,20 +13,9 @@ import typer
 from das.advice.wording import Language
 from das.command_line.files import check_outputs, check_picture, save_figure
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
-from das.command_line.printing import busy, loading_solver, paragraph, print_table, tell, typed, visible
+from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, typed, visible
 from das.domain.errors import DasError
-from sim.cli.options import (
-    FromTimeOption,
-    PageOption,
-    PdfOption,
-    RecordingArgument,
-    ToTimeOption,
-    check_packages,
-    check_page,
-    page_and_pdf,
-    tell_written,
-    write_page,
-)
+from sim.cli.options import FromTimeOption, PageFiles, RecordingArgument, ToTimeOption, check_packages, tell_written
 from sim.drive.events.event import DriveEvent, EventKind, Filter
 from sim.options import OfTrainOption
 
@@ -108,16 +98,11 @@ def events(
 
 
 def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
-    from rich.table import Table
-
     from sim.drive.events.chronicle import place_text
 
     clock = drive.clock
-    table = Table()
-    for name in ("time", str(clock.zone), "place", "kind"):
-        table.add_column(name, no_wrap=True)
-    table.add_column("bookmark")
-    table.add_column("what happened")
+    heads = ("time", str(clock.zone), "place", "kind")
+    table = new_table("", ("bookmark", "what happened"), whole=heads, lines=True)
     for one in found:
         shown = (clock.shown(one.time_ns), clock.of_day(one.time_ns), place_text(one.s_m), str(one.kind))
         table.add_row(*shown, one.mark, visible(one.text))
@@ -128,7 +113,7 @@ def _print_events(found: tuple[DriveEvent, ...], drive: Drive) -> None:
 
 def note(
     file: RecordingArgument,
-    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What to remember.", show_default=False)] = "",
+    text: Annotated[str, typer.Argument(metavar="[TEXT]", help="What to remember.")] = "",
     at: Annotated[
         str | None,
         typer.Option("--at", metavar="TIME", help="When: 12:34 on the drive's clock, or 08:16:34Z."),
@@ -227,30 +212,31 @@ def _print_causes(attribution: Attribution) -> None:
     from sim.drive.attribution.attribution import OTHER_TRAIN
     from sim.drive.attribution.causes import EnergyCause
 
-    columns = [(f"{leg.leg.start.name} – {leg.leg.end.name}", leg.by_cause, leg) for leg in attribution.legs]
+    legs = attribution.legs
     table = Table(title="energy at the current collector, kWh", title_justify="left")
     table.add_column("")
-    for name, _, _ in columns:
-        table.add_column(name, justify="right")
+    for leg in legs:
+        table.add_column(f"{leg.leg.start.name} – {leg.leg.end.name}", justify="right")
     table.add_column("all", justify="right", no_wrap=True)
+
+    def total(name: str, of_legs_j: Sequence[float], all_j: float) -> None:
+        table.add_row(name, *(f"{kwh(one):.1f}" for one in (*of_legs_j, all_j)))
+
+    def part(name: str, of_legs_j: Sequence[float], all_j: float) -> None:
+        table.add_row(f"  {name}", *(f"{kwh(one):+.1f}" for one in (*of_legs_j, all_j)))
+
     told = dict(attribution.by_cause)
     if attribution.against_timetable is not None and attribution.timetable_j is not None:
-        due = [kwh(leg.timetable_j or 0.0) for _, _, leg in columns]
-        table.add_row("optimum for the timetable", *(f"{x:.1f}" for x in due), f"{kwh(attribution.timetable_j):.1f}")
+        total("optimum for the timetable", [leg.timetable_j or 0.0 for leg in legs], attribution.timetable_j)
         for cause in (EnergyCause.RECOVERED, EnergyCause.ARRIVAL):
             told[cause] = attribution.against_timetable[cause]
-            cells = (f"{kwh((leg.against_timetable or {}).get(cause, 0.0)):+.1f}" for _, _, leg in columns)
-            table.add_row(f"  {cause.label}", *cells, f"{kwh(told[cause]):+.1f}")
+            part(cause.label, [(leg.against_timetable or {}).get(cause, 0.0) for leg in legs], told[cause])
         if attribution.other_train_j:
-            other = (f"{kwh(leg.other_train_j):+.1f}" for _, _, leg in columns)
-            table.add_row(f"  {OTHER_TRAIN}", *other, f"{kwh(attribution.other_train_j):+.1f}")
-    best = [kwh(leg.optimum_j) for _, _, leg in columns]
-    table.add_row("optimum for the same times", *(f"{x:.1f}" for x in best), f"{sum(best):.1f}")
+            part(OTHER_TRAIN, [leg.other_train_j for leg in legs], attribution.other_train_j)
+    total("optimum for the same times", best := [leg.optimum_j for leg in legs], sum(best))
     for cause, energy_j in attribution.by_cause.items():
-        cells = (f"{kwh(parts.get(cause, 0.0)):+.1f}" for _, parts, _ in columns)
-        table.add_row(f"  {cause.label}", *cells, f"{kwh(energy_j):+.1f}")
-    driven = [kwh(leg.driven_j) for _, _, leg in columns]
-    table.add_row("as driven", *(f"{x:.1f}" for x in driven), f"{sum(driven):.1f}")
+        part(cause.label, [leg.by_cause.get(cause, 0.0) for leg in legs], energy_j)
+    total("as driven", driven := [leg.driven_j for leg in legs], sum(driven))
     print_table(table, {cause.label: cause.meaning.rstrip(".") for cause in told})
 
 
@@ -316,17 +302,14 @@ def _print_comparison(aligned: AlignedDrives) -> None:
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     """Print the stretches on which a drive differs most from the first; nothing if it does not differ."""
-    from rich.table import Table
-
     from das.domain.units import kwh
     from sim.drive.events.chronicle import place_text
 
     parted = [one for one in aligned.stretches(index) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005]
     if not parted:
         return
-    table = Table(title=f"where {aligned.drives[index].label} parts from the first", title_justify="left")
-    for name in ("from", "to", "time, s", "drawn, kWh", "lost, kWh"):
-        table.add_column(name, justify="right")
+    title = f"where {aligned.drives[index].label} parts from the first"
+    table = new_table(title, (), ("from", "to", "time, s", "drawn, kWh", "lost, kWh"), lines=True)
     most = sorted(parted, key=lambda one: -abs(one.lost_j))[:SHOWN]
     for one in sorted(most, key=lambda one: one.start_m):
         numbers = (f"{one.time_s:+.1f}", f"{kwh(one.energy_j):+.2f}", f"{kwh(one.lost_j):+.2f}")
@@ -341,15 +324,13 @@ def report(
             metavar="RECORDING…", help="Recordings (.mcap); several drives of one line are compared as well."
         ),
     ],
-    out: PageOption = None,
-    pdf: PdfOption = None,
+    written: PageFiles,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write a report about recorded drives: one page for an instructor, then figures, pictures and what happened."""
     check_packages("view", "jinja2", "matplotlib")
-    out, pdf = page_and_pdf(out, pdf)
-    check_page(out, pdf, files, overwrite=overwrite)
+    written.check(files, overwrite=overwrite)
     with loading_solver():
         from sim.review.report.page import as_dict, compared, page, subject_of
         from sim.review.report.sentences import paragraph as in_words
@@ -357,13 +338,13 @@ def report(
     with busy("reading the recordings and solving their sections …"):
         subjects = [subject_of(path) for path in files]
         aligned, not_compared = compared(subjects)
-    write_page(lambda: page(subjects, aligned, not_compared), out, pdf)
+    written.write(lambda: page(subjects, aligned, not_compared))
     if as_json:
         print(json.dumps(as_dict(subjects, aligned, not_compared)))
         return
     for subject in subjects:
         paragraph(f"{subject.drive.name}: {in_words(subject.drive)}")
-    tell_written(out, pdf)
+    tell_written(*written.paths)
 
 
 def view(

@@ -16,7 +16,7 @@ from das.command_line.options import (
     SeedOption,
     TrainOption,
 )
-from das.command_line.printing import loading_solver, one_line, print_table, say, tell, typed
+from das.command_line.printing import loading_solver, new_table, one_line, print_table, say, tell, typed
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from sim.cli.desk import DeskLooks, drive_at_desk
@@ -75,8 +75,6 @@ OUTSIDE: Final = {
 
 def scenarios(as_json: JsonOption = False) -> None:
     """List the bundled scenarios and where their files are; a copy is a good beginning of a scenario of your own."""
-    from rich.table import Table
-
     from sim.world.scenario import bundled_scenarios, read_scenario
 
     found = [read_scenario(path) for path in bundled_scenarios().values()]
@@ -84,9 +82,7 @@ def scenarios(as_json: JsonOption = False) -> None:
         kept = {one.id: {"title": one.title, "description": one.description, "file": str(one.source)} for one in found}
         print(json.dumps(kept))
         return
-    table = Table(title="bundled scenarios", title_justify="left")
-    table.add_column("scenario", no_wrap=True)
-    table.add_column("what happens")
+    table = new_table("bundled scenarios", ("what happens",), whole=("scenario",), lines=True)
     for one in found:
         table.add_row(one.id, f"{one.title}. {one.description}")
     print_table(table)
@@ -194,10 +190,7 @@ def drivers(as_json: JsonOption = False) -> None:
     for name, meaning in (DRIVERS | OUTSIDE).items():
         who.add_row(name, meaning)
     print_table(who)
-    table = Table(title="human", title_justify="left")
-    for heading in ("parameter", "default"):
-        table.add_column(heading, no_wrap=True)
-    table.add_column("range, meaning (source)")
+    table = new_table("human", ("range, meaning (source)",), whole=("parameter", "default"), lines=True)
     for name, default, unit, limits, meaning, source in parameter_table():
         table.add_row(name, f"{default} {unit}", f"{limits}: {meaning} ({source})")
     print_table(table)

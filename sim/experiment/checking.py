@@ -12,11 +12,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Final
 
-from rich import box
-from rich.table import Table
-
 from das.command_line.files import warn_unusual
-from das.command_line.printing import paragraph, print_table, progress_bar, tell, typed
+from das.command_line.printing import new_table, paragraph, print_table, progress_bar, tell, typed
 from das.command_line.process import available_cores
 from das.domain.errors import DasError
 from das.domain.files.reading import read_json
@@ -330,10 +327,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None:
     """Print what the check found."""
     tell(f"{design.name}: {design.title}")
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("factor", no_wrap=True)
-    for name in ("levels", "participants meet", "sensed"):
-        table.add_column(name)
+    table = new_table("", ("levels", "participants meet", "sensed"), whole=("factor",))
     sensed = {one.factor: one for one in found.sensed}
     for factor in design.factors:
         one = sensed[factor.name]
@@ -355,7 +349,9 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
         f"driving them takes about {math.ceil(found.work_s / cores / MINUTE_S)} min on {cores} cores at this "
         "machine's present load"
     )
-    paragraph(f"measures: {len(design.plan.measures)}; planned comparisons: {_comparison_words(design)}")
+    plan, planned = design.plan, len(design.plan.comparisons)
+    planned_words = f"{planned}, alpha {plan.alpha:g}, correction {plan.correction}" if planned else "none"
+    paragraph(f"measures: {len(plan.measures)}; planned comparisons: {planned_words}")
     for note in found.notes:
         paragraph(f"note: {note}", hanging="  ")
     tell(f"hash: {found.digest}")
@@ -369,11 +365,6 @@ def _sensed_words(one: Sensed) -> str:
     return "yes, on the first day" if one.days == 1 else f"yes, within {one.days} days"
 
 
-def _comparison_words(design: Design) -> str:
-    count = len(design.plan.comparisons)
-    return f"{count}, alpha {design.plan.alpha:g}, correction {design.plan.correction}" if count else "none"
-
-
 def print_run(design: Design, found: StudyRun) -> None:
     """Print how many trials of a study were driven, and those that failed."""
     paragraph(f"{design.name}: {found.trials} trials, {found.made} of them driven now, {len(found.failed)} failed")
@@ -385,14 +376,8 @@ def print_run(design: Design, found: StudyRun) -> None:
 
 def print_studies(found: Sequence[Design]) -> None:
     """Print the bundled studies."""
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("study", no_wrap=True)
-    for name in ("title", "participants", "factors"):
-        table.add_column(name)
+    table = new_table("", ("title", "participants", "factors"), whole=("study",))
     for one in found:
-        table.add_row(one.name, one.title, str(one.people.count), _factors_in_words(one))
+        factors = " × ".join(f"{len(factor.levels)} {factor.name}" for factor in one.factors)
+        table.add_row(one.name, one.title, str(one.people.count), factors)
     print_table(table)
-
-
-def _factors_in_words(design: Design) -> str:
-    return " × ".join(f"{len(factor.levels)} {factor.name}" for factor in design.factors)

@@ -15,7 +15,7 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, kept_by
-from sim.drivers.parameters import Participant, Population, load_population
+from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
 from sim.jobs.runner import JobRecording, ServiceMemory, whole_run
 from sim.plant import kernels
@@ -31,6 +31,7 @@ LINES_KEPT: Final = 3
 APART: Final = 1_000_000_007
 """Distance between the numbers of a participant's random streams; it exceeds every participant's number."""
 _services = ServiceMemory(most=LINES_KEPT)
+_population = cache(load_population)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,8 +216,3 @@ def _day(trial: StudyTrial, who: Participant) -> Day:
         source = day.service.scenario.source
         raise DasError(f"{source}: human.trips: expected no trips here, because the design counts them (learning)")
     return replace(day, human=day.human.after(trial.trips))
-
-
-@cache
-def _population(name_or_path: str) -> Population:
-    return load_population(name_or_path)

@@ -119,21 +119,18 @@ def _choice(kind: Any) -> Callable[[Fields, str, Any], FactorLevel]:
     return read
 
 
-def _seconds(most_s: float) -> Callable[[Fields, str, Any], FactorLevel]:
+def _seconds(most_s: float, *, or_all: bool = False) -> Callable[[Fields, str, Any], FactorLevel]:
+    """A reader of times up to `most_s`; with `or_all` "all" is infinite."""
+
     def read(table: Fields, key: str, value: Any) -> FactorLevel:
+        if or_all and value == "all":
+            return FactorLevel(text="all", value=math.inf)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most_s:
-            raise table.error(key, value, f"a number from 0 to {most_s:g} (s)")
+            expected = f"a number from 0 to {most_s:g} (s)" + (', or "all"' if or_all else "")
+            raise table.error(key, value, expected)
         return FactorLevel(text=f"{value:g}", value=float(value))
 
     return read
-
-
-def _preview(table: Fields, key: str, value: Any) -> FactorLevel:
-    if value == "all":
-        return FactorLevel(text="all", value=math.inf)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LONGEST_PREVIEW_S:
-        raise table.error(key, value, f'a number from 0 to {LONGEST_PREVIEW_S:g} (s), or "all"')
-    return FactorLevel(text=f"{value:g}", value=float(value))
 
 
 def _reason(table: Fields, key: str, value: Any) -> FactorLevel:
@@ -143,27 +140,24 @@ def _reason(table: Fields, key: str, value: Any) -> FactorLevel:
 
 
 def _scenario(table: Fields, key: str, value: Any) -> FactorLevel:
-    name = _file(table, key, value, bundled=value in (*bundled_scenarios(), *study_days()))
-    try:
-        return FactorLevel(text=day_of(name).id, value=name)
-    except DasError as error:
-        raise DasError(f"{table.source}: {table.prefix}{key}: {error}") from None
+    bundled = value in (*bundled_scenarios(), *study_days())
+    return _file(table, key, value, lambda name: day_of(name).id, bundled=bundled)
 
 
 def _train(table: Fields, key: str, value: Any) -> FactorLevel:
     beside = isinstance(value, str) and value.endswith((".toml", ".json"))
-    name = _file(table, key, value, bundled=not beside)
-    try:
-        return FactorLevel(text=load_vehicle(name).id, value=name)
-    except DasError as error:
-        raise DasError(f"{table.source}: {table.prefix}{key}: {error}") from None
+    return _file(table, key, value, lambda name: load_vehicle(name).id, bundled=not beside)
 
 
-def _file(table: Fields, key: str, value: Any, *, bundled: bool) -> str:
-    """A bundled name as it is, or a path relative to the design's file."""
+def _file(table: Fields, key: str, value: Any, id_of: Callable[[str], str], *, bundled: bool) -> FactorLevel:
+    """A bundled name as it is, or a path relative to the design's file; the level's text is the id of what is there."""
     if not isinstance(value, str) or not value:
         raise table.error(key, value, "the name of a bundled file, or a path")
-    return value if bundled else str((table.source.parent / Path(value)).resolve())
+    name = value if bundled else str((table.source.parent / Path(value)).resolve())
+    try:
+        return FactorLevel(text=id_of(name), value=name)
+    except DasError as error:
+        raise DasError(f"{table.source}: {table.prefix}{key}: {error}") from None
 
 
 def _driver(table: Fields, key: str, value: Any) -> FactorLevel:
@@ -198,7 +192,7 @@ FACTORS: Final = {
             expected=f"0 to {LONGEST_S:g} s",
         ),
         KnownFactor(
-            name="preview_s", title="Preview", unit="s", read=_preview,
+            name="preview_s", title="Preview", unit="s", read=_seconds(LONGEST_PREVIEW_S, or_all=True),
             meaning="how far ahead the display shows what comes",
             expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
         ),
@@ -228,14 +222,6 @@ FACTORS: Final = {
 }  # fmt: skip
 """Every factor by its name, which is also the name of its column and of its field in a `Setting`."""
 
-DEFAULTS: Final[dict[str, Any]] = {
-    "scenario": "clear-day",
-    "driver": "human",
-    "presentation": "coach",
-    "friction": "as-measured",
-    "update_interval_s": 0,
-    "hold_s": 0,
-    "preview_s": "all",
-    "reason": True,
-}
+_OF_A_SETTING: Final = {**Setting().figures(), "preview_s": "all"}
+DEFAULTS: Final = {name: value for name, value in _OF_A_SETTING.items() if value is not None}
 """The levels of factors that a design does not mention; train and loss level are then the scenario's."""

@@ -29,6 +29,7 @@ NOLD: Final = "as in Nold & Corman (2024)"
 BALANCE: Final = "energy balance of the simulated train (docs/reference/plant.md)"
 OWN: Final = "own definition"
 GRAMMAR: Final = "grammar of the coach (docs/explanation/coach.md)"
+_Of = Callable[[Driven], float | int | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +44,7 @@ class Measure:
     unit: str
     formula: str
     source: str
-    of: Callable[[Driven], float | int | None]
+    of: _Of
 
 
 def stop_error_m(driven: Driven) -> float | None:
@@ -191,7 +192,7 @@ def _median(values: Sequence[float]) -> float | None:
     return float(np.median(known)) if known else None
 
 
-def _figure(name: str) -> Callable[[Driven], float | int | None]:
+def _figure(name: str) -> _Of:
     """A figure of the run that `das-sim run --json` gives under this name; yes and no as 1 and 0."""
 
     def of(driven: Driven) -> float | int | None:
@@ -201,12 +202,14 @@ def _figure(name: str) -> Callable[[Driven], float | int | None]:
     return of
 
 
+def _measure(name: str, title: str, unit: str, source: str, formula: str, of: _Of | None = None) -> Measure:
+    """A measure; without a function, it is the figure of the run that has its name."""
+    return Measure(name=name, title=title, unit=unit, formula=formula, source=source, of=of or _figure(name))
+
+
 def _figures(source: str, *rows: tuple[str, str, str, str]) -> tuple[Measure, ...]:
     """Measures that are figures of the run, each given by its name, title, unit and formula."""
-    return tuple(
-        Measure(name=name, title=title, unit=unit, source=source, formula=formula, of=_figure(name))
-        for name, title, unit, formula in rows
-    )
+    return tuple(_measure(name, title, unit, source, formula) for name, title, unit, formula in rows)
 
 
 def known(value: float) -> float | None:
@@ -215,141 +218,70 @@ def known(value: float) -> float | None:
 
 
 _LISTED: Final = (
-    Measure(
-        name="gap_to_optimum_ratio", title="Gap to the optimum", unit="1", source=NOLD,
-        of=lambda driven: driven.outcome.energies.above.gap_ratio,
-        formula="E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
-        "simulated train could have kept the limits and the running times that the sections really took; "
-        "smaller is better",
-    ),
-    Measure(
-        name="energy_at_equal_arrival_kwh", title="Energy at equal arrival", unit="kWh", source=OWN,
-        of=lambda driven: kwh(driven.equal_arrival_j),
-        formula="E − E_opt + E_opt(timetable): the energy that the trial would have taken with the same distance to "
-        "the optimum if every section had taken its time by the timetable",
-    ),
-    Measure(
-        name="energy_kwh", title="Energy", unit="kWh", source=BALANCE, of=_figure("energy_kwh"),
-        formula="E: energy at the current collector from departure to arrival, summed over the sections",
-    ),
-    Measure(
-        name="energy_optimum_kwh", title="Optimum for the times as driven", unit="kWh", source=NOLD,
-        of=_figure("energy_optimum_kwh"),
-        formula="E_opt: least energy of the true train for the running times that the sections really took",
-    ),
-    Measure(
-        name="energy_blending_kwh", title="Lost to friction brakes where the motors could brake", unit="kWh",
-        source=BALANCE, of=_figure("energy_blending_kwh"),
-        formula="part of E − E_opt: what would not have been needed if the motors had given all braking that they "
-        "could",
-    ),
-    Measure(
-        name="energy_profile_kwh", title="Lost to the speed profile", unit="kWh", source=OWN,
-        of=_figure("energy_profile_kwh"),
-        formula="the rest of E − E_opt",
-    ),
-    Measure(
-        name="component_loss_kwh", title="Losses of the train", unit="kWh", source=BALANCE,
-        of=_figure("component_loss_kwh"),
-        formula="∫ of the losses of the traction chain from the first departure to the last arrival",
-    ),
-    Measure(
-        name="resistance_kwh", title="Running resistance", unit="kWh", source=BALANCE, of=_figure("resistance_kwh"),
-        formula="∫ resistance · v dt, tunnels and curves included",
-    ),
-    Measure(
-        name="friction_brake_kwh", title="Friction brakes", unit="kWh", source=BALANCE,
-        of=_figure("friction_brake_kwh"),
-        formula="∫ force of the friction brakes · v dt",
-    ),
-    Measure(
-        name="running_time_s", title="Running time", unit="s", source=OWN,
-        of=_figure("running_time_s"),
-        formula="time from departures to arrivals, summed over the sections",
-    ),
-    Measure(
-        name="late_s", title="Delay at the last stop", unit="s", source=OWN, of=_figure("late_s"),
-        formula="arrival at the last stop − arrival by the timetable (early < 0)",
-    ),
-    Measure(
-        name="stop_error_m", title="Stop error", unit="m", source="Askey & Sheridan (1995) judge stop accuracy",
-        of=stop_error_m,
-        formula="mean over the stops after the first of |where the train stands − where it should|",
-    ),
-    Measure(
-        name="speed_rmse_mps", title="Speed error against what was shown", unit="m/s",
-        source="tracking error of manual control", of=speed_rmse_mps,
-        formula="√ mean (v − shown)² over the moving seconds in which a speed was shown; for a reduced maximum speed "
-        "only what is above it counts, and of the coach only the times in which a speed is to be held",
-    ),
-    Measure(
-        name="speed_in_band_ratio", title="Time in band", unit="1", source="band of 3 km/h: assumption",
-        of=speed_in_band_ratio,
-        formula="share of those seconds with |v − shown| ≤ 3 km/h",
-    ),
-    Measure(
-        name="effort_rmse_ratio", title="Effort error against what was shown", unit="1",
-        source="tracking error of manual control", of=effort_rmse_ratio,
-        formula="√ mean (controller − shown effort)² over the moving seconds in which an effort was shown; 1 is full "
-        "scale",
-    ),
-    Measure(
-        name="reaction_s", title="Reaction time", unit="s", source="decisions of the driver", of=reaction_s,
-        formula="median time from the glance at which advice was noticed to acting on it; departures left out",
-    ),
-    Measure(
-        name="response_s", title="Response time", unit="s", source="decisions of the driver", of=response_s,
-        formula="median time from when advice was first shown to acting on it; departures left out",
-    ),
-    Measure(
-        name="compliance_ratio", title="Compliance", unit="1", source="decisions of the driver", of=compliance_ratio,
-        formula="followed / (followed + refused) of the advice that was noticed",
-    ),
-    Measure(
-        name="control_movements_per_min", title="Control movements", unit="1/min",
-        source="Balfe et al. (2017) count controller movements", of=control_movements_per_min,
-        formula="times that a controller that stood still begins to move, per minute in which the train moved",
-    ),
-    Measure(
-        name="power_brake_reversals", title="Power–brake reversals", unit="1",
-        source="Large, Golightly & Taylor (2017) compare how often drivers switch", of=power_brake_reversals,
-        formula="times that traction is followed by brakes, or brakes by traction, with less than 10 s between (wheel "
-        "force beyond ±1 kN, train moving)",
-    ),
-    Measure(
-        name="jerk_rms_mps3", title="Jerk", unit="m/s³", source="acceleration noise", of=jerk_rms_mps3,
-        formula="√ mean (Δa / 1 s)² over the seconds in which the train moved",
-    ),
-    Measure(
-        name="over_limit_s", title="Time above limits", unit="s", source=OWN,
-        of=_figure("over_limit_s"),
-        formula="time with a speed more than 1 km/h above what is allowed",
-    ),
-    Measure(
-        name="over_limit_mps", title="Greatest speed above limits", unit="m/s", source=OWN,
-        of=lambda driven: driven.outcome.drive.violations.over_limit_mps,
-        formula="max (v − limit) over those times; 0 where there are none",
-    ),
-    Measure(
-        name="signals_passed", title="Signals passed at danger", unit="1", source=OWN,
-        of=_figure("signals_passed"),
-        formula="signals at danger that the train's head is more than 0.5 m beyond",
-    ),
-    Measure(
-        name="advice_changes_per_min", title="Advice changes", unit="1/min", source=OWN,
-        of=_figure("advice_changes_per_min"),
-        formula="seconds that begin with another mode, speed (km/h) or effort (step of 0.2) on the display, per "
-        "minute in which the train moved and advice was shown",
-    ),
-    Measure(
-        name="glances_per_min", title="Glances at the display", unit="1/min", source="decisions of the driver",
-        of=glances_per_min,
-        formula="glances while the train moves, per minute in which it moved",
-    ),
-    Measure(
-        name="lapses", title="Lapses of attention", unit="1", source="decisions of the driver", of=lapses,
-        formula="times that the driver's attention went away",
-    ),
+    _measure("gap_to_optimum_ratio", "Gap to the optimum", "1", NOLD,
+             "E / E_opt − 1: the energy E from departure to arrival, and the least energy E_opt with which the "
+             "simulated train could have kept the limits and the running times that the sections really took; smaller "
+             "is better", lambda driven: driven.outcome.energies.above.gap_ratio),
+    _measure("energy_at_equal_arrival_kwh", "Energy at equal arrival", "kWh", OWN,
+             "E − E_opt + E_opt(timetable): the energy that the trial would have taken with the same distance to the "
+             "optimum if every section had taken its time by the timetable",
+             lambda driven: kwh(driven.equal_arrival_j)),
+    _measure("energy_kwh", "Energy", "kWh", BALANCE,
+             "E: energy at the current collector from departure to arrival, summed over the sections"),
+    _measure("energy_optimum_kwh", "Optimum for the times as driven", "kWh", NOLD,
+             "E_opt: least energy of the true train for the running times that the sections really took"),
+    _measure("energy_blending_kwh", "Lost to friction brakes where the motors could brake", "kWh", BALANCE,
+             "part of E − E_opt: what would not have been needed if the motors had given all braking that they could"),
+    _measure("energy_profile_kwh", "Lost to the speed profile", "kWh", OWN, "the rest of E − E_opt"),
+    _measure("component_loss_kwh", "Losses of the train", "kWh", BALANCE,
+             "∫ of the losses of the traction chain from the first departure to the last arrival"),
+    _measure("resistance_kwh", "Running resistance", "kWh", BALANCE,
+             "∫ resistance · v dt, tunnels and curves included"),
+    _measure("friction_brake_kwh", "Friction brakes", "kWh", BALANCE, "∫ force of the friction brakes · v dt"),
+    _measure("running_time_s", "Running time", "s", OWN, "time from departures to arrivals, summed over the sections"),
+    _measure("late_s", "Delay at the last stop", "s", OWN,
+             "arrival at the last stop − arrival by the timetable (early < 0)"),
+    _measure("stop_error_m", "Stop error", "m", "Askey & Sheridan (1995) judge stop accuracy",
+             "mean over the stops after the first of |where the train stands − where it should|", stop_error_m),
+    _measure("speed_rmse_mps", "Speed error against what was shown", "m/s", "tracking error of manual control",
+             "√ mean (v − shown)² over the moving seconds in which a speed was shown; for a reduced maximum speed "
+             "only what is above it counts, and of the coach only the times in which a speed is to be held",
+             speed_rmse_mps),
+    _measure("speed_in_band_ratio", "Time in band", "1", "band of 3 km/h: assumption",
+             "share of those seconds with |v − shown| ≤ 3 km/h", speed_in_band_ratio),
+    _measure("effort_rmse_ratio", "Effort error against what was shown", "1", "tracking error of manual control",
+             "√ mean (controller − shown effort)² over the moving seconds in which an effort was shown; 1 is full "
+             "scale", effort_rmse_ratio),
+    _measure("reaction_s", "Reaction time", "s", "decisions of the driver",
+             "median time from the glance at which advice was noticed to acting on it; departures left out",
+             reaction_s),
+    _measure("response_s", "Response time", "s", "decisions of the driver",
+             "median time from when advice was first shown to acting on it; departures left out", response_s),
+    _measure("compliance_ratio", "Compliance", "1", "decisions of the driver",
+             "followed / (followed + refused) of the advice that was noticed", compliance_ratio),
+    _measure("control_movements_per_min", "Control movements", "1/min",
+             "Balfe et al. (2017) count controller movements",
+             "times that a controller that stood still begins to move, per minute in which the train moved",
+             control_movements_per_min),
+    _measure("power_brake_reversals", "Power–brake reversals", "1",
+             "Large, Golightly & Taylor (2017) compare how often drivers switch",
+             "times that traction is followed by brakes, or brakes by traction, with less than 10 s between (wheel "
+             "force beyond ±1 kN, train moving)", power_brake_reversals),
+    _measure("jerk_rms_mps3", "Jerk", "m/s³", "acceleration noise",
+             "√ mean (Δa / 1 s)² over the seconds in which the train moved", jerk_rms_mps3),
+    _measure("over_limit_s", "Time above limits", "s", OWN, "time with a speed more than 1 km/h above what is allowed"),
+    _measure("over_limit_mps", "Greatest speed above limits", "m/s", OWN,
+             "max (v − limit) over those times; 0 where there are none",
+             lambda driven: driven.outcome.drive.violations.over_limit_mps),
+    _measure("signals_passed", "Signals passed at danger", "1", OWN,
+             "signals at danger that the train's head is more than 0.5 m beyond"),
+    _measure("advice_changes_per_min", "Advice changes", "1/min", OWN,
+             "seconds that begin with another mode, speed (km/h) or effort (step of 0.2) on the display, per minute "
+             "in which the train moved and advice was shown"),
+    _measure("glances_per_min", "Glances at the display", "1/min", "decisions of the driver",
+             "glances while the train moves, per minute in which it moved", glances_per_min),
+    _measure("lapses", "Lapses of attention", "1", "decisions of the driver",
+             "times that the driver's attention went away", lapses),
     *_figures(
         OWN,
         ("above_optimum_kwh", "Energy above the optimum", "kWh", "E − E_opt; none where the two cannot be compared"),

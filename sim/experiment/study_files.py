@@ -191,14 +191,22 @@ def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping
 def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes]:
     """The files of a study that do not depend on how its trials went, by their names."""
     people, persons = _participants(design, trials)
+    events = {name: _entry(*texts) for name, texts in EVENT_COLUMNS.items()}
+    events["trial_type"]["Levels"] = EVENT_KINDS
+    description = {
+        "Name": design.title,
+        "BIDSVersion": BIDS_VERSION,
+        "DatasetType": "raw",
+        "GeneratedBy": [{"Name": "das-sim experiment", "Version": __version__}],
+    }
     return {
-        "dataset_description.json": as_json(_description(design)),
+        "dataset_description.json": as_json(description),
         "README": _readme(design).encode(),
         ".bidsignore": "".join(f"{one}\n" for one in IGNORED).encode(),
         PEOPLE_TABLE: people,
         "participants.json": as_json(participants_sidecar(design, persons)),
-        f"task-{TASK}_events.json": as_json(events_sidecar()),
-        f"task-{TASK}_series.json": as_json(series_sidecar()),
+        f"task-{TASK}_events.json": as_json(events),
+        f"task-{TASK}_series.json": as_json({name: _entry(*texts) for name, texts in SERIES_COLUMNS.items()}),
         TRIALS_SIDECAR: as_json(trials_sidecar(design)),
     }
 
@@ -206,15 +214,6 @@ def study_files(design: Design, trials: Sequence[StudyTrial]) -> dict[str, bytes
 def checksums(folder: Path) -> bytes:
     """The hashes of the tables in a study's folder that are analysed, as JSON."""
     return as_json({name: sha256(folder / name) for name in CHECKED_TABLES})
-
-
-def _description(design: Design) -> dict[str, Any]:
-    return {
-        "Name": design.title,
-        "BIDSVersion": BIDS_VERSION,
-        "DatasetType": "raw",
-        "GeneratedBy": [{"Name": "das-sim experiment", "Version": __version__}],
-    }
 
 
 def _participants(design: Design, trials: Sequence[StudyTrial]) -> tuple[bytes, list[str]]:
@@ -285,18 +284,6 @@ def participants_sidecar(design: Design, parameters: list[str]) -> Sidecar:
         unit = "1" if item["unit"] == "–" else item["unit"]
         found[name] = _entry(name, f"{item['meaning']}, before the effects of practice and of the scenario", unit)
     return found
-
-
-def events_sidecar() -> Sidecar:
-    """What the columns of the files of events mean."""
-    found = {name: _entry(*texts) for name, texts in EVENT_COLUMNS.items()}
-    found["trial_type"]["Levels"] = dict(EVENT_KINDS)
-    return found
-
-
-def series_sidecar() -> Sidecar:
-    """What the columns of the series mean."""
-    return {name: _entry(*texts) for name, texts in SERIES_COLUMNS.items()}
 
 
 def _entry(title: str, text: str, unit: str = "") -> dict[str, Any]:
@@ -396,20 +383,19 @@ def _series(driven: Driven) -> DataTable:
     """One row a second of the trial."""
     service = driven.day.service
     began_ns = service.moment_ns(driven.run.states[0].time_s)
-    values: dict[str, list[Any]] = {name: [] for name in SERIES_COLUMNS}
+    rows: list[tuple[Any, ...]] = []
     for state, look in driven.seconds:
         utc_ns, view = service.moment_ns(state.time_s), look.shown
-        row = (
+        shown: tuple[Any, ...] = (None, None, None)
+        if view is not None:
+            shown = (mode_name(Regime(view.mode)), known(view.shown_speed_mps), known(view.lever_ratio))
+        rows.append((
             *(state.time_s, utc_ns - began_ns, utc_ns, state.s_m, state.speed_mps, state.acceleration_mps2),
             *(look.limit_mps, state.force_el_n, state.force_friction_n, state.input_j, known(look.lever_ratio)),
-            None if view is None else mode_name(Regime(view.mode)),
-            None if view is None else known(view.shown_speed_mps),
-            None if view is None else known(view.lever_ratio),
-        )
-        for column, value in zip(values.values(), row, strict=True):
-            column.append(value)
+            *shown,
+        ))  # fmt: skip
     columns = [
-        Column(name=name, kind=_KINDS.get(name, "float"), values=values[name], meaning=text)
-        for name, (_, text, _) in SERIES_COLUMNS.items()
+        Column(name=name, kind=_KINDS.get(name, "float"), values=list(values), meaning=text)
+        for (name, (_, text, _)), values in zip(SERIES_COLUMNS.items(), zip(*rows, strict=True), strict=True)
     ]
     return DataTable(name="series", columns=columns)

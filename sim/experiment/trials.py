@@ -254,6 +254,10 @@ def jobs_of(design: Design, keep: Keep, folder: Path) -> list[TrialJob]:
     return found
 
 
+_files_here = cache(setting_files)
+"""The hashes of a setting's files on this machine, read once."""
+
+
 def make_trial(job: TrialJob) -> JobResult:
     """Drive a trial, find its measures and make its files; raises DasError if it cannot be driven.
 
@@ -269,11 +273,6 @@ def make_trial(job: TrialJob) -> JobResult:
         driven = drive(job.trial, job.population, job.recording)
         files = {} if job.keep is Keep.MEASURES else trial_files(job.trial, driven)
         return JobResult({"measures": measured(driven, list(job.measures)), "error": None}, files)
-
-
-@cache
-def _files_here(setting: Setting) -> dict[str, str]:
-    return setting_files(setting)
 
 
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:

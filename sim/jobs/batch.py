@@ -6,7 +6,6 @@ The table is Parquet, one row a run (docs/reference/batch-table.md).
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import io
 import json
 import re
@@ -225,46 +224,39 @@ FIGURES = (
 )
 
 
-def require_pyarrow() -> None:
-    """Raise DasError if the package that writes the table is not installed."""
-    if importlib.util.find_spec("pyarrow") is None:
-        raise DasError("pyarrow is not installed: pip install '.[batch]' in the checkout")
-
-
 def write_table(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     """Write the rows as Parquet; columns that a failed run does not have are null."""
     import pyarrow as pa
     from pyarrow import parquet
 
-    listed = list(rows)
-    table = pa.Table.from_pylist([{name: row.get(name) for name in SCHEMA_NAMES} for row in listed], schema=_schema())
+    table = pa.Table.from_pylist([{name: row.get(name) for name in COLUMNS} for row in rows], schema=_schema())
     content = io.BytesIO()
     parquet.write_table(table, content, compression="zstd")
     write_whole(path, content.getvalue())
 
 
-SCHEMA_NAMES = (
-    *("seed", *TEXTS, *COUNTS, *FIGURES, *TRUTHS, "stops"),
-    *(f"stop_{name}" for name in STOP_COLUMNS),
-    *("passings", *(f"passing_{name}" for name in PASSING_COLUMNS)),
-    *("decision_time_s", "decision_what", "decision_value"),
-)
+COLUMNS = {
+    "seed": "int64",
+    **dict.fromkeys(TEXTS, "string"),
+    **dict.fromkeys(COUNTS, "int64"),
+    **dict.fromkeys(FIGURES, "float64"),
+    **dict.fromkeys(TRUTHS, "bool"),
+    "stops": "string list",
+    **{f"stop_{name}": "float64 list" for name in STOP_COLUMNS},
+    "passings": "string list",
+    **{f"passing_{name}": "float64 list" for name in PASSING_COLUMNS},
+    "decision_time_s": "float64 list",
+    "decision_what": "string list",
+    "decision_value": "float64 list",
+}
+"""The columns of the table in their order, and what each holds, by Arrow's names of types."""
 
 
 def _schema() -> Any:
     import pyarrow as pa
 
-    types = {
-        "seed": pa.int64(),
-        **dict.fromkeys(TEXTS, pa.string()),
-        **dict.fromkeys(COUNTS, pa.int64()),
-        **dict.fromkeys(FIGURES, pa.float64()),
-        **dict.fromkeys(TRUTHS, pa.bool_()),
-        "stops": pa.list_(pa.string()),
-        **{f"stop_{name}": pa.list_(pa.float64()) for name in STOP_COLUMNS},
-        "passings": pa.list_(pa.string()),
-        **{f"passing_{name}": pa.list_(pa.float64()) for name in PASSING_COLUMNS},
-        **dict.fromkeys(("decision_time_s", "decision_value"), pa.list_(pa.float64())),
-        "decision_what": pa.list_(pa.string()),
-    }
-    return pa.schema([(name, types[name]) for name in SCHEMA_NAMES])
+    def of(kind: str) -> Any:
+        name, _, listed = kind.partition(" ")
+        return pa.list_(pa.type_for_alias(name)) if listed else pa.type_for_alias(name)
+
+    return pa.schema([(name, of(kind)) for name, kind in COLUMNS.items()])

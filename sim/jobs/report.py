@@ -6,11 +6,13 @@ paired runs, which sum to what was saved.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
@@ -80,6 +82,11 @@ class SplitSaving:
         return dict(vars(self))
 
 
+def mean_interval(values: NDArray[np.float64]) -> float:
+    """Half the 95 % interval of the mean of values (n,), by the normal distribution; NaN for a single one."""
+    return NORMAL_95 * float(values.std(ddof=1)) / len(values) ** 0.5 if len(values) > 1 else math.nan
+
+
 def savings(rows: Sequence[Row]) -> list[SplitSaving]:
     """The savings of every presentation against no advice, by scenario and driver; failed runs are left out.
 
@@ -121,7 +128,6 @@ def _saving(
 
     saved = less("energy_kwh") - less("energy_optimum_kwh")
     baseline_kwh = float(np.mean([alone[pair]["energy_kwh"] for pair in pairs]))
-    spread = float(saved.std(ddof=1)) if len(pairs) > 1 else float("nan")
     profile, tracking = float(less("energy_profile_kwh").mean()), None
     followable = presenter_of(Presentation(advice)).follower() is not None
     exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if followable else {}
@@ -135,7 +141,7 @@ def _saving(
         baseline_kwh=baseline_kwh,
         saved_kwh=float(saved.mean()),
         saved_ratio=float(saved.mean()) / baseline_kwh,
-        interval_kwh=NORMAL_95 * spread / len(pairs) ** 0.5,
+        interval_kwh=mean_interval(saved),
         time_shift_kwh=float(less("energy_optimum_kwh").mean()),
         blending_kwh=float(less("energy_blending_kwh").mean()),
         profile_kwh=profile, tracking_kwh=tracking,

@@ -199,10 +199,6 @@ class Runner(Generic[Job]):
         """Do the jobs that are left; the files of a job are written before its row."""
         for job in left:
             if job.recording is not None:
-                if self.workers.scheduler is not None:
-                    raise DasError(
-                        "recordings: not together with --scheduler, because they are written on this machine"
-                    )
                 make_folder(job.recording.file.parent)
         first = f"{len(left)} of {of} {self.words.jobs} to {self.words.to_do}"
         make = partial(attempted, self.make)

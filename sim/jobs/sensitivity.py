@@ -13,6 +13,7 @@ from das.domain.errors import DasError
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters, Population, Spread
+from sim.jobs.report import mean_interval
 from sim.jobs.runner import ServiceMemory
 from sim.world.outcome import outcome
 from sim.world.over_bus import How, drive_day
@@ -23,7 +24,6 @@ ASSUMED_SD_RATIO: Final = 0.2
 """Standard deviation, as a share of the default, of a parameter that the population does not draw."""
 WITHOUT_EFFECT: Final = ("notches", "notch_s", "learning_trips", "learned_ratio")
 """Parameters that are not varied: the driver has a percent controller, and learning changes other parameters."""
-NORMAL_95: Final = 1.96
 _services = ServiceMemory()
 
 
@@ -182,13 +182,12 @@ def sensitivities(study: Study, runs: Iterable[SensitivityRun]) -> list[Sensitiv
         for one in study.variations:
             pairs = [[kept[advice, one.name, side, seed] for side in (-1, 1)] for seed in study.seeds]
             points = np.array([0.5 * (high.gap_percent - low.gap_percent) for low, high in pairs])
-            spread = float(points.std(ddof=1)) if len(points) > 1 else float("nan")
             of_advice.append(
                 Sensitivity(
                     advice=advice,
                     variation=one,
                     points=float(points.mean()),
-                    interval_points=NORMAL_95 * spread / len(points) ** 0.5,
+                    interval_points=mean_interval(points),
                     energy_kwh=float(np.mean([0.5 * (high.energy_kwh - low.energy_kwh) for low, high in pairs])),
                 )
             )

@@ -45,12 +45,6 @@ def commands() -> dict[str, TyperCommand]:
     return found
 
 
-def spellings(command: TyperCommand) -> list[str]:
-    """Every spelling of every option of a command, except the options that every command has."""
-    options = (option for option in command.params if option.param_type_name == "option")
-    return [one for option in options for one in (*option.opts, *option.secondary_opts) if one not in EVERYWHERE]
-
-
 def table(command: TyperCommand) -> str:
     """The arguments and options of a command as a Markdown table."""
     rows = [f"| {_cell(names)} | {_cell(text)} |" for names, text in _rows(command)]

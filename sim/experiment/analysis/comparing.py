@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -154,11 +154,7 @@ class StudyFindings:
         return {one.column: one for one in self.measures}[measure]
 
 
-def analyse_study(
-    study: RunStudy,
-    effects: tuple[float, ...] = (),
-    progress: Callable[[str], None] = lambda _: None,
-) -> StudyFindings:
+def analyse_study(study: RunStudy, effects: tuple[float, ...] = ()) -> StudyFindings:
     """Analyse every planned comparison of a study and describe every condition.
 
     `effects` are differences, in the unit of the report, for which the report says how many participants find them.
@@ -170,7 +166,6 @@ def analyse_study(
     shown = {one.column: one for one in measures}
     found, failed = [], []
     for comparison in study.plan.comparisons:
-        progress(comparison.name)
         try:
             found.append(_difference(study, comparison, shown[comparison.measure], effects))
         except DasError as error:
@@ -178,7 +173,6 @@ def analyse_study(
     # Comparisons that could not be made count as well: they were planned.
     chances = np.array([one.estimate.probability for one in found] + [math.nan] * len(failed))
     after = corrected(chances, study.plan.correction)
-    progress("conditions")
     return StudyFindings(
         study=study,
         measures=measures,

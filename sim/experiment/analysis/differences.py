@@ -88,6 +88,12 @@ class TwoGroups:
         """The values whose standard deviation says how far participants differ: each mean minus that of its group."""
         return np.concatenate([self.a - self.a.mean(), self.b - self.b.mean()])
 
+    @property
+    def by_driver(self) -> dict[str, dict[str, float]]:
+        """The means of the participants of both groups, by name."""
+        both = {"a": (self.a_names, self.a), "b": (self.b_names, self.b)}
+        return {group: dict(zip(names, means.tolist(), strict=True)) for group, (names, means) in both.items()}
+
 
 ComparedTrials = PairedTrials | TwoGroups
 
@@ -156,8 +162,8 @@ def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
 class DifferenceEstimate:
     """A mean difference between two conditions, in the unit of its measure.
 
-    `interval` (95 %) and `probability` are those of `method`, which decides. `t_interval` and `t_probability` are
-    Student's (Welch's for two groups). `size` is the mean in standard deviations between participants (d_z for pairs, d
+    `interval` (95 %) and `probability` are those of `method`, which decides. `t_interval` is Student's (Welch's for two
+    groups). `size` is the mean in standard deviations between participants (d_z for pairs, d
     for two groups); its interval is that of the noncentral t distribution, for two groups Bonett's.
     """
 
@@ -167,7 +173,6 @@ class DifferenceEstimate:
     interval: tuple[float, float] = NO_RANGE
     probability: float = math.nan
     t_interval: tuple[float, float] = NO_RANGE
-    t_probability: float = math.nan
     size: float = math.nan
     size_interval: tuple[float, float] = NO_RANGE
     method: str
@@ -196,18 +201,16 @@ def paired_estimate(differences: Floats, rng: np.random.Generator) -> Difference
     if _without_spread(differences):
         alike = count > 1
         same = 1.0 if alike and mean == 0 else math.nan  # Nothing is known about chance if all differ by the same.
-        return DifferenceEstimate(
-            mean=mean, sd=0.0 if alike else math.nan, participants=count, probability=same, t_probability=same,
-            method=method,
-        )  # fmt: skip
+        sd = 0.0 if alike else math.nan
+        return DifferenceEstimate(mean=mean, sd=sd, participants=count, probability=same, method=method)
     sd, test = float(differences.std(ddof=1)), stats.ttest_1samp(differences, 0.0)
     low, high = sign_flips.interval(differences, signs, CONFIDENCE)
     t_low, t_high = test.confidence_interval(CONFIDENCE)
     return DifferenceEstimate(
         mean=mean, sd=sd, participants=count, interval=(low, high) if math.isfinite(low) else NO_RANGE,
         probability=float(sign_flips.probabilities(differences[None], signs)[0]),
-        t_interval=(float(t_low), float(t_high)), t_probability=float(test.pvalue),
-        size=mean / sd, size_interval=size_interval(mean / sd, count), method=method,
+        t_interval=(float(t_low), float(t_high)), size=mean / sd, size_interval=size_interval(mean / sd, count),
+        method=method,
     )  # fmt: skip
 
 
@@ -222,10 +225,10 @@ def group_estimate(a: Floats, b: Floats) -> DifferenceEstimate:
     sd = math.sqrt(0.5 * (float(a.var(ddof=1)) + float(b.var(ddof=1))))
     test = stats.ttest_ind(a, b, equal_var=False)
     low, high = test.confidence_interval(CONFIDENCE)
-    interval, probability = (float(low), float(high)), float(test.pvalue)
+    interval = (float(low), float(high))
     return DifferenceEstimate(
-        mean=mean, sd=sd, participants=count, interval=interval, probability=probability, t_interval=interval,
-        t_probability=probability, size=mean / sd, size_interval=group_size_interval(a, b), method=WELCH,
+        mean=mean, sd=sd, participants=count, interval=interval, probability=float(test.pvalue), t_interval=interval,
+        size=mean / sd, size_interval=group_size_interval(a, b), method=WELCH,
     )  # fmt: skip
 
 

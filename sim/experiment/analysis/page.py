@@ -24,11 +24,9 @@ from sim.experiment.analysis.checks import SURE
 from sim.experiment.analysis.comparing import (
     WANTED_POWER,
     ConditionValues,
-    DifferencePart,
     FoundDifference,
     StudyFindings,
 )
-from sim.experiment.analysis.differences import TwoGroups
 from sim.experiment.analysis.reading import Floats, ShownMeasure, probability
 from sim.experiment.plan import PlannedComparison
 from sim.review.canvas import INK, PAGE_WIDTH_IN, TEXT_POINTS, as_image, light_figure, named, plain
@@ -181,7 +179,7 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
         "pairs": None if pairs is None else len(pairs.owner),
         "unpaired_trials": None if pairs is None else pairs.unpaired,
         "by_driver": None if pairs is None else dict(zip(pairs.participants, pairs.means.tolist(), strict=True)),
-        "groups": None if one.groups is None else _groups_dict(one.groups),
+        "groups": None if one.groups is None else one.groups.by_driver,
         "model": None
         if fit is None
         else {
@@ -193,28 +191,15 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
             "remark": fit.remark or None,
         },
         "no_model_because": one.model_missing or None,
-        "parts": [_part_dict(part) for part in one.parts],
+        "parts": [
+            {"factor": part.factor, "level": part.level, "mean": part.estimate.mean, "interval": part.estimate.interval}
+            for part in one.parts
+        ],
         "checks": [{"name": check.name, "found": check.found, "holds": check.holds} for check in one.checks],
         "participants_needed": [
             {"effect": need.effect, "participants": need.participants, "range": list(need.interval)}
             for need in one.needed
         ],
-    }
-
-
-def _part_dict(part: DifferencePart) -> dict[str, Any]:
-    """The difference at one level of another factor."""
-    estimate = part.estimate
-    return {
-        "factor": part.factor, "level": part.level, "mean": estimate.mean, "interval": estimate.interval,
-    }  # fmt: skip
-
-
-def _groups_dict(groups: TwoGroups) -> dict[str, dict[str, float]]:
-    """The means of the drivers of both groups."""
-    return {
-        "a": dict(zip(groups.a_names, groups.a.tolist(), strict=True)),
-        "b": dict(zip(groups.b_names, groups.b.tolist(), strict=True)),
     }
 
 

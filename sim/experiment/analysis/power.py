@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
@@ -21,32 +21,18 @@ from sim.experiment.analysis.differences import PairedTrials, TwoGroups, compare
 from sim.experiment.analysis.reading import Floats, RunStudy, ShownMeasure, read_study
 from sim.experiment.analysis.spread import as_table, components
 from sim.experiment.plan import DEFAULT_ALPHA, LEAST_PARTICIPANTS, PlannedComparison, StudyPlan, plan_of, read_plan
+from sim.options import PowerAsked
 
 STUDIES: Final = 2000
 """Made-up studies for each number of participants: a power of 0.8 is known to ±0.02 (95 %)."""
 PATTERNS_EACH: Final = 1024
 """Patterns of signs for the test of each made-up study."""
+MOST_ROWS: Final = 50
+"""The power is given for at most this many numbers of participants."""
 MOST_PARTICIPANTS: Final = 2000
 """Largest number of participants (in each group) for which experiments are simulated."""
 AT_ONCE: Final = 250
 """Studies computed at once, so that memory stays below about 100 MB."""
-
-
-class MadeUpDifferences(Protocol):
-    """Where the differences of made-up participants come from; their true mean is 0.
-
-    With `groups` each participant drives one of two conditions. `draw` then gives their values, the first group before
-    the second.
-    """
-
-    @property
-    def groups(self) -> bool:
-        """Whether participants are in two groups."""
-        ...
-
-    def draw(self, studies: int, participants: int, rng: np.random.Generator) -> Floats:
-        """Mean difference of each made-up participant, (studies, participants)."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +86,14 @@ class PilotGroups:
         each = participants // 2
         drawn = [one[rng.integers(0, len(one), (studies, each))] for one in (self.a, self.b)]
         return np.concatenate(drawn, axis=1)
+
+
+MadeUpDifferences = BellCurves | PilotDifferences | PilotGroups
+"""Where the differences of made-up participants come from; their true mean is 0.
+
+With `groups` each participant drives one of two conditions. `draw` then gives their values, the first group before the
+second.
+"""
 
 
 def of_pilot_groups(groups: TwoGroups) -> PilotGroups:
@@ -247,23 +241,6 @@ def normal_participants(size: float, alpha: float, wanted: float, *, groups: boo
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
-    """The arguments of `das-sim experiment power`; `effect` and `sd` are in the unit of the report."""
-
-    source: Path | None
-    effect: float
-    comparison: str | None
-    participants: tuple[int, ...]
-    wanted: float
-    sd: float | None
-    sd_of_pairs: float
-    pairs: int | None
-    alpha: float | None
-    seed: int
-    groups: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
 class PowerAnswer:
     """The power for each number of participants, alone and with corrected p, and how many are needed.
 
@@ -304,8 +281,9 @@ class PowerAnswer:
         }
 
 
-def answer(asked: Asked) -> PowerAnswer:
+def answer(asked: PowerAsked) -> PowerAnswer:
     """Simulate the experiments that were asked for; DasError if something that is needed is missing."""
+    numbers = _counts(asked.participants)
     _check(asked)
     plan, study = _source(asked.source)
     source, effect, about = _made_up(asked, plan, study)
@@ -316,15 +294,15 @@ def answer(asked: Asked) -> PowerAnswer:
     return PowerAnswer(
         about=about,
         groups=source.groups,
-        points=tuple(power_of(question, number) for number in asked.participants),
-        strict=tuple(power_of(strict, number) for number in asked.participants) if count > 1 else (),
+        points=tuple(power_of(question, number) for number in numbers),
+        strict=tuple(power_of(strict, number) for number in numbers) if count > 1 else (),
         wanted=asked.wanted,
         needed=participants_needed(question, asked.wanted),
         needed_strict=participants_needed(strict, asked.wanted) if count > 1 else None,
     )
 
 
-def _check(asked: Asked) -> None:
+def _check(asked: PowerAsked) -> None:
     for option, value in (("--power", asked.wanted), ("--alpha", asked.alpha)):
         if value is not None and not 0.0 < value < 1.0:
             raise DasError(f"{option} {value:g}: expected a number between 0 and 1")
@@ -336,6 +314,14 @@ def _check(asked: Asked) -> None:
         raise DasError("--sd-pairs: expected together with --sd; a pilot tells this spread itself")
     if asked.groups and asked.sd is None:
         raise DasError("--groups: expected together with --sd; a pilot tells itself who drove what")
+
+
+def _counts(text: str) -> list[int]:
+    """The numbers of participants in a list with commas, in rising order."""
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) > MOST_ROWS or not all(part.isascii() and part.isdigit() and len(part) < 8 for part in parts):
+        raise DasError(f"--participants {text}: expected at most {MOST_ROWS} whole numbers separated by commas")
+    return sorted({int(part) for part in parts})
 
 
 def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
@@ -352,7 +338,7 @@ def _source(path: Path | None) -> tuple[StudyPlan | None, RunStudy | None]:
     return plan_of(Fields.of(path, resolved(load_design(str(path))))), None
 
 
-def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
+def _made_up(asked: PowerAsked, plan: StudyPlan | None, study: RunStudy | None) -> tuple[MadeUpDifferences, float, str]:
     """The source of made-up differences, the true difference in the same unit, and a sentence about both."""
     if asked.sd is not None:
         groups = asked.groups or _in_groups(asked, plan)
@@ -368,14 +354,16 @@ def _made_up(asked: Asked, plan: StudyPlan | None, study: RunStudy | None) -> tu
     return _of_study(asked, study, comparison)
 
 
-def _in_groups(asked: Asked, plan: StudyPlan | None) -> bool:
+def _in_groups(asked: PowerAsked, plan: StudyPlan | None) -> bool:
     """Whether the asked comparison of a design is one of two groups of participants; False without a design."""
     if plan is None or not plan.comparisons:
         return False
     return not plan.factor(plan.chosen(asked.comparison).factor).within
 
 
-def _of_study(asked: Asked, study: RunStudy, comparison: PlannedComparison) -> tuple[MadeUpDifferences, float, str]:
+def _of_study(
+    asked: PowerAsked, study: RunStudy, comparison: PlannedComparison
+) -> tuple[MadeUpDifferences, float, str]:
     measure = comparison.measure
     shown = ShownMeasure.of(measure, study.meanings[measure], study.trials.values[measure])
     trials = compared_trials(study, comparison)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.command_tables import BLOCK, PAGE, commands, spellings, with_tables
+from tests.support.command_tables import BLOCK, PAGE, commands, with_tables
 
 
 @pytest.fixture(scope="module")
@@ -14,15 +14,6 @@ def page() -> str:
 
 def test_every_command_has_a_part_of_the_page(page: str) -> None:
     assert [block["command"] for block in BLOCK.finditer(page)] == list(commands())
-
-
-def test_every_option_stands_in_the_part_of_its_command(page: str) -> None:
-    parts = {block["command"]: block.group() for block in BLOCK.finditer(page)}
-    missing = {
-        name: [option for option in spellings(command) if f"`{option}`" not in parts.get(name, "")]
-        for name, command in commands().items()
-    }
-    assert {name: options for name, options in missing.items() if options} == {}
 
 
 def test_the_tables_say_what_the_help_says(page: str) -> None:

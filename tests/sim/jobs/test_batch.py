@@ -18,7 +18,7 @@ from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.levels import Level
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.jobs.batch import SCHEMA_NAMES, Batch, BatchJob, make_run, parse_seeds, write_table
+from sim.jobs.batch import COLUMNS, Batch, BatchJob, make_run, parse_seeds, write_table
 from sim.jobs.report import summary
 from sim.jobs.runner import attempted
 from sim.world.outcome import SHARES
@@ -114,7 +114,7 @@ def test_the_table_has_a_row_for_every_run(first: First) -> None:
 def test_every_column_is_documented() -> None:
     page = (REPOSITORY / "docs" / "reference" / "batch-table.md").read_text(encoding="utf-8")
     said = page.replace("`_ratio`", ", ".join(f"`{name}_ratio`" for name in SHARES))
-    assert [name for name in SCHEMA_NAMES if f"`{name}`" not in said] == []
+    assert [name for name in COLUMNS if f"`{name}`" not in said] == []
 
 
 @pytest.mark.processes

@@ -89,10 +89,7 @@ def test_a_worker_that_dies_costs_only_its_own_job(tmp_path: Path, capfd: pytest
     assert (tmp_path / "squares" / "7").read_text() == "49"
 
 
-def test_what_cannot_be_run_is_refused_in_one_line(tmp_path: Path) -> None:
-    recording = JobRecording(tmp_path / "far.mcap", "a command")
-    with pytest.raises(DasError, match="recordings: not together with --scheduler"):
-        ran(tmp_path, [NumberJob(1, tmp_path, 0, recording)], Workers(count=1, scheduler="tcp://127.0.0.1:9"))
+def test_a_folder_in_use_is_refused_in_one_line(tmp_path: Path) -> None:
     with Journal(tmp_path), pytest.raises(DasError, match="another test is at work here"):
         ran(tmp_path, [NumberJob(1, tmp_path)], Workers(count=1))
 

@@ -16,7 +16,7 @@ from sim.drive.drive import Drive
 from sim.drive.limits import Violations
 from sim.drive.stability import AdviceStability
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.jobs.batch import FIGURES, SCHEMA_NAMES
+from sim.jobs.batch import COLUMNS, FIGURES
 from sim.world.loop import InProcess, Run, World
 from sim.world.outcome import SHARES, DayOutcome, DayResult, RecordedFigures, outcome, print_result, shares, true_fronts
 from sim.world.scenario import read_scenario
@@ -91,7 +91,7 @@ def test_names_and_values_of_the_figures(plain: tuple[Day, Run]) -> None:
 
 def test_every_figure_has_its_column_in_the_table(plain: tuple[Day, Run]) -> None:
     figures = outcome(*plain).as_dict()
-    assert set(figures) <= set(SCHEMA_NAMES)
+    assert set(figures) <= set(COLUMNS)
     assert set(FIGURES) <= set(figures)
     assert {name for name, value in figures.items() if isinstance(value, float)} <= set(FIGURES)
 

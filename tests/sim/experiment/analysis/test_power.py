@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from scipy import stats
 from das.domain.errors import DasError
 from sim.experiment.analysis.differences import TwoGroups, paired_trials
 from sim.experiment.analysis.power import (
-    Asked,
     BellCurves,
     PilotGroups,
     PowerQuestion,
@@ -24,6 +24,7 @@ from sim.experiment.analysis.power import (
     participants_needed,
     power_of,
 )
+from sim.options import PowerAsked
 from tests.support.made_up_study import (
     APART,
     SAME,
@@ -109,12 +110,8 @@ def test_without_a_difference_of_groups_3_5_to_6_5_percent_of_studies_find_one(s
     assert 0.035 <= power_of(PowerQuestion(effect=0.0, alpha=0.05, source=source), 12).power <= 0.065
 
 
-def asked(source: Path | None, **settings: object) -> Asked:
-    usual = {
-        "effect": 20.0, "comparison": None, "participants": (8,), "wanted": 0.8, "sd": None, "sd_of_pairs": 0.0,
-        "pairs": None, "alpha": None, "seed": 0,
-    }  # fmt: skip
-    return Asked(source=source, **{**usual, **settings})  # type: ignore[arg-type]
+def asked(source: Path | None, **settings: Any) -> PowerAsked:
+    return PowerAsked(source=source, effect=20.0, participants="8", **settings)
 
 
 def test_the_power_of_a_pilot_of_groups_is_for_each_group(tmp_path: Path) -> None:
