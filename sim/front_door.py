@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from das.command_line.options import DEFAULT_TRAIN
 from das.domain.errors import DasError, InputError
-from das.domain.files.writing import check_writable, write_folder_whole, write_whole
+from das.domain.files.writing import check_writable, write_folder_whole
 from das.domain.levels import Level
 from das.domain.plotted import PlottedRun
 from das.domain.summary import Summary, needs
@@ -27,7 +27,7 @@ from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import Participant, participant_of
 from sim.drivers.presentations.presenter import presenter_of
 from sim.experiment.plan import FAILED_TABLE
-from sim.options import ReplayOptions, TripOptions
+from sim.options import PageFiles, ReplayOptions, TripOptions
 from sim.plant.kernels import PlantState
 from sim.world.loop import InProcess, World
 from sim.world.outcome import outcome
@@ -237,23 +237,24 @@ def compare(first: Drive | str | Path, *others: Drive | str | Path, step_m: floa
 
 
 def report(*drives: Drive | str | Path, out: str | Path) -> Path:
-    """Write the report of `das-sim report` on recorded drives into a page `out` (.html), and return its path.
+    """Write the report of `das-sim report` on recorded drives into a page `out` (.html or .pdf), and return its path.
 
     Several drives of one line are compared as well. Raises DasError for recordings that cannot be used, for a page that
-    cannot be written or is already there, and if jinja2 or matplotlib is not installed.
+    cannot be written or is already there, for one of another kind, and if jinja2 or matplotlib is not installed.
 
         sim.report("day.mcap", out="day.html")
     """
     if not drives:
         raise InputError("report", "drives", "none", "at least one")
-    path = _new(out)
+    written = PageFiles(out=_new(out))
+    written.check((), overwrite=False)
     try:
         from sim.review.report.page import compared, page, subject_of
     except ImportError as error:
         raise DasError(f"a report needs {error.name}: pip install '.[view]' in the checkout") from None
     subjects = [subject_of(_drive(one).recording.path) for one in drives]
-    write_whole(path, page(subjects, *compared(subjects)).encode())
-    return path
+    written.write(lambda: page(subjects, *compared(subjects)))
+    return Path(out)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

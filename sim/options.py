@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Annotated
 
 import typer
 
+from das.command_line.files import check_outputs
 from das.command_line.options import (
     DEFAULT_TRAIN,
     BusFolderOption,
@@ -32,7 +34,9 @@ from das.command_line.options import (
     ToOption,
     TrainOption,
 )
+from das.command_line.printing import busy
 from das.domain.errors import DasError
+from das.domain.files.writing import write_whole
 
 MOST_NOTCHES = 20
 """Most steps of the lever of the cab desk each way."""
@@ -239,3 +243,52 @@ class WhatIfKind(StrEnum):
 def typed_command() -> str:
     """The command line as the user typed it."""
     return shlex.join(["das-sim", *sys.argv[1:]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageFiles:
+    """Options on the page that a command writes; an `out` whose name ends in .pdf means the PDF, unless `pdf` is given.
+
+    None stands for a file that was not asked for.
+    """
+
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print in words]."),
+    ] = None
+    pdf: Annotated[
+        Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
+    ] = None
+
+    @property
+    def paths(self) -> tuple[Path | None, Path | None]:
+        """The page and its PDF."""
+        pdf_alone = self.out is not None and self.pdf is None and self.out.suffix.lower() == ".pdf"
+        return (None, self.out) if pdf_alone else (self.out, self.pdf)
+
+    def check(self, inputs: Iterable[Path], *, overwrite: bool) -> None:
+        """Raise DasError if the page or its PDF cannot be made; called before the work begins."""
+        out, pdf = self.paths
+        for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
+            if path is not None and path.suffix.lower() not in suffixes:
+                raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
+        check_outputs(out, pdf, inputs=inputs, overwrite=overwrite)
+        if pdf is not None:
+            from das.command_line.pdf import browser
+
+            browser()
+
+    def write(self, draw: Callable[[], str]) -> None:
+        """Draw the page and write it as HTML, as PDF or as both; it is not drawn if neither was asked for."""
+        out, pdf = self.paths
+        if out is None and pdf is None:
+            return
+        with busy("drawing the page …"):
+            content = draw()
+        if out is not None:
+            write_whole(out, content.encode())
+        if pdf is not None:
+            from das.command_line.pdf import write_pdf
+
+            with busy(f"printing {pdf} …"):
+                write_pdf(content, pdf)

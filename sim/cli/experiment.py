@@ -15,9 +15,9 @@ from das.command_line.options import JsonOption, OutFolder, OutFolderOption, Ove
 from das.command_line.printing import busy, new_table, paragraph, print_table
 from das.domain.errors import DasError
 from precompute.workers import Workers
-from sim.cli.options import PageFiles, WorkersOption, check_packages, tell_written
+from sim.cli.options import WorkersOption, check_packages, tell_written
 from sim.experiment.plan import DESIGN_JSON, FAILED_TABLE, TRIALS_SIDECAR, TRIALS_TABLE
-from sim.options import PowerAsked
+from sim.options import PageFiles, PowerAsked
 
 if TYPE_CHECKING:
     from sim.experiment.analysis.power import PowerAnswer

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -14,10 +13,11 @@ from typing import Annotated, Final, TypeVar
 
 import typer
 
-from das.command_line.files import check_outputs
-from das.command_line.printing import busy, tell
+from das.command_line.printing import tell
 from das.domain.errors import DasError
-from das.domain.files.writing import make_folder, new_file, write_whole
+from das.domain.files.writing import make_folder, new_file
+from das.domain.plausibility import energy_range
+from das.domain.route import Route
 from sim.drivers.kinds import FrictionPolicy, Presentation
 
 DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
@@ -169,53 +169,10 @@ def check_packages(extra: str, *names: str) -> None:
             raise DasError(f"{name} is not installed: pip install '.[{extra}]' in the checkout")
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageFiles:
-    """Options on the page that a command writes; an `out` whose name ends in .pdf means the PDF, unless `pdf` is given.
-
-    None stands for a file that was not asked for.
-    """
-
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Page to write (.html, or .pdf) [default: print in words]."),
-    ] = None
-    pdf: Annotated[
-        Path | None, typer.Option("--pdf", metavar="FILE", help="The page as PDF, where Chromium is installed.")
-    ] = None
-
-    @property
-    def paths(self) -> tuple[Path | None, Path | None]:
-        """The page and its PDF."""
-        pdf_alone = self.out is not None and self.pdf is None and self.out.suffix.lower() == ".pdf"
-        return (None, self.out) if pdf_alone else (self.out, self.pdf)
-
-    def check(self, inputs: Iterable[Path], *, overwrite: bool) -> None:
-        """Raise DasError if the page or its PDF cannot be made; called before the work begins."""
-        out, pdf = self.paths
-        for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
-            if path is not None and path.suffix.lower() not in suffixes:
-                raise DasError(f"{path}: expected a file name that ends in {' or '.join(suffixes)}")
-        check_outputs(out, pdf, inputs=inputs, overwrite=overwrite)
-        if pdf is not None:
-            from das.command_line.pdf import browser
-
-            browser()
-
-    def write(self, draw: Callable[[], str]) -> None:
-        """Draw the page and write it as HTML, as PDF or as both; it is not drawn if neither was asked for."""
-        out, pdf = self.paths
-        if out is None and pdf is None:
-            return
-        with busy("drawing the page …"):
-            content = draw()
-        if out is not None:
-            write_whole(out, content.encode())
-        if pdf is not None:
-            from das.command_line.pdf import write_pdf
-
-            with busy(f"printing {pdf} …"):
-                write_pdf(content, pdf)
+def tell_energy_range(route: Route) -> None:
+    """Say how wrong energies on a line may be because of its altitudes, if that is known."""
+    if words := energy_range(route):
+        tell(f"{words[0].upper()}{words[1:]}")
 
 
 def tell_written(*paths: Path | None) -> None:

@@ -19,7 +19,15 @@ from das.command_line.printing import busy, loading_solver, new_table, paragraph
 from das.command_line.process import interrupt_on_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from sim.cli.options import FromTimeOption, RecordingArgument, ToTimeOption, chosen, naming_recorded, removed_if_unused
+from sim.cli.options import (
+    FromTimeOption,
+    RecordingArgument,
+    ToTimeOption,
+    chosen,
+    naming_recorded,
+    removed_if_unused,
+    tell_energy_range,
+)
 from sim.options import NodeSaid, OfTrainOption, WhatIfKind
 from sim.runs.what_if.otherwise import CabOtherwise, DrivenOtherwise, Otherwise, read_restriction
 
@@ -354,6 +362,8 @@ def _print_what_if(found: Changed, new: Otherwise, files: tuple[Path, Path], not
         paragraph(line)
     for note in notes:
         tell(f"note: {note}")
+    if found.aligned is not None:
+        tell_energy_range(found.aligned.drives[0].drive.inputs.route)
     old, written = files
     tell(f"written: {written}")
     both = f"{shlex.quote(str(old))} {shlex.quote(str(written))}"

@@ -15,9 +15,16 @@ from das.command_line.files import check_outputs, check_picture, save_figure
 from das.command_line.options import JsonOption, OverwriteOption, PlotOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, tell, typed, visible
 from das.domain.errors import DasError
-from sim.cli.options import FromTimeOption, PageFiles, RecordingArgument, ToTimeOption, check_packages, tell_written
+from sim.cli.options import (
+    FromTimeOption,
+    RecordingArgument,
+    ToTimeOption,
+    check_packages,
+    tell_energy_range,
+    tell_written,
+)
 from sim.drive.events.event import DriveEvent, EventKind, Filter
-from sim.options import OfTrainOption
+from sim.options import OfTrainOption, PageFiles
 
 if TYPE_CHECKING:
     from sim.drive.attribution.attribution import Attribution
@@ -195,7 +202,8 @@ def energy(
         from sim.drive.drive import Drive
 
     with busy(f"reading {file} and solving its sections …"):
-        attribution = Drive.read(file).known_attribution
+        drive = Drive.read(file)
+        attribution = drive.known_attribution
     if as_json:
         print(json.dumps(as_dict(attribution)))
         return
@@ -203,6 +211,7 @@ def energy(
     _print_places(attribution)
     if not attribution.above.measured:
         tell("The energies are estimates by inverse dynamics from positions: nobody measured them.")
+    tell_energy_range(drive.inputs.route)
 
 
 def _print_causes(attribution: Attribution) -> None:
@@ -288,6 +297,7 @@ def compare(
         print(json.dumps(as_dict(aligned)))
         return
     _print_comparison(aligned)
+    tell_energy_range(aligned.drives[0].drive.inputs.route)
     tell_written(out, plot)
 
 

@@ -90,3 +90,5 @@ def test_a_recorded_day_is_the_day_of_run_day_and_can_be_reported(tmp_path: Path
     assert plotted[0].time_s[-1] == pytest.approx(plotted[1].time_s[-1], abs=0.2)
     assert plotted[1].energy_j[-1] == pytest.approx(drive.driven_j, rel=1e-4), "one state a second"
     assert sim.report(drive, out=tmp_path / "day.html").read_text(encoding="utf-8").startswith("<!")
+    with pytest.raises(das.DasError, match=r"day\.txt: expected a file name that ends in \.html or \.htm"):
+        sim.report(drive, out=tmp_path / "day.txt")

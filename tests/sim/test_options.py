@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from das.command_line.files import load_route
 from das.domain.errors import DasError
+from das.domain.route import Altitudes
 from sim.cli.first_minute import first_minute
-from sim.cli.options import naming_recorded, new_recording
+from sim.cli.options import naming_recorded, new_recording, tell_energy_range
 
 
 def test_an_interrupt_names_only_recordings_in_which_there_is_something(
@@ -34,3 +37,10 @@ def test_where_nothing_can_be_recorded_the_first_minute_names_no_option_that_it_
         first_minute()
     with pytest.raises(DasError, match=r"say where with --out$"):
         new_recording("run")
+
+
+def test_how_wrong_energies_may_be_is_told_for_a_line_without_altitudes(capsys: pytest.CaptureFixture[str]) -> None:
+    for altitudes, told in ((Altitudes.NONE, "No altitudes: energies are"), (Altitudes.LEVEL, "")):
+        tell_energy_range(replace(load_route("flat-6km"), altitudes=altitudes))
+        said = capsys.readouterr().err
+        assert said.startswith(told) if told else not said

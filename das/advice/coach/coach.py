@@ -136,11 +136,14 @@ class Coach:
         return self._showing.stands_at_mark(state)
 
     def brakes(self, effort: float, force_n: float, reason: Reason, state: TrainState) -> Coaching:
-        """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast."""
+        """The advice to brake to a standstill with an effort (> 0): at the stop, or if the train is far too fast.
+
+        At the stop the driver brakes by eye, also behind the mark.
+        """
         self.forget()
         now = self._showing.braking(effort)
         found = Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
-        stop_m = self._section.end_m - state.s_m if effort < 1.0 else math.inf
+        stop_m = self._section.end_m - state.s_m if reason.code is ReasonCode.STOP else math.inf
         return as_read(found, self._section.largest_n(state.v_mps), stop_m)
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
