@@ -42,5 +42,5 @@ def test_where_nothing_can_be_recorded_the_first_minute_names_no_option_that_it_
 def test_how_wrong_energies_may_be_is_told_for_a_line_without_altitudes(capsys: pytest.CaptureFixture[str]) -> None:
     for altitudes, told in ((Altitudes.NONE, "No altitudes: energies are"), (Altitudes.LEVEL, "")):
         tell_energy_range(replace(load_route("flat-6km"), altitudes=altitudes))
-        said = capsys.readouterr().err
+        said = capsys.readouterr().out
         assert said.startswith(told) if told else not said
