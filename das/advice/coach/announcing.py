@@ -140,6 +140,8 @@ def in_time(
         following = _after_brake(following, now, brakes, state)
         if not freely:
             return following
+    elif following and _holds_already(now, following[0]):
+        following = following[1:]
     ahead, v_mps, from_m = brakes.ahead, state.v_mps, state.s_m + now.way_m
     speeds_mps = ahead.rolling_mps(from_m, v_mps)
     if now.mode in BRAKES:
@@ -156,12 +158,17 @@ def in_time(
     else:
         brake = brakes.brake_at(begins_m, speeds_mps) if begins_m < before_m - BEGUN_M else None
         after, foreseen = following[:1], foreseen._replace(as_shown=False)
-    if brake is None:
+    if brake is None or _holds_already(now, brake):
         return following
     in_s = foreseen.time_s(begins_m)
     if not foreseen.as_shown or now.mode not in TRACTION:  # A driver who coasts or holds may be there sooner.
         in_s = min(in_s, now.in_s + ROLLS_SOONER * ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m))
     return (replace(brake, way_m=begins_m - state.s_m, in_s=in_s), *after)
+
+
+def _holds_already(now: Instruction, brake: Instruction) -> bool:
+    """Whether a driver who holds a speed as told has no need of a brake to that speed, or to a higher one."""
+    return now.mode is Regime.CRUISE and brake.mode in BRAKES and brake.speed_mps > now.speed_mps - SAME_MPS
 
 
 def _after_brake(
@@ -190,12 +197,14 @@ def _after_brake(
     return (replace(first, way_m=lasts_m, in_s=lasts_s), *following[1:])
 
 
-def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) -> tuple[Instruction, ...]:
-    """The announced instructions, with no speed above the limit where it applies, and none to hold a speed twice.
+def allowed(
+    following: tuple[Instruction, ...], now: Instruction, s_m: float, section: Section
+) -> tuple[Instruction, ...]:
+    """The announced instructions, with no speed above the limit where it applies, and none to hold a speed held before.
 
     The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due.
     """
-    kept: list[Instruction] = []
+    kept = [now]
     for k, one in enumerate(following):
         ends = k + 1 < len(following) and one.mode in (*BRAKES, Regime.COAST)
         ways_m = one.way_m, following[k + 1].way_m if ends else one.way_m
@@ -204,10 +213,10 @@ def allowed(following: tuple[Instruction, ...], s_m: float, section: Section) ->
         limit_mps = float(section.limit_mps[first : last + 1].max())
         if one.speed_mps > limit_mps:
             one = replace(one, speed_mps=limit_mps)  # noqa: PLW2901
-        held = bool(kept) and kept[-1].mode is one.mode is Regime.CRUISE
+        held = kept[-1].mode is one.mode is Regime.CRUISE
         if not (held and abs(kept[-1].speed_mps - one.speed_mps) < SAME_MPS):
             kept.append(one)
-    return tuple(kept)
+    return tuple(kept[1:])
 
 
 def _at_rise(schedule: Schedule, number: int, s_m: float) -> Instruction | None:
