@@ -21,6 +21,7 @@ from das.advice.worker import Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import NS
+from das.solver.few_switch.schedule import Scheduled
 from das.solver.section import build_section
 from tests.support.coach import Keeping, coach_front, goal_of, keeper_of, ns, started
 from tests.support.few_switch import BUNDLED, Which, section_of
@@ -196,6 +197,20 @@ def test_a_reference_is_not_doubted_just_before_the_next_change() -> None:
     later = keeper.keep(train.at(108, behind_s=-25.0), goal, changes=due)
     assert later is not None
     assert later.reference.replan.cause is ReplanCause.EARLY
+
+
+@pytest.mark.parametrize(("departs_s", "anew"), [(10, False), (60, True)])
+def test_a_reference_that_does_not_say_its_brakes_is_taken_by_a_train_that_is_far_too_late(
+    departs_s: int, *, anew: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The train departs after its time; the reference of the standing train would bring it there as late."""
+    keeper, goal, start_m = keeper_of(LINE), goal_of(LINE, BUFFER), section_of(LINE).start_m
+    standing = keeper.keep(TrainState(ns(0), start_m, 0.0), goal)
+    assert standing is not None
+    monkeypatch.setattr(Scheduled, "says_its_brakes", False)
+    moving = keeper.keep(TrainState(ns(departs_s), start_m + 1.0, 1.0), goal)
+    assert moving is not None
+    assert (moving.reference is not standing.reference) is anew
 
 
 def test_a_young_reference_is_not_doubted() -> None:

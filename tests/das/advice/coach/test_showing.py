@@ -12,7 +12,7 @@ import pytest
 
 from das.advice.advice import Instruction, Replan
 from das.advice.braking import NeededBrake
-from das.advice.coach.announcing import Announcing, Foreseen, in_time
+from das.advice.coach.announcing import Announcing, Foreseen, allowed, in_time
 from das.advice.coach.keeping import Kept, StandingReference
 from das.advice.coach.settings import DEFAULT, ShowingSettings
 from das.advice.coach.showing import Showing, ShownNow
@@ -905,3 +905,20 @@ def test_no_brake_is_announced_for_rolling_above_a_limit_that_does_not_fall() ->
     for_110 = brakes.brake_at(25300.0, rolling)
     assert for_110 is not None
     assert for_110.speed_mps == pytest.approx(110 * KMH)
+
+
+def test_to_a_driver_who_holds_a_speed_neither_a_brake_to_it_nor_the_same_again_is_announced() -> None:
+    """57 m before 80 km/h, at 81 km/h, the hold does what the brake would; the brake to 60 km/h stays announced."""
+    here, v_mps = section_of(("zurich-luzern", 2)), 81 * KMH
+    brakes, state = ShownBrakes(here, SETTINGS), TrainState(0, 54243.0, v_mps)
+    ahead_m = np.array([0.0, 60.0, 900.0])
+    foreseen = Foreseen(ahead_m / v_mps, state.s_m + ahead_m, np.full(3, v_mps), as_shown=True)
+    holds = Instruction(mode=Regime.CRUISE, speed_mps=80 * KMH)
+    to_80, to_60 = (brake_of(0.2, v * KMH) for v in (80, 60))
+    coming = (
+        replace(to_80, way_m=10.0, in_s=0.5),
+        replace(holds, way_m=57.0, in_s=2.5),
+        replace(to_60, way_m=500.0, in_s=22.0),
+    )
+    found = allowed(in_time(coming, holds, brakes, state, foreseen), holds, state.s_m, here)
+    assert [round(one.speed_mps / KMH) for one in found] == [60]
