@@ -218,8 +218,8 @@ class Keeper:
     def _answered(self, asked: _Asked, kept: Kept | None, state: TrainState, goal: Goal) -> Kept | None:
         """The new reference if it is accepted, else the present one.
 
-        A reference that slows for a limit without a phase to brake is accepted only if there is no other, or if the
-        other is far too late. The brakes are then shown all the same, by `ShownBrakes.safe`.
+        A reference that slows for a limit without a phase to brake is accepted only if there is no other, or if it must
+        replace one that is far too late. The brakes are then shown all the same, by `ShownBrakes.safe`.
         """
         try:
             found = asked.answer.result()
@@ -230,7 +230,8 @@ class Keeper:
                 return kept
             raise
         gain = self._gain(kept, found, state, goal)
-        if kept is not None and not found.says_its_brakes and kept.late_s < self._settings.keeping.too_late_s:
+        keeps = asked.doubted or (kept is not None and kept.late_s < self._settings.keeping.too_late_s)
+        if kept is not None and keeps and not found.says_its_brakes:
             self._standing = False  # The reference of the standing train will do.
             return kept
         if asked.doubted and not self._is_better(asked.cause, gain):

@@ -29,6 +29,7 @@ LEAST_GAIN_S = 2.5
 """An acceleration that a brake soon follows must gain this time: a driver gains less of it than the forecast."""
 ROLLS_MPS2 = 0.02
 """A coasting train speeds up by itself if it gains more than this."""
+NO_COAST = (math.inf, math.inf)
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
 """Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
 short of the mark (`CREEPS`). A driver above the speed to hold is told to coast back to it (`ROLLS`), or to brake if
@@ -61,8 +62,8 @@ class PhaseNow:
         """How the train returns to the schedule: > 0 by accelerating, < 0 as a deviation says, 0: it need not."""
         self.creeping_soon: Instruction | None = None
         """The low speed that a driver who brakes too much will be told to hold; None if he need not be."""
-        self.coast_ends_m = math.inf
-        """Where the coasting that is told now ends (m); infinity for any other instruction."""
+        self.coast_ends = NO_COAST
+        """Where the coasting that is told now ends (m), and the speed there (m/s)."""
 
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
@@ -72,7 +73,7 @@ class PhaseNow:
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
     ) -> Instruction:
         """The instruction of a phase of the schedule, for the train in its present state."""
-        self._scene, self.creeping_soon, self.coast_ends_m = scene, None, math.inf
+        self._scene, self.creeping_soon, self.coast_ends = scene, None, NO_COAST
         one, v_mps = schedule.phases[number], state.v_mps
         target = min(aim_mps(schedule, number), place.limit_mps)
         if state.s_m < schedule.begin_m(number) and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
@@ -173,16 +174,23 @@ class PhaseNow:
     ) -> float:
         """The speed to which coasting leads: that of the schedule, or another one if this train ends far from it."""
         shown, (end_m, ends_mps) = self._scene.shown, self._coast_ends(schedule, number, state)
-        self.coast_ends_m = end_m
+        self.coast_ends = end_m, ends_mps
         here_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
         on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
         ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
+        if end_m < schedule.begin_m(number + 1):
+            ends_at_mps = max(ends_at_mps, ends_mps)  # There the brake begins.
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
         goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
         told = shown.speed_mps if goes_on else target
         young = self._scene.shown_s < self._settings.least_shown_s
-        if goes_on and (young or end_m - here_m < state.v_mps * COASTS_ON_S):
+        ends_soon = end_m - here_m < state.v_mps * COASTS_ON_S
+        if goes_on and (young or ends_soon):
             return told
+        if ends_soon and schedule.kind_after(number) is NotchRegime.HOLD:
+            goes_to_mps = aim_mps(schedule, number + 1)
+            if goes_to_mps <= min(ends_mps, highest):  # The train coasts on to the speed that it then holds.
+                return goes_to_mps
         if abs(ends_mps - told) <= COAST_MISSES_MPS:
             return told
         leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)

@@ -109,7 +109,7 @@ class Showing:
         due_s = self._due_s(chosen, state, place, begins_s)
         waits = due_s > 0.0 and not kept_on
         now = replace(chosen.now, way_m=due_s * state.v_mps, in_s=due_s) if waits else chosen.now
-        end_m = min(phase_ends_m, self._phase.coast_ends_m, brakes.ends_m(now, state, schedule.phases[number]))
+        end_m = min(phase_ends_m, self._phase.coast_ends[0], brakes.ends_m(now, state, schedule.phases[number]))
         foreseen = foreseen._replace(as_shown=_alike(now, planned))
         put_off = self._put_off(now, state)
         following = self._following(now, number - kept_on, end_m, state, foreseen, put_off)
@@ -152,8 +152,10 @@ class Showing:
         if brakes.stands_at_mark(self._shown, state):
             return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
         brakes_again = schedule.kind_after(number) is NotchRegime.BRAKE
-        ends_m = min(schedule.begin_m(number + 1), self._phase.coast_ends_m)
+        ends_m, (coast_ends_m, coast_ends_mps) = schedule.begin_m(number + 1), self._phase.coast_ends
         ends_mps = float(np.interp(ends_m, schedule.section.node_m, schedule.section.envelope_mps))
+        if coast_ends_m < ends_m:
+            ends_mps = coast_ends_mps
         # A shown speed that is allowed nowhere in the rest of the phase is replaced at once, as if above the limit.
         reachable = place._replace(limit_mps=min(place.limit_mps, highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
