@@ -19,7 +19,7 @@ from das.domain.files.foreign import refuse_foreign
 from das.domain.files.routes import MOST_STOPS
 from das.domain.journey import file_clock
 from precompute.gtfs_tables import FeedTables, Row, coordinates, key_of, refused, tidy, whole_number
-from precompute.journey_order import CLOCK, TripChoice, seconds
+from precompute.journey_order import CLOCK, TripChoice, clock_s
 
 MOST_NAMED = 6
 """Most trips or stops that an error names."""
@@ -216,7 +216,7 @@ class _Feed(FeedTables):
         match = CLOCK.fullmatch(text)
         if match is None and text:
             raise InputError(f"{self.path}: stop_times.txt", f"line {number} {key}", text, "a time like 25:10:00")
-        return math.nan if match is None else seconds(match)
+        return math.nan if match is None else clock_s(match)
 
     def _shift_s(self, trip_id: str, first_s: float, here_s: float, at_s: float | None) -> float | None:
         """How much later (s) than in stop_times.txt a trip at intervals runs; None for any other trip.

@@ -17,7 +17,7 @@ CLOCK = re.compile(r"\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)\s*")
 """A time of the service day, which goes on after 24:00:00."""
 
 
-def seconds(match: re.Match[str]) -> float:
+def clock_s(match: re.Match[str]) -> float:
     """The time (s) of a match of `CLOCK`."""
     hours, minutes, seconds = (int(part) for part in match.groups())
     return 3600.0 * hours + 60.0 * minutes + seconds
@@ -28,7 +28,7 @@ def parsed_clock_s(text: str) -> float:
     match = CLOCK.fullmatch(text if text.count(":") > 1 else f"{text}:00")
     if match is None:
         raise DasError(f"--at {text}: expected a time like 07:30")
-    return seconds(match)
+    return clock_s(match)
 
 
 def parsed_day(text: str) -> datetime.date:
@@ -91,7 +91,6 @@ class TimesRead:
             metavar="S",
             help="How much later (s) than the feed says the train may be [default: 59 at departures if all times are "
             "whole minutes, else 0].",
-            show_default=False,
         ),
     ] = None
 

@@ -240,7 +240,8 @@ def report(*drives: Drive | str | Path, out: str | Path) -> Path:
     """Write the report of `das-sim report` on recorded drives into a page `out` (.html or .pdf), and return its path.
 
     Several drives of one line are compared as well. Raises DasError for recordings that cannot be used, for a page that
-    cannot be written or is already there, for one of another kind, and if jinja2 or matplotlib is not installed.
+    cannot be written or is already there, for one of another kind, and if jinja2, matplotlib or, for a .pdf, Chromium
+    is not installed.
 
         sim.report("day.mcap", out="day.html")
     """

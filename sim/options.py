@@ -1,6 +1,6 @@
 """Options of das-sim that packages below `sim.cli` use as data; `sim.cli.options` has the others.
 
-The options of a recorded trip and of its replay are grouped in dataclasses. This module imports nothing heavy, because
+Options that belong together are grouped in dataclasses. This module imports nothing heavy, because
 it is imported whenever das-sim prints a help text.
 """
 

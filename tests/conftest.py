@@ -21,7 +21,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Keep every Nth test: neighbours in a file, which often take as long, are dealt out to different parts."""
     if config.getoption("--part"):
         number, parts = map(int, config.getoption("--part").split("/"))
-        items[:] = items[number % parts :: parts]
+        items[:] = items[number - 1 :: parts]
 
 
 @pytest.fixture(scope="session")

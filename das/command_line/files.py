@@ -109,7 +109,6 @@ def offscreen_pyplot() -> Any:
     except ImportError:
         raise DasError(NO_MATPLOTLIB) from None
     matplotlib.use("Agg")
-    matplotlib.rcParams["svg.hashsalt"] = "das"  # the same names in the same drawing
     from matplotlib import pyplot
 
     return pyplot
@@ -124,5 +123,8 @@ def save_figure(path: Path, figure: Any, *, dpi: int = 120, **settings: Any) -> 
     kind = path.suffix.lower()[1:]
     dated = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}[kind]
     content = io.BytesIO()
-    figure.savefig(content, format=kind, dpi=dpi, metadata=dated, **settings)
+    from matplotlib import rc_context
+
+    with rc_context({"svg.hashsalt": "das"}):  # names the parts of an SVG, which have random names otherwise
+        figure.savefig(content, format=kind, dpi=dpi, metadata=dated, **settings)
     write_whole(path, content.getvalue())

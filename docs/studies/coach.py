@@ -191,9 +191,10 @@ def price_table() -> Iterator[str]:
     for buffer_percent in BUFFERS_PERCENT:
         for found in few_switch_rows(front, fronts, least_s * (1.0 + buffer_percent / 100.0)):
             name = found["run"] if found["price_s"] is None else f"price {found['run']}"
+            shortest = "–" if found["shortest_s"] is None else f"{found['shortest_s']:.1f}"
             yield (
                 f"| {buffer_percent:g} % | {name} | {found['changes']} | {found['changes_per_min']:.2f} | "
-                f"{found['shortest_s']:.1f} | {found['time_s']:.1f} | {found['energy_kwh']:.2f} | "
+                f"{shortest} | {found['time_s']:.1f} | {found['energy_kwh']:.2f} | "
                 f"{two_digits(found['more_kwh'])} | {two_digits(100 * found['more_ratio'])} |"
             )
 

@@ -29,7 +29,7 @@ COMMANDS: Final = (
         summary="Make a journey file from a trip of a GTFS feed.",
         examples=(
             "das-precompute journey import FEED.zip --trip 101 -o j.toml",
-            "das-precompute journey import F.zip --from Melk --to Linz --at 7:30 -o j.toml",
+            "das-precompute journey import FEED.zip --trip 101 --route line.toml -o j.toml",
         ),
     ),
     Entry(

@@ -144,7 +144,7 @@ def solve_exact(
     keep = undominated(time_ns, energy_mj)
     time_s, energy_j = time_ns[keep] / kernels.NS, energy_mj[keep] / kernels.MJ
     hull = kernels.lower_hull(time_s, energy_j)
-    first = len(last.runs.time_ns)
+    of_last_pass = len(last.runs.time_ns)
     return ExactFront(
         section=section,
         grid=graph.grid,
@@ -157,12 +157,14 @@ def solve_exact(
         bound_j=duals.bound_j(time_s),
         bucket_ms=limits.bucket_ms,
         _graph=graph,
-        _run_of=lambda index: last.run(int(keep[index])) if keep[index] < first else swept_runs[keep[index] - first],
+        _run_of=lambda index: (
+            last.run(int(keep[index])) if keep[index] < of_last_pass else swept_runs[keep[index] - of_last_pass]
+        ),
     )
 
 
 def _counted(progress: Progress | None, intervals: int) -> Callable[[], None]:
-    """Reports, whenever it is called, that one more interval of the sweeps before the passes is done."""
+    """A function that reports, each time it is called, that one more interval of the sweeps is done."""
     done = count(1)
     return lambda: progress(STATES, min(next(done), intervals), intervals) if progress is not None else None
 

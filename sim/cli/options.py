@@ -9,16 +9,17 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, TypeVar
 
 import typer
 
 from das.command_line.printing import tell
 from das.domain.errors import DasError
 from das.domain.files.writing import make_folder, new_file
-from das.domain.plausibility import energy_range
-from das.domain.route import Route
 from sim.drivers.kinds import FrictionPolicy, Presentation
+
+if TYPE_CHECKING:
+    from das.domain.route import Route
 
 DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
 """Where a run listens for an external driver."""
@@ -171,6 +172,8 @@ def check_packages(extra: str, *names: str) -> None:
 
 def tell_energy_range(route: Route) -> None:
     """Say how wrong energies on a line may be because of its altitudes, if that is known."""
+    from das.domain.plausibility import energy_range
+
     if words := energy_range(route):
         tell(f"{words[0].upper()}{words[1:]}")
 

@@ -29,7 +29,7 @@ NOLD: Final = "as in Nold & Corman (2024)"
 BALANCE: Final = "energy balance of the simulated train (docs/reference/plant.md)"
 OWN: Final = "own definition"
 GRAMMAR: Final = "grammar of the coach (docs/explanation/coach.md)"
-_Of = Callable[[Driven], float | int | None]
+Measuring = Callable[[Driven], float | int | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class Measure:
     unit: str
     formula: str
     source: str
-    of: _Of
+    of: Measuring
 
 
 def stop_error_m(driven: Driven) -> float | None:
@@ -192,7 +192,7 @@ def _median(values: Sequence[float]) -> float | None:
     return float(np.median(known)) if known else None
 
 
-def _figure(name: str) -> _Of:
+def _figure(name: str) -> Measuring:
     """A figure of the run that `das-sim run --json` gives under this name; yes and no as 1 and 0."""
 
     def of(driven: Driven) -> float | int | None:
@@ -202,7 +202,7 @@ def _figure(name: str) -> _Of:
     return of
 
 
-def _measure(name: str, title: str, unit: str, source: str, formula: str, of: _Of | None = None) -> Measure:
+def _measure(name: str, title: str, unit: str, source: str, formula: str, of: Measuring | None = None) -> Measure:
     """A measure; without a function, it is the figure of the run that has its name."""
     return Measure(name=name, title=title, unit=unit, formula=formula, source=source, of=of or _figure(name))
 
@@ -210,11 +210,6 @@ def _measure(name: str, title: str, unit: str, source: str, formula: str, of: _O
 def _figures(source: str, *rows: tuple[str, str, str, str]) -> tuple[Measure, ...]:
     """Measures that are figures of the run, each given by its name, title, unit and formula."""
     return tuple(_measure(name, title, unit, source, formula) for name, title, unit, formula in rows)
-
-
-def known(value: float) -> float | None:
-    """The value; None for NaN."""
-    return None if math.isnan(value) else value
 
 
 _LISTED: Final = (

@@ -25,7 +25,7 @@ from sim.drivers.presentations.presenter import Shown, presenter_of
 from sim.experiment.design import Design
 from sim.experiment.driving import Driven, StudyTrial
 from sim.experiment.factors import FACTORS, FactorLevel, Setting, day_of
-from sim.experiment.measures import MEASURES, known
+from sim.experiment.measures import MEASURES
 from sim.experiment.plan import (
     CHECK_RESULT,
     CHECKED_TABLES,
@@ -40,6 +40,7 @@ from sim.experiment.plan import (
     TRIALS_TABLE,
     as_json,
 )
+from sim.recording.course import known
 from sim.recording.inputs import sha256
 
 Sidecar = dict[str, dict[str, Any]]

@@ -27,7 +27,7 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenCourse:
-    """Where the train was and how fast: the truth if it was recorded, else what localisation reported."""
+    """Where a train was and how fast, each array of shape (samples,)."""
 
     time_ns: Times
     s_m: Floats
@@ -35,7 +35,10 @@ class DrivenCourse:
 
     @classmethod
     def of(cls, recording: Recording) -> DrivenCourse:
-        """The course of a recording; raises DasError if it has no position at all."""
+        """The course of a recording: the truth if it was recorded, else what localisation reported.
+
+        Raises DasError if the recording has no position at all.
+        """
         for topic in (topics.TRUTH, topics.POSITION, topics.ADVICE):
             data = recording.columns(topic, "time_ns", "s_m", "speed_mps")
             if len(data["time_ns"]):

@@ -363,7 +363,7 @@ def _way(route: Route, trip: DrivenCourse) -> MapTrack | None:
 
 MOST_PARTED: Final = 3
 """At most this many stretches are bookmarks."""
-LEAST_KWH: Final = 0.5
+LEAST_PARTED_KWH: Final = 0.5
 """Stretches on which the drives part by less than this (kWh) are no bookmarks."""
 
 
@@ -386,7 +386,7 @@ def partings(drive: Drive, other: Drive | None) -> Iterator[tuple[int, str]]:
         return
     parted = [] if aligned is None else sorted(aligned.stretches(1), key=lambda one: -abs(one.lost_j))[:MOST_PARTED]
     for one in parted:
-        if abs(kwh(one.lost_j)) >= LEAST_KWH:
+        if abs(kwh(one.lost_j)) >= LEAST_PARTED_KWH:
             reached = int(np.argmax(drive.course.s_m >= one.start_m))
             more = f"{abs(kwh(one.lost_j)):.1f} kWh {'less' if one.lost_j < 0 else 'more'} lost"
             where = f"km {one.start_m / KM:.1f}–{one.end_m / KM:.1f}"

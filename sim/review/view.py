@@ -47,6 +47,7 @@ class ViewerChoice(NamedTuple):
 
 
 PLAIN: Final = ViewerChoice()
+"""One drive, no map, the display in English."""
 
 
 def save_view(recording: Recording, rrd_path: Path, chosen: ViewerChoice = PLAIN) -> None:

@@ -272,4 +272,5 @@ WINDOWS: Final = TrainWindows()
 SHARES: Final = RegimeShares()
 RATIO_SEARCH: Final = RatioSearch()
 CHOICE: Final = TrainChoice()
-"""How the train of a trip is found; tried on simulated drives (docs/explanation/find-train.md)."""
+"""With `WINDOWS`, `SHARES` and `RATIO_SEARCH`: how the train of a trip is found; tried on simulated drives
+(docs/explanation/find-train.md)."""

@@ -167,7 +167,7 @@ def in_time(
 
 
 def _holds_already(now: Instruction, brake: Instruction) -> bool:
-    """Whether a driver who holds a speed as told has no need of a brake to that speed, or to a higher one."""
+    """Whether the hold shown now asks for all that a brake would: its speed is not higher than the brake's."""
     return now.mode is Regime.CRUISE and brake.mode in BRAKES and brake.speed_mps > now.speed_mps - SAME_MPS
 
 
@@ -200,7 +200,7 @@ def _after_brake(
 def allowed(
     following: tuple[Instruction, ...], now: Instruction, s_m: float, section: Section
 ) -> tuple[Instruction, ...]:
-    """The announced instructions, with no speed above the limit where it applies, and none to hold a speed held before.
+    """The announced instructions, with no speed above the limit where it applies, none to hold what is held already.
 
     The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due.
     """

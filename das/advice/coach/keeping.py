@@ -28,7 +28,7 @@ class Changes(NamedTuple):
     next_ns: int = 0
 
     def are_near(self, now_ns: int, settings: KeepingSettings) -> bool:
-        """Whether one of them is too near to now for a new reference that can wait."""
+        """Whether now is so near to one of them that a new reference waits if it can."""
         just_now = (now_ns - self.last_ns) * NS < settings.quiet_s
         return just_now or 0.0 <= (self.next_ns - now_ns) * NS < settings.due_soon_s
 

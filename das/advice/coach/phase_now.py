@@ -63,7 +63,7 @@ class PhaseNow:
         self.creeping_soon: Instruction | None = None
         """The low speed that a driver who brakes too much will be told to hold; None if he need not be."""
         self.coast_ends = NO_COAST
-        """Where the coasting that is told now ends (m), and the speed there (m/s)."""
+        """Where the coasting that is told now ends (m), and the speed there (m/s); infinity if none is."""
 
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
@@ -114,7 +114,8 @@ class PhaseNow:
             tops_mps = np.minimum(section.limit_mps[-len(rolled_mps) :], place.limit_mps)
             tops_mps = np.minimum(tops_mps, target if below_mps > -SAME_MPS else math.inf)
             reached = tops_mps[soon & (rolled_mps > tops_mps - SAME_READING_MPS)]
-            return float(reached[0]) if shown.mode is Regime.CRUISE and reached.size else None
+            if reached.size or self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps) > ROLLS_MPS2:
+                return float(reached[0]) if shown.mode is Regime.CRUISE and reached.size else None
         goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
         if not goes_on or schedule.phases[number + 1].target_mps < target - SAME_MPS:
             return None
@@ -203,9 +204,8 @@ class PhaseNow:
         """
         brakes, from_m = self._scene.brakes, max(state.s_m, schedule.begin_m(number))
         speeds_mps, end_m = brakes.ahead.rolling_mps(from_m, state.v_mps), schedule.begin_m(number + 1)
-        if speeds_mps.size:
-            brakes_m = max(brakes.ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
-            end_m = brakes_m if brakes_m < end_m and brakes.brake_at(brakes_m, speeds_mps) else end_m
+        brakes_m = max(brakes.ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
+        end_m = brakes_m if brakes_m < end_m and brakes.brake_at(brakes_m, speeds_mps) else end_m
         nodes_m = schedule.section.node_m[-len(speeds_mps) :]
         return end_m, float(np.interp(end_m, np.append(from_m, nodes_m), np.append(state.v_mps, speeds_mps)))
 

@@ -22,8 +22,8 @@ class KeepingSettings:
     late_gain_s: float = 2.0
     """A new reference for a late train must bring the arrival nearer to the wanted time by at least this."""
     too_late_s: float = 20.0
-    """A train that departs, and would arrive later than this with its reference, gets a new one even if that does not
-    say all of its brakes: they are shown when they are due, but not announced."""
+    """A reference that must be replaced, and with which the train would arrive later than this, is replaced even by one
+    that does not say all of its brakes: they are shown when they are due, but not announced."""
     least_gain_power_s: float = 0.08
     """A new reference to save energy must save at least the energy of full traction power for this time (0.14 kWh for
     6 MW)."""

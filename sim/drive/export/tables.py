@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import compress
 from typing import Any, Final
 
 from das.bus.recorder import comments, message_time_ns
@@ -81,7 +80,12 @@ class DataTable:
 
     def only(self, keep: Sequence[bool]) -> DataTable:
         """The table with some of its rows."""
-        return replace(self, columns=[replace(x, values=list(compress(x.values, keep))) for x in self.columns])
+        return replace(
+            self,
+            columns=[
+                replace(x, values=[one for one, kept in zip(x.values, keep, strict=True) if kept]) for x in self.columns
+            ],
+        )
 
 
 def tables_of(name: str, entries: Sequence[Stamped], zero_ns: int) -> list[DataTable]:

@@ -163,8 +163,8 @@ class DifferenceEstimate:
     """A mean difference between two conditions, in the unit of its measure.
 
     `interval` (95 %) and `probability` are those of `method`, which decides. `t_interval` is Student's (Welch's for two
-    groups). `size` is the mean in standard deviations between participants (d_z for pairs, d
-    for two groups); its interval is that of the noncentral t distribution, for two groups Bonett's.
+    groups). `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups); its
+    interval is that of the noncentral t distribution, for two groups Bonett's.
     """
 
     mean: float

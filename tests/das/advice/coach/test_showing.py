@@ -703,6 +703,19 @@ def test_coasting_to_the_speed_held_next_is_not_shown_to_a_train_that_is_slower(
         assert coasts.at(10.0, 2200.0, 24.0).now.mode is mode
 
 
+@pytest.mark.parametrize("s_m", [29462.0, 29705.0, 29895.0])
+def test_on_a_slight_descent_that_does_not_reach_the_speed_held_next_it_is_held_at_once(s_m: float) -> None:
+    """The train gains some 0.01 m/s² at first, and would end slower than it must go on."""
+    here = section_of(("zurich-luzern", 2))
+    begin, end = np.searchsorted(here.node_m, [s_m - 100.0, s_m + 2000.0]).tolist()
+    phases = (Phase(NotchRegime.COAST, 0.0, begin, 20.0), Phase(NotchRegime.HOLD, 0.0, end, 20.0))
+    known = known_run(here, np.full(len(here.node_m), 20.0))
+    schedule = Schedule(section=here, phases=phases, known=known, back_share=0.7)
+    shown = Shown(Showing(SETTINGS), schedule).at(0.0, s_m, 18.0, SpeedsAllowed(30.0, 30.0)).now
+    assert shown.mode is Regime.CRUISE
+    assert shown.speed_mps == pytest.approx(70 * KMH)
+
+
 def test_a_driver_to_whom_nothing_was_shown_for_long_is_told_anew() -> None:
     """After an interruption the last instruction does not stand for a while longer; after a short gap it does."""
     for gap_s, mode in ((5.0, Regime.CRUISE), (20.0, Regime.REDUCED_TRACTION)):
