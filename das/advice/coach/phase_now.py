@@ -179,7 +179,8 @@ class PhaseNow:
         here_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
         on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
         ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
-        if end_m < schedule.begin_m(number + 1):
+        is_braked = end_m < schedule.begin_m(number + 1)
+        if is_braked:
             ends_at_mps = max(ends_at_mps, ends_mps)  # There the brake begins.
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
         goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
@@ -195,7 +196,8 @@ class PhaseNow:
         if abs(ends_mps - told) <= COAST_MISSES_MPS:
             return told
         leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
-        return told_mps(leads_mps, schedule.section, highest)
+        # The speed where a brake begins varies: a step just below it would not stand.
+        return told_mps(leads_mps, schedule.section, highest - (SAME_READING_MPS if is_braked else 0.0))
 
     def _coast_ends(self, schedule: Schedule, number: int, state: TrainState) -> tuple[float, float]:
         """Where the coasting of a phase ends (m), and the speed there (m/s); if not begun, from the present speed.
