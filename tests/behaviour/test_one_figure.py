@@ -23,7 +23,7 @@ from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
 from sim.drivers.kinds import Presentation
-from sim.experiment.measures import known
+from sim.recording.course import known
 from sim.review.report.page import as_dict as report_dict
 from sim.review.report.page import subject_of
 from sim.world.scenario import bundled_scenarios
