@@ -144,7 +144,7 @@ def solve_exact(
     keep = undominated(time_ns, energy_mj)
     time_s, energy_j = time_ns[keep] / kernels.NS, energy_mj[keep] / kernels.MJ
     hull = kernels.lower_hull(time_s, energy_j)
-    of_last_pass = len(last.runs.time_ns)
+    passed = len(last.runs.time_ns)
     return ExactFront(
         section=section,
         grid=graph.grid,
@@ -157,9 +157,7 @@ def solve_exact(
         bound_j=duals.bound_j(time_s),
         bucket_ms=limits.bucket_ms,
         _graph=graph,
-        _run_of=lambda index: (
-            last.run(int(keep[index])) if keep[index] < of_last_pass else swept_runs[keep[index] - of_last_pass]
-        ),
+        _run_of=lambda index: last.run(int(keep[index])) if keep[index] < passed else swept_runs[keep[index] - passed],
     )
 
 
