@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,16 +13,23 @@ settings.register_profile("untimed", deadline=None)  # a busy machine is not a f
 settings.load_profile("untimed")
 
 
+WHOLE_TESTS = 12
+"""A file with more chosen tests than this is dealt out test by test."""
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--part", metavar="K/N", help="run every Nth of the chosen tests only, from the Kth on")
+    parser.addoption("--part", metavar="K/N", help="run the Kth of N parts of the chosen tests only")
 
 
 @pytest.hookimpl(trylast=True)  # after `-m` has chosen
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep every Nth test: neighbours in a file, which often take as long, are dealt out to different parts."""
+    """Keep a part of the tests: whole files, as their tests may build on each other, but those of long files singly."""
     if config.getoption("--part"):
         number, parts = map(int, config.getoption("--part").split("/"))
-        items[:] = items[number - 1 :: parts]
+        sizes = Counter(one.path for one in items)
+        dealt = [one.nodeid if sizes[one.path] > WHOLE_TESTS else str(one.path) for one in items]
+        numbers = {key: k for k, key in enumerate(dict.fromkeys(dealt))}
+        items[:] = [one for one, key in zip(items, dealt, strict=True) if numbers[key] % parts == number - 1]
 
 
 @pytest.fixture(scope="session")
