@@ -33,6 +33,9 @@ class Changes(NamedTuple):
         return just_now or 0.0 <= (self.next_ns - now_ns) * NS < settings.due_soon_s
 
 
+NO_CHANGES = Changes()
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StandingReference:
     """The reference that the coach keeps: a schedule, its price of time (W), what it was made for, and why.
@@ -45,9 +48,6 @@ class StandingReference:
     arrival_ns: int
     point: PassingTarget | None
     replan: Replan
-
-
-NO_CHANGES = Changes()
 
 
 class Kept(NamedTuple):

@@ -101,27 +101,38 @@ class PhaseNow:
     def _held_instead(
         self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, target: float
     ) -> float | None:
-        """The speed to hold where coasting would end in a moment, or would only make the train slower than its next.
+        """The speed to hold where coasting would end in a moment, or would make the train slower than its next speed.
 
         The first holds for a train that will soon have rolled up to its speed or to the limit; the second for one that
         has reached the speed of the coasting, and must be as fast or faster behind it. None: the train coasts.
         """
         shown, below_mps = self._scene.shown, target - state.v_mps
-        section = schedule.section
-        rolled_mps = self._scene.brakes.ahead.rolling_mps(state.s_m, state.v_mps)
-        soon = section.node_m[-len(rolled_mps) :] < state.s_m + COASTS_ON_S * state.v_mps
-        if rolled_mps[soon].max(initial=0.0) > state.v_mps:
-            tops_mps = np.minimum(section.limit_mps[-len(rolled_mps) :], place.limit_mps)
-            tops_mps = np.minimum(tops_mps, target if below_mps > -SAME_MPS else math.inf)
-            reached = tops_mps[soon & (rolled_mps > tops_mps - SAME_READING_MPS)]
-            if reached.size or self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps) > ROLLS_MPS2:
-                return float(reached[0]) if shown.mode is Regime.CRUISE and reached.size else None
+        top_mps = min(place.limit_mps, target) if below_mps > -SAME_MPS else place.limit_mps
+        rolls_to_mps = self._rolls_soon_to(state, top_mps)
+        if rolls_to_mps is not None:
+            return rolls_to_mps if shown.mode is Regime.CRUISE and rolls_to_mps < math.inf else None
         goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
         if not goes_on or schedule.phases[number + 1].target_mps < target - SAME_MPS:
             return None
         least_mps = self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS
         in_vain = below_mps > least_mps and target - self._coast_ends(schedule, number, state)[1] > least_mps
         return target if in_vain else None
+
+    def _rolls_soon_to(self, state: TrainState, top_mps: float) -> float | None:
+        """The limit, or `top_mps`, to which a coasting train rolls up in the next `COASTS_ON_S`.
+
+        Infinity if it rolls up but not so far, None if it hardly speeds up or slows down.
+        """
+        ahead = self._scene.brakes.ahead
+        rolled_mps = ahead.rolling_mps(state.s_m, state.v_mps)
+        soon = ahead.section.node_m[-len(rolled_mps) :] < state.s_m + COASTS_ON_S * state.v_mps
+        if rolled_mps[soon].max(initial=0.0) <= state.v_mps:
+            return None
+        tops_mps = np.minimum(ahead.section.limit_mps[-len(rolled_mps) :], top_mps)
+        reached = tops_mps[soon & (rolled_mps > tops_mps - SAME_READING_MPS)]
+        if reached.size:
+            return float(reached[0])
+        return math.inf if ahead.rolls_mps2(state.s_m, state.v_mps) > ROLLS_MPS2 else None
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
