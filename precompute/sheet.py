@@ -27,8 +27,9 @@ from das.solver.journey.plan import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.section import with_braking
 
 HALF_MINUTE_S = 30.0
-HELD_MPS = 1.0
-"""A speed that differs from the one reached before by less than this (m/s) is that speed."""
+HELD_MPS, HELD_S = 1.0, 10.0
+"""A speed that differs from the one reached before by less than this (m/s) is that speed; one that is then kept for
+this long (s) is said to be held."""
 NEAR_M, AT_M = 1500.0, 60.0
 """A board or tunnel within `NEAR_M` of a place names it; within `AT_M` it is the place."""
 STRIP, LABEL = (600.0, 84.0), 15.0
@@ -39,6 +40,7 @@ SYMBOLS = {
     InstructionKind.COAST: "○",
     InstructionKind.BRAKE: "▼",
 }
+PASSED = "◆"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,38 +111,60 @@ def span_words(time_s: float) -> str:
 
 
 class SaidLine(NamedTuple):
-    """A line as the page says it; `held`: its speed is then held, which needs no line of its own."""
+    """A line as the page says it, and from where its speed is held (m; None: it is not), which needs no line.
+
+    `end_m` is where the next line begins, `begin_mps` the speed where this one does.
+    """
 
     line: SheetLine
-    held: bool
+    held_m: float | None
+    end_m: float
+    begin_mps: float
 
 
-def said_lines(lines: Sequence[SheetLine]) -> list[SaidLine]:
-    """The lines without those that only hold the speed to which the line before coasts or brakes."""
+def said_lines(sheet: SectionSheet) -> list[SaidLine]:
+    """The lines of a sheet without those that only hold the speed to which the line before leads."""
     found: list[SaidLine] = []
-    for line in lines:
-        before = found[-1].line if found else None
-        slows = before is not None and before.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
-        holds = line.kind is InstructionKind.HOLD
-        if before is not None and slows and holds and abs(line.speed_mps - before.speed_mps) < HELD_MPS:
-            found[-1] = SaidLine(replace(before, speed_mps=line.speed_mps), held=True)
+    ends_m = [line.s_m for line in sheet.lines[1:]] + [float(sheet.s_m[-1])]
+    for line, end_m in zip(sheet.lines, ends_m, strict=True):
+        before = found[-1] if found else None
+        slows = before is not None and before.line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
+        if before is not None and slows and _holds(line, before.line.speed_mps):
+            kept = replace(before.line, speed_mps=line.speed_mps)
+            found[-1] = before._replace(line=kept, held_m=line.s_m, end_m=end_m)
         else:
-            found.append(SaidLine(line, held=False))
+            found.append(SaidLine(line, _held_m(sheet, line, end_m), end_m, sheet.speed_at(line.s_m)))
     return found
+
+
+def _holds(line: SheetLine, speed_mps: float) -> bool:
+    return line.kind is InstructionKind.HOLD and abs(line.speed_mps - speed_mps) < HELD_MPS
+
+
+def _held_m(sheet: SectionSheet, line: SheetLine, end_m: float) -> float | None:
+    """From where a train that accelerates holds the speed reached (m); None if the next line comes too soon."""
+    if line.kind is not InstructionKind.TRACTION:
+        return None
+    at = (sheet.s_m > line.s_m) & (sheet.s_m < end_m) & (sheet.v_mps > line.speed_mps - HELD_MPS)
+    if not at.any():
+        return None
+    reached_m = float(sheet.s_m[np.argmax(at)])
+    return reached_m if (end_m - reached_m) / line.speed_mps > HELD_S else None
 
 
 def line_words(said: SaidLine, *, last: bool) -> str:
     """What to do, as a driver reads it."""
     line, speed = said.line, f"<b>{kmh(said.line.speed_mps):.0f}</b>"
-    then = ", then hold" if said.held else ""
+    then = ", hold" if said.held_m is not None else ""
     if line.kind is InstructionKind.TRACTION:
         gently = f" at {20 * max(round(line.effort_ratio * 5), 1)}\N{NO-BREAK SPACE}%"
-        return f"accelerate to {speed}{gently if line.effort_ratio < 0.9 else ''}"
+        return f"accelerate to {speed}{gently if line.effort_ratio < 0.9 else ''}{then}"
     if line.kind is InstructionKind.HOLD:
         return f"hold {speed}"
     if line.kind is InstructionKind.COAST:
-        about = f"to about {round(kmh(line.speed_mps) / 5) * 5}"
-        return f"<b>coast</b> {f'to {speed}' if said.held else about}{then}"
+        if not then:
+            return f"<b>coast</b> until {said.end_m / KM:.1f}, about {round(kmh(line.speed_mps) / 5) * 5}"
+        return f"<b>coast</b> {'up' if line.speed_mps > said.begin_mps + HELD_MPS else 'down'} to {speed}{then}"
     return "<b>brake</b> for the stop" if last else f"<b>brake</b> to {speed}{then}"
 
 
@@ -165,6 +189,8 @@ def sheet_page(plan: JourneyPlan, sheets: Sequence[PlannedSheet], source: str) -
     head = "".join(f"<div><span>{name}</span>{html.escape(text)}</div>" for name, text in facts)
     name = html.escape(plan.journey.name)
     key = "".join(f'<span><i class="{kind}">{SYMBOLS[kind]}</i>{text}</span>' for kind, text in KEY.items())
+    if any(one.plan.passings for one in sheets):
+        key += f"<span><i>{PASSED}</i>pass in this time</span>"
     return PAGE.format(
         title=name,
         style=STYLE,
@@ -176,7 +202,7 @@ def sheet_page(plan: JourneyPlan, sheets: Sequence[PlannedSheet], source: str) -
 
 
 KEY = {
-    InstructionKind.TRACTION: "accelerate (at 60 %: three fifths of the effort)",
+    InstructionKind.TRACTION: "accelerate with all traction, or with the share named",
     InstructionKind.HOLD: "hold the speed",
     InstructionKind.COAST: "coast: no effort",
     InstructionKind.BRAKE: "brake, with the motors first",
@@ -201,23 +227,24 @@ def _block(one: PlannedSheet, known: Sequence[Landmark], top_mps: float) -> str:
 
 def _rows(one: PlannedSheet, known: Sequence[Landmark]) -> Iterator[str]:
     """The instructions and the passings of a section in the order of the line."""
-    plan, lines = one.plan, said_lines(one.sheet.lines)
+    plan, lines = one.plan, said_lines(one.sheet)
     start_m = plan.start.position_m
     known = [*(one for one in known if abs(one.s_m - start_m) > AT_M), Landmark(start_m, "the departure")]
     events: list[tuple[float, str]] = []
     said = half_minutes(plan.departure.time_s)
-    for number, (line, held) in enumerate(lines, 1):
+    for number, told in enumerate(lines, 1):
+        line = told.line
         at = half_minutes(plan.departure.time_s + line.after_s)
         shown, said = ("" if at == said else at), at
         last = number == len(lines)
         where = "departure" if number == 1 else place_words(line.posted_m, known)
         if last and line.kind is InstructionKind.BRAKE:
-            where = f"{round(plan.end.position_m - line.posted_m, -2):.0f} m before the stop"
-        text = line_words(SaidLine(line, held), last=last)
+            where = f"{round(plan.end.position_m - line.posted_m, -2):.0f} m before it"
+        text = line_words(told, last=last) + (boards_words(one.sheet, line.s_m) if last else "")
         events.append((line.s_m, _row(line.kind, line.posted_m, (f"{number}", SYMBOLS[line.kind], text, where, shown))))
     for passed in plan.passings:
         place, at_m = passed.passing, passed.passing.position_m
-        cells = ("", "◆", html.escape(place.name), due_words(place), half_minutes(passed.timing.time_s))
+        cells = ("", PASSED, html.escape(place.name), due_words(place), half_minutes(passed.timing.time_s))
         events.append((at_m, _row("pass", at_m, cells)))
     return (row for _, row in sorted(events, key=lambda event: event[0]))
 
@@ -230,6 +257,15 @@ def _row(css: str, s_m: float, cells: tuple[str, str, str, str, str]) -> str:
         f'<td class="what"><i>{symbol}</i>{what}</td>'
         f'<td class="where">{html.escape(where)}</td><td class="t">{at}</td></tr>'
     )
+
+
+def boards_words(sheet: SectionSheet, from_m: float) -> str:
+    """The boards that the brake for the stop must keep on its way: " (100 at 28.1, 80 at 28.5)"; empty without one."""
+    limits, end_m = sheet.section.route.limits_mps, float(sheet.s_m[-1])
+    falls = np.flatnonzero(np.diff(limits.value) < 0) + 1
+    places = [(float(limits.start_m[i]), kmh(limits.value[i])) for i in falls if from_m < limits.start_m[i] < end_m]
+    boards = ", ".join(f"{limit:.0f} at {s_m / KM:.1f}" for s_m, limit in places)
+    return f" <small>({boards})</small>" if boards else ""
 
 
 def due_words(passing: Passing) -> str:
@@ -257,17 +293,20 @@ def _strip(sheet: SectionSheet, top_mps: float) -> str:
     def y(speed_mps: float) -> float:
         return floor - (floor - top) * speed_mps / top_mps
 
-    numbers = {one.line.s_m: f"{number}" for number, one in enumerate(said_lines(sheet.lines), 1)}
+    said = said_lines(sheet)
+    numbers = {one.line.s_m: f"{number}" for number, one in enumerate(said, 1)}
     parts, named = [], -math.inf
-    begins = [line.s_m for line in sheet.lines] + [end_m]
-    for line, (first_m, last_m) in zip(sheet.lines, pairwise(begins), strict=True):
+    begun = [(one.line.s_m, one.line.kind) for one in said]
+    begun += [(one.held_m, InstructionKind.HOLD) for one in said if one.held_m is not None]
+    begins, kinds = zip(*sorted(begun), strict=True)
+    for kind, (first_m, last_m) in zip(kinds, pairwise((*begins, end_m)), strict=True):
         inside = [float(s) for s in sheet.s_m if first_m < s < last_m]
         places = [first_m, *inside, last_m]
         speeds = np.interp(places, sheet.s_m, sheet.v_mps)
         points = " ".join(f"{x(s):.1f},{y(float(v)):.1f}" for s, v in zip(places, speeds, strict=True))
         area = f"{x(first_m):.1f},{floor:.1f} {points} {x(last_m):.1f},{floor:.1f}"
-        parts.append(f'<polygon class="{line.kind}" points="{area}"/><polyline class="{line.kind}" points="{points}"/>')
-        number = numbers.get(line.s_m, "") if x(first_m) > named + LABEL else ""
+        parts.append(f'<polygon class="{kind}" points="{area}"/><polyline class="{kind}" points="{points}"/>')
+        number = numbers.get(first_m, "") if x(first_m) > named + LABEL else ""
         named = x(first_m) if number else named
         parts.append(f'<text class="no" x="{x(first_m) + 2:.1f}" y="{height - 1:.1f}">{number}</text>')
     limit = sheet.section.limit_mps
@@ -321,9 +360,9 @@ td{padding:.16em .3em;border-bottom:1px solid var(--rule);vertical-align:baselin
 tr:last-child td{border-bottom:0}
 .n{width:1.6em;color:var(--soft);text-align:right;font-weight:700}
 .km{width:3.4em;text-align:right;font-weight:700}
-.what{font-size:1.08em;white-space:nowrap}
+.what{white-space:nowrap}
 .what i{font-style:normal;display:inline-block;width:1.35em}
-.where{color:var(--soft);font-size:.92em}
+.where{color:var(--soft);font-size:.88em}
 .t{width:3.9em;text-align:right;font-weight:700;white-space:nowrap}
 .traction i{color:var(--traction)}.hold i{color:var(--hold)}.coast i{color:var(--coast)}.brake i{color:var(--brake)}
 .pass td{background:#f1f2f3}
@@ -346,8 +385,9 @@ PAGE = """<!DOCTYPE html>
 <body><main><h1>{title}</h1><div class="facts">{head}</div>
 <div class="blocks">{blocks}</div>
 <footer><p class="key">{key}</p>
-<p><strong>Signals, boards and orders come first.</strong> Do each line at its kilometre, whatever the clock says. Late
-by more than a minute? Drive as the boards allow, and take the sheet up again at the next stop. Wait for the time of
-departure. Times are to the half minute; reserve is what is left at the highest speeds that the boards allow.</p>
+<p><strong>Signals, boards and orders come first.</strong> Up to a minute late or early, do each line at its kilometre,
+also where the train is slower or faster than it says. Later than that, drive as the boards allow, and take the sheet up
+again at the next stop. Wait for the time of departure. Times are to the half minute; the reserve is what driving as
+fast as the boards allow would gain. A limit rises where the whole train has passed its board.</p>
 <p>{made}</p></footer></main></body></html>
 """

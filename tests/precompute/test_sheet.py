@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 
 from das.advice.regimes import InstructionKind
-from das.advice.sheet import SheetLine
-from das.domain.files.load import load_route
+from das.advice.sheet import SectionSheet, SheetLine
+from das.domain.files.load import load_route, load_vehicle
 from das.domain.journey import Passing, Window
+from das.solver.section import build_section
 from precompute.sheet import (
     SaidLine,
+    boards_words,
     due_words,
     half_minutes,
     landmarks,
@@ -22,6 +25,7 @@ from precompute.sheet import (
     said_lines,
     span_words,
 )
+from tests.support.making import make_route
 
 LINE = SheetLine(kind=InstructionKind.COAST, s_m=1000.0, speed_mps=20.0, after_s=60.0)
 
@@ -55,30 +59,49 @@ def test_places_are_named_by_the_nearest_board_tunnel_or_stop() -> None:
     assert place_words(board.s_m - 1600.0, [board]) == ""
 
 
+def sheet_of(*lines: SheetLine, v_mps: Sequence[float]) -> SectionSheet:
+    """A sheet of 3 km with these lines, and speeds at every 500 m."""
+    section = build_section(make_route(3000.0, [(0.0, 30.0), (2600.0, 15.0)]), load_vehicle("re460-ic"))
+    s_m = np.linspace(0.0, 3000.0, len(v_mps))
+    return SectionSheet(section=section, lines=lines, s_m=s_m, t_s=s_m, v_mps=np.array(v_mps), energy_j=1.0)
+
+
 def test_a_line_that_only_holds_what_was_reached_is_said_with_the_one_before() -> None:
+    begins = replace(LINE, kind=InstructionKind.TRACTION, s_m=0.0, speed_mps=28.0)
     held = replace(LINE, kind=InstructionKind.HOLD, s_m=1500.0, speed_mps=20.4)
-    (said,) = said_lines([LINE, held])
-    assert said == SaidLine(replace(LINE, speed_mps=20.4), held=True)
-    assert len(said_lines([LINE, replace(held, speed_mps=25.0)])) == 2
+    speeds = [0.0, 28.0, 28.0, 20.4, 20.4, 20.4, 0.0]
+    first, second = said_lines(sheet_of(begins, LINE, held, v_mps=speeds))
+    assert (first.held_m, first.end_m) == (500.0, 1000.0)
+    assert second == SaidLine(replace(LINE, speed_mps=20.4), held_m=1500.0, end_m=3000.0, begin_mps=28.0)
+    assert len(said_lines(sheet_of(begins, LINE, replace(held, speed_mps=25.0), v_mps=speeds))) == 3
+    soon = replace(LINE, s_m=700.0)
+    assert said_lines(sheet_of(begins, soon, held, v_mps=speeds))[0].held_m is None, "7 s later it coasts"
+
+
+def test_the_brake_for_the_stop_names_the_boards_on_its_way() -> None:
+    sheet = sheet_of(LINE, v_mps=[0.0, 28.0, 0.0])
+    assert boards_words(sheet, 2000.0) == " <small>(54 at 2.6)</small>"
+    assert boards_words(sheet, 2700.0) == ""
 
 
 @pytest.mark.parametrize(
-    ("line", "held", "words"),
+    ("line", "held_m", "words"),
     [
-        (replace(LINE, kind=InstructionKind.TRACTION, effort_ratio=1.0), False, "accelerate to <b>72</b>"),
-        (replace(LINE, kind=InstructionKind.TRACTION, effort_ratio=0.43), False, "accelerate to <b>72</b> at 40\xa0%"),
-        (replace(LINE, kind=InstructionKind.HOLD), False, "hold <b>72</b>"),
-        (LINE, False, "<b>coast</b> to about 70"),
-        (LINE, True, "<b>coast</b> to <b>72</b>, then hold"),
-        (replace(LINE, kind=InstructionKind.BRAKE), True, "<b>brake</b> to <b>72</b>, then hold"),
+        (replace(LINE, kind=InstructionKind.TRACTION, effort_ratio=1.0), 2e3, "accelerate to <b>72</b>, hold"),
+        (replace(LINE, kind=InstructionKind.TRACTION, effort_ratio=0.43), None, "accelerate to <b>72</b> at 40\xa0%"),
+        (replace(LINE, kind=InstructionKind.HOLD), None, "hold <b>72</b>"),
+        (LINE, None, "<b>coast</b> until 2.5, about 70"),
+        (LINE, 2e3, "<b>coast</b> down to <b>72</b>, hold"),
+        (replace(LINE, speed_mps=30.0), 2e3, "<b>coast</b> up to <b>108</b>, hold"),
+        (replace(LINE, kind=InstructionKind.BRAKE), 2e3, "<b>brake</b> to <b>72</b>, hold"),
     ],
 )
-def test_a_line_says_what_to_do_in_few_words(line: SheetLine, held: bool, words: str) -> None:
-    assert line_words(SaidLine(line, held), last=False) == words
+def test_a_line_says_what_to_do_in_few_words(line: SheetLine, held_m: float | None, words: str) -> None:
+    assert line_words(SaidLine(line, held_m, end_m=2500.0, begin_mps=25.0), last=False) == words
 
 
 def test_the_last_brake_is_for_the_stop() -> None:
-    brake = SaidLine(replace(LINE, kind=InstructionKind.BRAKE), held=False)
+    brake = SaidLine(replace(LINE, kind=InstructionKind.BRAKE), None, end_m=2500.0, begin_mps=25.0)
     assert line_words(brake, last=True) == "<b>brake</b> for the stop"
 
 
