@@ -90,6 +90,30 @@ def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(gro
     assert {color: ratio for color, ratio in faint.items() if ratio < 2.5} == {}
 
 
+@pytest.mark.parametrize(
+    ("least", "ground", "drawn"),
+    [
+        (4.5, "panel", "text soft quiet limit air over"),
+        (4.5, "slope", "soft"),
+        (4.5, "tunnel", "limit text"),
+        (4.5, "grey", "ground"),
+        (4.5, "over", "onred"),
+        (4.5, "text", "ground"),
+        (3.0, "panel", "advice band grey uphill downhill"),
+        (3.0, "faint", "advice over pull electric air limit text"),
+        (3.0, "band", "limit"),
+        (3.0, "slope", "uphill downhill"),
+        (3.0, "housing", "over"),
+    ],
+)
+def test_what_the_cab_desk_draws_stands_out_by_wcag_aa(least: float, ground: str, drawn: str) -> None:
+    """On its canvases, which a browser cannot measure: 4.5 : 1 for words, 3 : 1 for all else that means something."""
+    sheet = Path("sim/desk/page/desk.css").read_text(encoding="utf-8")
+    colors = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", sheet))
+    faint = {name: round(contrast(colors[name], colors[ground]), 2) for name in drawn.split()}
+    assert {name: ratio for name, ratio in faint.items() if ratio < least} == {}
+
+
 @pytest.mark.parametrize("folder", ["sim/review", "sim/review/report", "sim/trips", "precompute/cli"])
 def test_no_picture_or_page_has_colours_of_its_own(folder: str) -> None:
     """All colours are in das/drawing, each once."""
