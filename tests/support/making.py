@@ -124,15 +124,15 @@ def das_precompute(folder: Path, *args: str) -> subprocess.CompletedProcess[str]
 def printed(folder: Path, *args: str) -> str:
     """What das-precompute prints in a folder; it must succeed, with nothing on standard error."""
     done = das_precompute(folder, *args)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, ""), done
     return done.stdout
 
 
 def refused(folder: Path, *args: str) -> str:
     """The one line with which das-precompute refuses in a folder, with nothing on standard output."""
     done = das_precompute(folder, *args)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.count("\n") == 1
+    assert (done.returncode, done.stdout) == (2, ""), done
+    assert done.stderr.count("\n") == 1, done
     return done.stderr
 
 
