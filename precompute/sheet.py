@@ -260,7 +260,10 @@ def _row(css: str, s_m: float, cells: tuple[str, str, str, str, str]) -> str:
 
 
 def boards_words(sheet: SectionSheet, from_m: float) -> str:
-    """The boards that the brake for the stop must keep on its way: " (100 at 28.1, 80 at 28.5)"; empty without one."""
+    """The boards that the brake for the stop must keep on its way, as HTML in small type: "(100 at 28.1, 80 at 28.5)".
+
+    Empty without one.
+    """
     limits, end_m = sheet.section.route.limits_mps, float(sheet.s_m[-1])
     falls = np.flatnonzero(np.diff(limits.value) < 0) + 1
     places = [(float(limits.start_m[i]), kmh(limits.value[i])) for i in falls if from_m < limits.start_m[i] < end_m]
