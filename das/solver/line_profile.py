@@ -113,7 +113,8 @@ def decision_nodes(
     steps = np.concatenate(([0.0], np.cumsum(np.diff(even_m) / cap_m)))
     at_fixed = steps[np.searchsorted(even_m, fixed_m)]
     counts = np.maximum(np.ceil(np.diff(at_fixed) - 1e-6), 1.0).astype(np.int64)
-    nodes_m = np.interp(subdivide(at_fixed, counts), steps, even_m)
+    # To the micrometre: the last digits of a cube root depend on the processor, and trajectories on the last of a node.
+    nodes_m = np.round(np.interp(subdivide(at_fixed, counts), steps, even_m), 6)
     nodes_m[np.concatenate(([0], np.cumsum(counts)))] = fixed_m
     return nodes_m
 
