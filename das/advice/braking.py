@@ -83,12 +83,14 @@ class BrakingAhead:
 
         If the train exceeds only the limit at its own position, there is nothing ahead to brake for; see `back_under`.
         """
-        nodes = self.section.node_m
-        least_w = kernels.lowest_w(s_m, s_m + v_mps * within_s, nodes, self._planned_w)
-        if v_mps <= math.sqrt(least_w) + ABOVE_MPS:
+        least_mps = self.lowest_mps(s_m, v_mps * within_s)
+        if v_mps <= least_mps + ABOVE_MPS:
             return False
-        here_mps = math.sqrt(kernels.lowest_w(s_m, s_m, nodes, self._planned_w))
-        return bool(self._falls[self._interval(s_m)] or math.sqrt(least_w) < here_mps - BEGINS_MPS)
+        return bool(self._falls[self._interval(s_m)] or least_mps < self.lowest_mps(s_m) - BEGINS_MPS)
+
+    def lowest_mps(self, s_m: float, way_m: float = 0.0) -> float:
+        """The lowest speed (m/s) of the planned braking curves from a position on for some way (m)."""
+        return math.sqrt(kernels.lowest_w(s_m, s_m + way_m, self.section.node_m, self._planned_w))
 
     def allowed_mps(self, s_m: float) -> float:
         """The highest speed (m/s) from which full braking keeps every limit and the stop, wherever the train may be.
@@ -111,11 +113,17 @@ class BrakingAhead:
         A train above the limit at its own position is assumed to slow down to that limit first.
         """
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
-        here_mps = math.sqrt(kernels.lowest_w(s_m, s_m, nodes, self._planned_w))
+        here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
-        below = self.section.envelope_mps[first:] < speeds_mps - above_mps - ABOVE_MPS
-        reached = int(np.argmax(below)) if below.any() else len(below) - 1
-        return max(float(nodes[first + reached - 1]), s_m)
+        left_mps = self.section.envelope_mps[first:] - speeds_mps + above_mps
+        if not (left_mps < -ABOVE_MPS).any():
+            return max(float(nodes[-2]), s_m)
+        below = np.flatnonzero(left_mps[: int(np.argmax(left_mps < -ABOVE_MPS))] >= 0.0)
+        reached = int(below[-1]) + 1 if below.size else 0
+        before_mps = float(left_mps[reached - 1]) if reached else max(here_mps - float(speeds_mps[0]) + above_mps, 0.0)
+        from_m = float(nodes[first + reached - 1]) if reached else s_m
+        share = before_mps / max(before_mps - float(left_mps[reached]), 1e-9)
+        return from_m + min(share, 1.0) * (float(nodes[first + reached]) - from_m)
 
     def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:
         """The speeds (m/s) at all nodes ahead of a train that coasts from here, or brakes with a force (N, > 0)."""

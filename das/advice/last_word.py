@@ -375,10 +375,14 @@ class _Judgement:
         in_s = coach.following[0].in_s
         if not in_s <= LONGEST_S:
             return None
-        led = self._led(coach, coach.force_n)[:-1]
-        if coach.now.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
+        led, now = self._led(coach, coach.force_n)[:-1], coach.now
+        if now.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
             led[-1] = led[-1]._replace(holds=True)  # He accelerates to that speed and then holds it.
-        return self._train.excess(led, in_s, in_s)
+        excess = self._train.excess(led, in_s, in_s)
+        if excess is None or now.mode is not Regime.COAST or now.speed_mps <= self._train.v_mps:
+            return excess
+        # He rolls up to that speed and is then told to hold it: he is no faster than one who holds it at once.
+        return self._train.excess([*led[:-1], led[-1]._replace(speed_mps=now.speed_mps, holds=True)], in_s, in_s)
 
 
 def _instructed(one: Instruction, force_n: float, until_s: float) -> Doing:

@@ -9,7 +9,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.advice import Coaching, Instruction
+from das.advice.advice import Coaching, Instruction, Replan, ReplanCause
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
@@ -21,6 +21,7 @@ from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
 from das.advice.shown import SPEED_STEP_MPS, TARGET_STEP_MPS, as_read
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
+from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.units import KMH, NS
 from das.estimate.plausibility import STANDSTILL_MPS
@@ -40,6 +41,8 @@ SLOWED_S = 30.0
 SAID_LATE_S = 30.0
 """A train's arrival is named if it is late or early by at least this (s), and said anew if it has changed by as much:
 a driver cannot do anything about less, and a figure that changes often is not read."""
+NEWS_S = 20.0
+"""A restriction that was received on the way and changed the reference is named for this long (s)."""
 ARRIVING_M = 500.0
 """A train this near (m) to its stop is not told when it arrives."""
 SLOWING = (NotchRegime.COAST, NotchRegime.BRAKE)
@@ -61,6 +64,7 @@ class Coach:
     ) -> None:
         self._section, self._settings, self._worker = section, settings, worker
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
+        self._news: tuple[Restriction, ...] = ()
         self._lost = False
         self._said_late_s = 0.0
         self._reasoned: tuple[Instruction, Reason] = Instruction(), NO_REASON
@@ -70,6 +74,8 @@ class Coach:
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
         found._showing, found._said_late_s = self._showing, self._said_late_s
+        known = self._section.route.restrictions
+        found._news = tuple(one for one in section.route.restrictions if one not in known) or self._news
         return found
 
     def forget(self) -> None:
@@ -171,10 +177,19 @@ class Coach:
             assert point is not None
             time_ns = point.earliest_ns or 0
             return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
+        ahead = ahead or self._new_restriction(kept.reference.replan, state)
         late_s = self._arrival_late_s(kept, state, goal)
         if shown.now.mode in BRAKES or abs(late_s) < SAID_LATE_S:
             return ahead
         return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
+
+    def _new_restriction(self, replan: Replan, state: TrainState) -> Reason:
+        """The next restriction that was received just now and made the reference anew."""
+        ahead = [one for one in self._news if one.start_m > state.s_m]
+        if replan.cause is not ReplanCause.LINE or (state.now_ns - replan.time_ns) * NS > NEWS_S or not ahead:
+            return NO_REASON
+        first = min(ahead, key=lambda one: one.start_m)
+        return Reason(code=ReasonCode.RESTRICTION, speed_mps=first.limit_mps, at_m=first.start_m)
 
     def _standing_reason(self, now: Instruction, ahead: Reason, state: TrainState) -> Reason:
         """What the instruction is for; it stays while the same instruction is shown and its place is still ahead."""

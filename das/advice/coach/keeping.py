@@ -22,10 +22,14 @@ from das.solver.state import State
 
 
 class Changes(NamedTuple):
-    """When the instruction shown last changed, and when its next change is due (ns since 1970)."""
+    """When the instruction shown last changed, and when its next change is due (ns since 1970).
+
+    `imposed`: since the last change, news from outside have made a new reference.
+    """
 
     last_ns: int = 0
     next_ns: int = 0
+    imposed: bool = False
 
     def are_near(self, now_ns: int, settings: KeepingSettings) -> bool:
         """Whether now is so near to one of them that a new reference waits if it can."""

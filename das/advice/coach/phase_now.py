@@ -11,8 +11,8 @@ from das.advice.advice import Instruction
 from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, traction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
-from das.advice.goal import TrainState
-from das.advice.regimes import TRACTION, InstructionKind, Regime
+from das.advice.goal import OVERSPEED_MPS, TrainState
+from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
 from das.domain.units import KMH
 from das.solver.few_switch.as_run import BRIEF_S
@@ -22,13 +22,15 @@ from das.solver.few_switch.schedule import Schedule
 
 CREEPS_FOR_S = 6.0
 """A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
-COAST_MISSES_MPS, COASTS_ON_S = 5.0 * KMH, 10.0
-"""Coasting that would end further than this from the speed shown leads to another speed, and says that one. In the last
-`COASTS_ON_S` of it, the speed shown stays."""
+COAST_MISSES_MPS, MISSES_MOST_MPS, COASTS_ON_S = 4.0 * KMH, 5.0 * KMH, 10.0
+"""Coasting that is forecast to end further than `COAST_MISSES_MPS` from the speed shown leads to another one, and says
+that; in its last `COASTS_ON_S` only if it ends further than `MISSES_MOST_MPS`, which the grammar excludes."""
 LEAST_GAIN_S = 2.5
 """An acceleration that a brake soon follows must gain this time: a driver gains less of it than the forecast."""
 ROLLS_MPS2 = 0.02
 """A coasting train speeds up by itself if it gains more than this."""
+ON_CURVE_MPS = 0.05
+"""A train that is forecast to be no further than this below a falling braking curve is braked by it."""
 NO_COAST = (math.inf, math.inf)
 ROLLS, CREEPS, BRAKES_BACK = -1, -2, -3
 """Deviations from the schedule. A driver who braked early is told to coast (`ROLLS`), or to creep because he would stop
@@ -95,7 +97,7 @@ class PhaseNow:
             if self._held_mps > 0.0:
                 return self._holding(schedule, number, state, min(self._held_mps, target))
             self._share = one.share
-            return traction(one.share, target)
+            return traction(one.share, self._reachable_mps(schedule, number, target))
         return self._holding(schedule, number, state, target)
 
     def _held_instead(
@@ -136,14 +138,33 @@ class PhaseNow:
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
+        if self._scene.shown.mode in TRACTION:
+            return False
+        foreseen, brakes_m = self._scene.foreseen, self._brakes_m(schedule, number, state)
+        begin_m = brakes_m - self._settings.lead.astray_s * state.v_mps  # There the brake is shown.
+        left_s, way_m = foreseen.time_s(begin_m), begin_m - state.s_m
+        return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < LEAST_GAIN_S
+
+    def _brakes_m(self, schedule: Schedule, number: int, state: TrainState) -> float:
+        """Where a train that accelerates as forecast must brake (m): for the next phase, or for a limit before that."""
         last = number
         while schedule.kind_after(last) is NotchRegime.HOLD:
             last += 1
-        if self._scene.shown.mode in TRACTION or schedule.kind_after(last) is not NotchRegime.BRAKE:
-            return False
-        begin_m = schedule.begin_m(last + 1) - self._settings.lead.astray_s * state.v_mps  # There the brake is shown.
-        left_s, way_m = self._scene.foreseen.time_s(begin_m), begin_m - state.s_m
-        return left_s < BRIEF_S and way_m / max(state.v_mps, 1.0) - left_s < LEAST_GAIN_S
+        next_m, is_braked = schedule.begin_m(last + 1), schedule.kind_after(last) is NotchRegime.BRAKE
+        speeds_mps, at_m = self._scene.foreseen.speeds_mps[1:-1], self._scene.foreseen.at_m[1:-1]
+        curve_mps = schedule.section.envelope_mps[-len(at_m) - 1 :]
+        slowed = (curve_mps[:-1] < speeds_mps + ON_CURVE_MPS) & (np.diff(curve_mps) < 0.0) & (at_m < next_m)
+        if slowed.any():
+            return float(at_m[np.argmax(slowed)])
+        return next_m if is_braked else math.inf
+
+    def _reachable_mps(self, schedule: Schedule, number: int, target: float) -> float:
+        """The speed to accelerate to: that of the next brake, for a train that will be no faster where it begins."""
+        if schedule.kind_after(number) is not NotchRegime.BRAKE:
+            return target
+        slower_mps = aim_mps(schedule, number + 1)
+        reached_mps = self._scene.foreseen.speed_mps(schedule.begin_m(number + 1))
+        return min(target, slower_mps) if reached_mps < slower_mps + SAME_MPS else target
 
     def _accelerates(self, one: Phase, v_mps: float, target: float) -> bool:
         """Whether the train still has to accelerate to the speed of a phase; once reached, the speed is held."""
@@ -168,6 +189,8 @@ class PhaseNow:
             self.back, self._share = (1, schedule.back_share) if away < 0 else self._slows_back(state, away)
         elif (self.back > 0 and away >= -settings.reached_mps) or (self.back < 0 and away <= SAME_MPS):
             self.back = 0
+        elif self.back == ROLLS and self._scene.shown.mode is not Regime.COAST:
+            self.back, self._share = self._slows_back(state, away)  # He may have become faster since.
         if self.back > 0:
             return traction(self._share, target)
         if self.back == BRAKES_BACK:
@@ -198,13 +221,14 @@ class PhaseNow:
         told = shown.speed_mps if goes_on else target
         young = self._scene.shown_s < self._settings.least_shown_s
         ends_soon = end_m - here_m < state.v_mps * COASTS_ON_S
-        if goes_on and (young or ends_soon):
+        misses_mps = abs(ends_mps - told)
+        if goes_on and (young or (ends_soon and misses_mps <= MISSES_MOST_MPS)):
             return told
         if ends_soon and schedule.kind_after(number) is NotchRegime.HOLD:
             goes_to_mps = aim_mps(schedule, number + 1)
-            if goes_to_mps <= min(ends_mps, highest):  # The train coasts on to the speed that it then holds.
-                return goes_to_mps
-        if abs(ends_mps - told) <= COAST_MISSES_MPS:
+            if ends_mps - MISSES_MOST_MPS <= goes_to_mps <= min(ends_mps, highest):
+                return goes_to_mps  # The train coasts on to the speed that it then holds.
+        if misses_mps <= COAST_MISSES_MPS:
             return told
         leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
         # The speed where a brake begins varies: a step just below it would not stand.
@@ -213,22 +237,30 @@ class PhaseNow:
     def _coast_ends(self, schedule: Schedule, number: int, state: TrainState) -> tuple[float, float]:
         """Where the coasting of a phase ends (m), and the speed there (m/s); if not begun, from the present speed.
 
-        It ends with the phase, or where the train must brake before.
+        It ends with the phase, or where the train must brake before: by more than a driver would hold a limit with.
         """
         brakes, from_m = self._scene.brakes, max(state.s_m, schedule.begin_m(number))
         speeds_mps, end_m = brakes.ahead.rolling_mps(from_m, state.v_mps), schedule.begin_m(number + 1)
+        nodes_m = np.append(from_m, schedule.section.node_m[-len(speeds_mps) :])
+        passes_mps = np.append(state.v_mps, speeds_mps)
         brakes_m = max(brakes.ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
-        end_m = brakes_m if brakes_m < end_m and brakes.brake_at(brakes_m, speeds_mps) else end_m
-        nodes_m = schedule.section.node_m[-len(speeds_mps) :]
-        return end_m, float(np.interp(end_m, np.append(from_m, nodes_m), np.append(state.v_mps, speeds_mps)))
+        brake = brakes.brake_at(brakes_m, speeds_mps) if brakes_m < end_m else None
+        if brake is not None and brake.speed_mps < np.interp(brakes_m, nodes_m, passes_mps) - OVERSPEED_MPS:
+            end_m = brakes_m
+        return end_m, float(np.interp(end_m, nodes_m, passes_mps))
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
         ahead, limit = self._scene.brakes.ahead, self._settings.limit
-        soon = ahead.is_due(state.braked_m, state.v_mps, limit.brakes_back_in_s)  # A limit leaves no time to roll.
+        soon_s = limit.brakes_back_in_s + self._settings.lead.braking_s
+        soon = ahead.is_due(state.braked_m, state.v_mps, soon_s)  # A limit leaves no time to roll.
         if not soon and -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
             return ROLLS, 0.0
-        return BRAKES_BACK, min(ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps), 1.0)
+        effort = ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps)
+        needed = ahead.needed(state.braked_m, state.v_mps)
+        if soon and needed.target_mps > state.v_mps - away_mps - SAME_MPS:
+            effort = max(effort, needed.effort)  # One brake, with one effort, for the limit as well.
+        return BRAKES_BACK, min(effort, 1.0)
 
     def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
         """The instruction to brake with one effort to a speed; one who has braked too much coasts or creeps first."""
@@ -269,8 +301,11 @@ class PhaseNow:
             return Instruction(mode=Regime.CRUISE, speed_mps=self._creeps_mps)
         if self.back < 0:
             return coasting(target)
-        brakes, begun = self._scene.brakes, self._scene.brake_begun
-        return brakes.shown(brakes.needed(schedule, number, state, target, begun=begun), state)
+        brake = self._scene.brakes.needed(schedule, number, state, target, begun=self._scene.brake_begun)
+        near = slows and v_mps < target + settings.above_mps
+        if near and self._scene.shown.mode not in BRAKES and brake.effort < settings.effort.step_ratio:
+            return Instruction(mode=Regime.CRUISE, speed_mps=target)  # The least effort shown would be too much.
+        return self._scene.brakes.shown(brake, state, schedule.begin_m(number))
 
     def _has_said_creeping(self, state: TrainState) -> bool:
         """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""

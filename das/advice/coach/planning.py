@@ -33,6 +33,8 @@ RUN_UPS_M = (0.0, 800.0, 2000.0)
 """The distances before a point, tried one by one, at which a train slowed for the point accelerates again."""
 SLOWEST_MPS = 2.0
 """No train is told to go slower than this on the way to a point."""
+MADE_UP_S = 2.0
+"""If the speeds that keep a point's window make a train this late (s), the way behind the point is planned anew."""
 KEPT_S = 10.0
 """A new reference that is not necessary leaves the present one as it is for this time."""
 BRAKE_SHARE = 0.7
@@ -82,9 +84,15 @@ def planned(front: FewSwitchFront, wanted: Wanted, settings: CoachSettings) -> S
     rounding = Rounding(TARGET_STEP_MPS, choice, settings.polish)
     best = in_steps(found, left_s, wanted.s_m, wanted.v_mps, rounding)
     missed = _missed(best, wanted) if choice is Choice.CHEAPER else None
-    if missed is None:
+    if missed is not None:
+        rounding = rounding._replace(choice=missed)
+        best = in_steps(found, left_s, wanted.s_m, wanted.v_mps, rounding)
+    if rounding.choice is Choice.CHEAPER or best.forecast.time_s - left_s < MADE_UP_S:
         return best
-    return in_steps(found, left_s, wanted.s_m, wanted.v_mps, rounding._replace(choice=missed))
+    # The steps up to the point took time: the way behind it is planned anew.
+    anew = _with_rest(front, (best.schedule, best.forecast), wanted, settings, best.lambda_w)
+    anew = in_steps(anew, left_s, wanted.s_m, wanted.v_mps, rounding)
+    return min(best, anew, key=lambda one: one.cost_j(left_s))
 
 
 def _missed(found: Scheduled, wanted: Wanted) -> Choice | None:

@@ -53,6 +53,9 @@ class LeadSettings:
     """A brake that can wait is shown at least this long before it is due."""
     astray_s: float = 4.0
     """To a train that accelerates or is faster than the reference, a brake is shown this long before it is due."""
+    begun_in_s: float = 2.0
+    """The effort first shown for a lower limit is enough even if the driver begins to brake this long after it is
+    due."""
     accelerating_s: float = 2.0
     """An acceleration is shown this long before it is due, so that a driver who looks when it is due sees it."""
 
@@ -101,9 +104,11 @@ class EffortShowingSettings:
     """When more effort is needed, the effort shown is enough even if the driver reacts only after this time."""
     grown_ratio: float = 1.6
     """When more effort is needed, the effort shown is at most this multiple of what is needed now."""
+    short_ratio: float = 0.05
+    """A brake for the stop keeps its effort while no more than this share of it is lacking; not in its last metres."""
     settled_s: float = 6.0
-    """This near to the end of braking to a lower speed the effort shown is not reduced: the driver sees the speed
-    himself."""
+    """If the effort shown brings the train down to its lower speed within this time, it is not reduced: the driver sees
+    the speed himself."""
     less_ratio: float = 0.4
     """Less effort is shown only if the effort needed is lower than the one shown by more than this share. More effort
     is shown at once."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.advice import Instruction
+from das.advice.advice import Instruction, ReplanCause
 from das.advice.coach.announcing import Announcing, Foreseen, Notices, allowed, in_time
 from das.advice.coach.keeping import Changes, Kept
 from das.advice.coach.phase_now import BRAKES_BACK, CREEPS, ROLLS, PhaseNow, PhaseScene, highest_mps
@@ -27,6 +27,8 @@ from das.solver.section import Section
 Floats = NDArray[np.float64]
 FORGOTTEN_S = 15.0
 """A driver to whom nothing was shown for this long is told anew, as if nothing had been shown before."""
+IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
+"""Causes of a new reference that came from outside: what is shown was chosen without knowing them."""
 LONG_S = 3600.0
 """A creeping train has no forecast: this long time (s) is used instead."""
 
@@ -94,7 +96,9 @@ class Showing:
 
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> ShownNow:
         """What to show of the reference to a driver whose train is in this state."""
-        schedule = kept.reference.schedule
+        schedule, replan = kept.reference.schedule, kept.reference.replan
+        imposed = replan.cause in IMPOSED and replan.time_ns > self.changes.last_ns
+        self.changes = self.changes._replace(imposed=imposed)
         if self._notices.silent_s(state.now_ns) > FORGOTTEN_S:
             self._shown = Instruction()
         brakes, number = self._begin(schedule, state, place)
@@ -148,7 +152,7 @@ class Showing:
         if self._shown.mode not in BRAKES:
             self._brake_begun = False
         under = brakes.under_limit(planned, state, place)
-        wanted = brakes.safe(under, state, known_mps, begun=self._brake_begun)
+        wanted = brakes.safe(under, state, known_mps, begun=self._brake_begun, begins_s=begins_s)
         if brakes.stands_at_mark(self._shown, state):
             return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
         brakes_again = schedule.kind_after(number) is NotchRegime.BRAKE
@@ -161,7 +165,7 @@ class Showing:
         urgent = wanted is not planned
         between = brakes_again and ends_s < self._settings.least_shown_s
         now = self._held(wanted, state, reachable, ends_mps, between_brakes=between, urgent=urgent, begins_s=begins_s)
-        safe = now if now is wanted else brakes.safe(now, state, known_mps, begun=self._brake_begun)
+        safe = now if now is wanted else brakes.safe(now, state, known_mps, begun=self._brake_begun, begins_s=begins_s)
         if safe is not now:  # An instruction that is still shown must be as safe as a new one.
             self._shown, self.changes = safe, self.changes._replace(last_ns=state.now_ns)
             return _Chosen(safe, wanted, urgent=True, for_limits=True)
@@ -178,7 +182,9 @@ class Showing:
         if chosen.now.mode not in BRAKES:
             return 0.0 if chosen.urgent or too_fast else begins_s
         if self._phase.back == BRAKES_BACK and not chosen.urgent:
-            return (self._brakes_back_ns - state.now_ns) * NS
+            due_s = (self._brakes_back_ns - state.now_ns) * NS
+            self._brake_begun = due_s <= 0.0
+            return due_s
         if self._brake_begun:
             return 0.0
         scheduled_s = begins_s if begins_s > 0.0 and not chosen.urgent else math.inf
@@ -263,6 +269,10 @@ class Showing:
         next phase brakes soon. Then a brake that has reached its speed is still shown; the driver releases it himself.
         """
         shown, self._unannounced = self._shown, None
+        # An acceleration ends without notice where news from outside want a slower train; a brake back waits for it.
+        slower = self.changes.imposed and shown.mode in TRACTION and wanted.speed_mps < state.v_mps - SAME_MPS
+        if slower and self._phase.back == BRAKES_BACK and not urgent:
+            wanted = Instruction(mode=Regime.CRUISE, speed_mps=wanted.speed_mps)
         highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Regime.COAST else place.limit_mps
         too_high = shown.speed_mps > highest_mps + SAME_READING_MPS
         same = _alike(wanted, shown) and not too_high
@@ -288,7 +298,7 @@ class Showing:
         passed_mps = max(shown.speed_mps, min(place.limit_mps, place.allowed_mps))
         rolls_on = shown.mode in TRACTION and state.v_mps > passed_mps + SAME_MPS
         eased = shown.mode in BRAKES and (self._phase.back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
-        at_once = braked or released or above or urgent or eased or rolls_on
+        at_once = braked or released or above or urgent or eased or rolls_on or (slower and settled)
         if at_once or (settled and self._is_announced(wanted, state, begins_s)):
             self._shown, self.changes = wanted, self.changes._replace(last_ns=state.now_ns)
         return self._shown
@@ -312,14 +322,21 @@ class Showing:
         return lacks_s <= 0.0
 
     def _eased(self, shown: Instruction, wanted: Instruction, state: TrainState) -> bool:
-        """Whether the brake shown is far too strong by now, more than the train has, or needs no friction any more."""
+        """Whether the brake shown is far too strong by now, more than the train has, or needs no friction any more.
+
+        Before it has begun, its effort does not fall.
+        """
         assert self._brakes is not None
         if -shown.effort_ratio > max(self._brakes.ahead.largest(state.v_mps), 1.0) + SAME_EFFORT:
             return True
         if wanted.mode not in BRAKES:
             return shown.speed_mps <= SAME_MPS and self._brakes.stands_short(shown, state)
+        if not self._brake_begun:
+            return False
         if shown.mode is Regime.FRICTION_BRAKE:
             return wanted.mode is not Regime.FRICTION_BRAKE
+        if shown.speed_mps > SAME_MPS and self._brakes.lasts(shown, state)[0] < self._settings.effort.settled_s:
+            return False
         return wanted.effort_ratio > self._settings.effort.eased_ratio * shown.effort_ratio
 
 

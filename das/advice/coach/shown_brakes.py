@@ -17,7 +17,7 @@ from das.advice.braking import AT_MARK_M, BRAKED_MORE, LEAST_MPS2, BrakingAhead,
 from das.advice.coach.settings import ShowingSettings
 from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.shown import SAME_READING_MPS
+from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
@@ -157,43 +157,52 @@ class ShownBrakes:
             return wanted
         return Instruction(mode=Regime.COAST, speed_mps=target, effort_ratio=0.0)
 
-    def safe(self, wanted: Instruction, state: TrainState, known_mps: float, *, begun: bool = True) -> Instruction:
+    def safe(
+        self, wanted: Instruction, state: TrainState, known_mps: float, *, begun: bool = True, begins_s: float = 0.0
+    ) -> Instruction:
         """The wanted instruction, or the brake that limits and the stop ahead need if the wanted one brakes less.
 
         The brake is shown earlier to a train that accelerates, or that is faster than the reference (`known_mps`). Its
-        effort is enough from where it must begin; if the brake has begun (`begun`), from here.
+        effort is enough from where it must begin; if the brake has begun (`begun`), from here. A wanted brake that
+        begins in `begins_s`, before limits demand one, must be enough from there.
         """
         ahead, lead, v_mps = self.ahead, self._settings.lead, state.v_mps
         on_time = v_mps <= known_mps + SAME_MPS and wanted.mode not in TRACTION
         lead_s = lead.braking_s if on_time else lead.astray_s
         soon_mps = v_mps
-        if wanted.mode in (*TRACTION, Regime.COAST):
+        if wanted.mode is Regime.COAST or (wanted.mode in TRACTION and v_mps <= wanted.speed_mps):
             soon_mps += max(ahead.accelerates_mps2(wanted.effort_ratio, state.s_m, v_mps), 0.0) * lead_s
+            soon_mps = min(soon_mps, wanted.speed_mps) if wanted.mode in TRACTION else soon_mps
         elif wanted.mode is Regime.CRUISE:
             soon_mps += min(max(wanted.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s)
             if wanted.speed_mps < v_mps <= wanted.speed_mps + OVERSPEED_MPS:
                 soon_mps = wanted.speed_mps  # He holds it from here on.
         lead_s = max(lead_s + SOONER_S, CREEPS_M / max(soon_mps, 1.0))
+        if wanted.mode in BRAKES:
+            lead_s += begins_s  # Its effort must be enough for what is due soon after it begins.
         if not ahead.is_due(state.braked_m, soon_mps, lead_s):
             return wanted
-        waits_m = 0.0 if begun else v_mps * self.begins_s(state)
+        waits_s = 0.0 if begun else self.begins_s(state)
+        lowest_mps = ahead.lowest_mps(state.braked_m, soon_mps * lead_s)
+        if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake so soon.
+            return _no_faster(wanted, target_below(lowest_mps), v_mps, self._settings.below_mps)
+        waits_m = v_mps * waits_s
         needed = ahead.needed(state.braked_m + waits_m, v_mps)
         above_mps = v_mps - ahead.allowed_mps(state.braked_m)
         if needed.effort > 0.0 and above_mps > SAME_MPS and not self._ends(needed, v_mps):
             # If the effort only grew with the need, it would always be too little.
             needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
-        if wanted.mode in BRAKES and -wanted.effort_ratio >= needed.effort:
+        sooner_m = min(v_mps * begins_s, waits_m)
+        wanted_for = needed if sooner_m == waits_m else ahead.needed(state.braked_m + sooner_m, v_mps)
+        if wanted.mode in BRAKES and -wanted.effort_ratio >= wanted_for.effort:
             return wanted
         # A train that goes on accelerating must brake to this speed; if it is above the present one, coasting will do.
         passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if wanted.mode in TRACTION else -math.inf
         coasts = needed.effort < self._settings.effort.step_ratio and passes_mps > v_mps
         if needed.effort > 0.0 and not coasts:
             to_mps = min(needed.target_mps, wanted.speed_mps) if wanted.mode in BRAKES else needed.target_mps
-            return replace(self.shown(needed, state), speed_mps=to_mps)
-        if wanted.mode not in TRACTION:
-            return wanted
-        to_mps = min(wanted.speed_mps, passes_mps if coasts else needed.target_mps)
-        return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
+            return replace(self.shown(needed, state, state.braked_m + waits_m), speed_mps=to_mps)
+        return _no_faster(wanted, passes_mps if coasts else needed.target_mps, v_mps, self._settings.below_mps)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, begun: bool) -> NeededBrake:
         """The braking that a phase needs to reach the speed `target` at its end.
@@ -229,20 +238,26 @@ class ShownBrakes:
             return None
         return brake_of(max(needed.effort, self._settings.effort.step_ratio), needed.target_mps)
 
-    def shown(self, needed: NeededBrake, state: TrainState) -> Instruction:
-        """The instruction to brake as shown: its effort stays the same until more is needed, or clearly less."""
+    def shown(self, needed: NeededBrake, state: TrainState, begin_m: float = -math.inf) -> Instruction:
+        """The instruction to brake as shown: its effort stays the same until more is needed, or clearly less.
+
+        The brake begins at `begin_m`, if that is still ahead.
+        """
         settings, v_mps = self._settings.effort, state.v_mps
         kept = self._efforts.get(needed.at_m)
         shown = self._stepped(needed.effort)
         slows = needed.target_mps > SAME_MPS
+        far_from_stop = not slows and needed.at_m - state.s_m >= STOP_BY_EYE_M
+        lacks_ratio = settings.short_ratio if far_from_stop else SAME_EFFORT
         if kept is not None and (self._ends(needed, v_mps) or self._nearly_enough(kept, needed, state)):
             shown = kept
-        elif kept is not None and needed.effort <= kept * (1.0 + SAME_EFFORT):
+        elif kept is not None and needed.effort <= kept * (1.0 + lacks_ratio):
             less = needed.effort < kept * (1.0 - settings.less_ratio)
-            ends_soon = slows and needed.at_m - state.s_m < v_mps * settings.settled_s
-            shown = shown if less and not ends_soon else kept
+            ends_soon = slows and self.lasts(brake_of(kept, needed.target_mps), state)[0] < settings.settled_s
+            waits = begin_m > state.braked_m
+            shown = shown if less and not (ends_soon or waits) else kept
         elif kept is not None or slows:
-            shown = max(shown, self._grown(needed, kept or 0.0, state))
+            shown = max(shown, self._grown(needed, kept or 0.0, state, begin_m))
         self._efforts[needed.at_m] = shown
         largest = self.ahead.largest(v_mps)
         self._exact_effort = min(needed.effort, largest)
@@ -265,7 +280,7 @@ class ShownBrakes:
         step_ratio = self._settings.effort.step_ratio if effort <= 1.0 else self._settings.effort.friction_step_ratio
         return math.ceil(effort / step_ratio - SAME_EFFORT) * step_ratio
 
-    def _grown(self, needed: NeededBrake, kept: float, state: TrainState) -> float:
+    def _grown(self, needed: NeededBrake, kept: float, state: TrainState, begin_m: float) -> float:
         """The larger effort to show when the one shown is no longer enough; it suffices even if the driver reacts late.
 
         The friction brake is included only once it is needed.
@@ -273,7 +288,8 @@ class ShownBrakes:
         settings = self._settings.effort
         if self.ahead.section.end_m - state.s_m <= AT_MARK_M:
             return self._stepped(kept + settings.at_mark_more_ratio)
-        from_m = min(state.braked_m + state.v_mps * settings.answered_in_s, needed.at_m)
+        answered_m = state.braked_m + state.v_mps * settings.answered_in_s
+        from_m = min(max(answered_m, begin_m + state.v_mps * self._settings.lead.begun_in_s), needed.at_m)
         answered = self.ahead.effort_to(from_m, state.v_mps, needed.at_m, needed.target_mps)
         slows = needed.target_mps > SAME_MPS
         most = math.inf if slows and needed.effort > 1.0 else 1.0
@@ -283,6 +299,18 @@ class ShownBrakes:
         """Whether a train has nearly slowed down to the lower speed that it brakes to; never true for a stop."""
         above_mps = v_mps - needed.target_mps
         return needed.target_mps > SAME_MPS and 0.0 < above_mps <= OVERSPEED_MPS
+
+
+def _no_faster(wanted: Instruction, most_mps: float, v_mps: float, near_mps: float) -> Instruction:
+    """The instruction with no higher speed than `most_mps`; an acceleration becomes coasting, or holding if near it."""
+    to_mps = min(wanted.speed_mps, most_mps)
+    if wanted.mode is Regime.CRUISE and to_mps > v_mps:
+        return replace(wanted, speed_mps=to_mps)
+    if wanted.mode not in TRACTION:
+        return wanted
+    if v_mps > to_mps - near_mps:
+        return Instruction(mode=Regime.CRUISE, speed_mps=to_mps)
+    return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
 
 
 def announced_brake(schedule: Schedule, number: int, target: float) -> Instruction:

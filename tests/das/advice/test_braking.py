@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from das.advice.braking import BACK_IN_S, SPEED_SLACK_MPS, STOP_SLACK_M, BrakingAhead, braking_mode
@@ -106,6 +107,18 @@ def test_a_brake_is_due_where_the_train_would_soon_be_above_the_falling_curve() 
     assert ahead.is_due(begins + 40.0, 35.0)
     assert not ahead.is_due(begins + 40.0, 30.0, 1.0)
     assert not ahead.is_due(1000.0, 36.0, 2.0), "above a limit that does not fall there is nothing ahead to brake for"
+
+
+def test_a_train_meets_the_curve_where_its_speed_is_that_of_the_curve() -> None:
+    """A countdown to it falls evenly: the place does not jump from node to node as the train comes nearer."""
+    section, v_mps = line(), 34.0
+    ahead, nodes_m = BrakingAhead(section), section.node_m
+    met_m = {
+        round(ahead.curve_begins_m(s_m, np.full(int((nodes_m > s_m).sum()), v_mps)), 1)
+        for s_m in np.arange(3000.0, 3300.0, 7.0)
+    }
+    assert len(met_m) == 1
+    assert float(np.interp(met_m.pop(), nodes_m, section.envelope_mps)) == pytest.approx(v_mps, abs=0.03)
 
 
 def test_a_train_above_a_limit_is_brought_back_in_time() -> None:

@@ -295,6 +295,22 @@ def test_a_brake_announced_too_late_is_left_out_with_what_comes_after_it() -> No
         assert len(said.coach.following) == kept
 
 
+def test_a_driver_who_rolls_up_to_a_speed_is_expected_to_hold_it_until_the_announced_brake() -> None:
+    """On -30 per mille he would be 1 m/s above the limit when the brake is due, if nobody told him to hold it."""
+    basis, v_mps = BASIS._replace(route=make_route(END_M, [(0.0, HIGH), (6_000.0, LOW)], [(0.0, -0.03)])), HIGH - 1.0
+    coasts = Instruction(mode=Regime.COAST, speed_mps=HIGH, effort_ratio=0.0)
+    for way_m, in_s, kept in ((205.0, 7.0, True), (350.0, 12.0, False)):
+        brake = replace(COACH_FAST.following[0], way_m=way_m, in_s=in_s)
+        coach = replace(COACH_FAST, now=coasts, following=(brake,), target_m=way_m)
+        advice = advice_of(
+            4_960.0, v_mps, Regime.CRUISE, 0.0, coach=coach, horizon_speed_mps=(v_mps,) * 5 + (LOW,) * 25
+        )
+        said, acts = judged(advice, basis=basis)
+        assert said.coach is not None
+        assert bool(said.coach.following) is kept
+        assert (Part.COACH_NEXT in {act.part for act in acts}) is not kept
+
+
 def test_a_train_downhill_is_not_told_to_coast_above_the_limit() -> None:
     steep = make_route(END_M, [(0.0, HIGH)], [(0.0, -0.03)])
     basis = BASIS._replace(route=steep)

@@ -229,6 +229,18 @@ def test_a_brake_for_a_restriction_names_the_restriction_and_not_another_limit()
     assert coaching.reason == Reason(code=ReasonCode.RESTRICTION, speed_mps=15.0, at_m=one.start_m)
 
 
+def test_a_restriction_received_on_the_way_is_named_at_once_and_for_20_s() -> None:
+    """The train is so far from it that nothing slows down yet."""
+    cab, train = Cab(), train_of()
+    assert cab.coaching(train.at(30)).reason.code is not ReasonCode.RESTRICTION
+    one = Restriction(
+        start_m=section_of(LINE).start_m + 9000.0, end_m=section_of(LINE).start_m + 9600.0, limit_mps=15.0
+    )
+    cab.situation = replace(cab.situation, restrictions=(one,))
+    news = Reason(code=ReasonCode.RESTRICTION, speed_mps=15.0, at_m=one.start_m)
+    assert [cab.coaching(train.at(second)).reason == news for second in (40, 50, 60, 61)] == [True, True, True, False]
+
+
 def test_without_a_coach_there_is_none() -> None:
     section = section_of(LINE)
     start, end = (x for x in section.route.stops if x.position_m in (section.start_m, section.end_m))
