@@ -12,7 +12,7 @@ from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, tr
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
 from das.advice.goal import OVERSPEED_MPS, TrainState
-from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
+from das.advice.regimes import TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
 from das.domain.units import KMH
 from das.solver.few_switch.as_run import BRIEF_S
@@ -302,9 +302,6 @@ class PhaseNow:
         if self.back < 0:
             return coasting(target)
         brake = self._scene.brakes.needed(schedule, number, state, target, begun=self._scene.brake_begun)
-        near = slows and v_mps < target + settings.above_mps
-        if near and self._scene.shown.mode not in BRAKES and brake.effort < settings.effort.step_ratio:
-            return Instruction(mode=Regime.CRUISE, speed_mps=target)  # The least effort shown would be too much.
         return self._scene.brakes.shown(brake, state, schedule.begin_m(number))
 
     def _has_said_creeping(self, state: TrainState) -> bool:

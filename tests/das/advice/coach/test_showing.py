@@ -990,13 +990,6 @@ def test_a_brake_that_is_nearly_done_is_not_eased() -> None:
     assert brakes.shown(NeededBrake(0.1, to_mps, at_m), later).effort_ratio > first
 
 
-def test_a_train_that_hardly_needs_a_brake_is_told_to_hold_the_speed() -> None:
-    """3 km/h above 70 km/h and 590 m before it, it nearly rolls down to it; 10 km/h above, it brakes."""
-    for v_kmh, mode in ((73.0, Regime.CRUISE), (80.0, Regime.REDUCED_BRAKE)):
-        display = brake_to_70_kmh()
-        assert display.at(0.0, 2995.0, v_kmh * KMH).now.mode is mode
-
-
 def test_a_brake_that_ends_hardly_above_its_speed_does_not_grow() -> None:
     """A train that will end 0.25 m/s above its speed is shown no more effort in the last metres; at 0.8 m/s it is."""
     brakes, end_m = ShownBrakes(section(), SETTINGS), section().end_m
