@@ -268,7 +268,7 @@ class PhaseNow:
         held = self._scene.shown.mode is Regime.CRUISE and abs(self._scene.shown.speed_mps - target) < SAME_MPS
         if v_mps <= target + (settings.limit.braked_mps if held else SAME_MPS) and target > SAME_MPS:
             return self._holding(schedule, number, state, target)
-        way_m = max(schedule.begin_m(number + 1) - state.s_m, 1.0)
+        way_m = max(schedule.reached_m(number, state.s_m) - state.s_m, 1.0)
         needed = (v_mps**2 - target**2) / (2.0 * way_m)
         slows = target > SAME_MPS  # It brakes to a lower speed, not to a stop.
         if not schedule.brakes_by_effort(number):
@@ -317,7 +317,9 @@ class PhaseNow:
 
     def _eased_ratio(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
         """The braking effort needed from here, as a share of the planned one."""
-        needed = self._scene.brakes.ahead.effort_to(state.s_m, state.v_mps, schedule.begin_m(number + 1), target)
+        needed = self._scene.brakes.ahead.effort_to(
+            state.s_m, state.v_mps, schedule.reached_m(number, state.s_m), target
+        )
         return needed / max(float(schedule.phases[number].share), SAME_EFFORT)
 
 

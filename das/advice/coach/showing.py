@@ -34,8 +34,9 @@ LONG_S = 3600.0
 
 
 class ShownNow(NamedTuple):
-    """What is shown: the present instruction, distance (m) and time (s) to its end, and the instructions after it.
+    """What is shown: the present instruction, distance (m) and time (s) to its goal, and the instructions after it.
 
+    The goal is the place where the instruction ends or, for a brake, where the train reaches its speed.
     `number` is the number of the phase in the schedule. `force_n` is the wheel force of the instruction (N).
     `reference_force_n` is the force that keeps the reference; for a brake it is exactly the force needed, before the
     effort is rounded up.
@@ -114,6 +115,7 @@ class Showing:
         waits = due_s > 0.0 and not kept_on
         now = replace(chosen.now, way_m=due_s * state.v_mps, in_s=due_s) if waits else chosen.now
         end_m = min(phase_ends_m, self._phase.coast_ends[0], brakes.ends_m(now, state, schedule.phases[number]))
+        reached_m = min(end_m, schedule.reached_m(number, state.s_m)) if now.mode in BRAKES else end_m
         foreseen = foreseen._replace(as_shown=_alike(now, planned))
         put_off = self._put_off(now, state)
         following = self._following(now, number - kept_on, end_m, state, foreseen, put_off)
@@ -121,7 +123,7 @@ class Showing:
         next_s = now.in_s if now.in_s > 0.0 or not following else following[0].in_s
         self.changes = self.changes._replace(next_ns=state.now_ns + round(next_s / NS))
         return ShownNow(
-            now, following, max(end_m - state.s_m, 0.0), foreseen.time_s(end_m), number,
+            now, following, max(reached_m - state.s_m, 0.0), foreseen.time_s(reached_m), number,
             brakes.force_n(now, state), brakes.force_n(brakes.unrounded(now), state),
         )  # fmt: skip
 

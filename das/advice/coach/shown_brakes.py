@@ -205,13 +205,13 @@ class ShownBrakes:
         return _no_faster(wanted, passes_mps if coasts else needed.target_mps, v_mps, self._settings.below_mps)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, begun: bool) -> NeededBrake:
-        """The braking that a phase needs to reach the speed `target` at its end.
+        """The braking that a phase needs to reach the speed `target` where its schedule reaches it.
 
         It is computed from the start of the phase, or from here if the train is beyond it or the brake has `begun`.
         Before a brake is first shown, the build-up of the brakes is allowed for.
         """
-        end_m, begin_m = schedule.begin_m(number + 1), state.braked_m if begun else schedule.begin_m(number)
-        from_m, braking = max(state.braked_m, begin_m), schedule.section.braking
+        from_m, braking = max(state.braked_m, 0.0 if begun else schedule.begin_m(number)), schedule.section.braking
+        end_m = schedule.reached_m(number, from_m)
         if braking is not None and end_m not in self._efforts:
             build_up_m = state.v_mps * 0.5 * braking.build_up_s
             from_m += max(min(build_up_m, self._settings.effort.build_up_ratio * (end_m - from_m)), 0.0)
@@ -319,7 +319,7 @@ def announced_brake(schedule: Schedule, number: int, target: float) -> Instructi
     v_mps, at_m = max(float(schedule.known.speed_mps[begin]), 1.0), float(schedule.section.node_m[begin])
     effort = float(schedule.phases[number].share)
     if not schedule.brakes_by_effort(number):
-        effort = BrakingAhead(schedule.section).effort_to(at_m, v_mps, schedule.begin_m(number + 1), target)
+        effort = BrakingAhead(schedule.section).effort_to(at_m, v_mps, schedule.reached_m(number, at_m), target)
     return brake_of(effort, target)
 
 

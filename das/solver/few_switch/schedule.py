@@ -128,10 +128,8 @@ class Schedule:
 
     def braking_mps2(self, number: int) -> float:
         """The mean deceleration (m/s²) of a phase to brake."""
-        first = self.phases[number].begin
-        last = self.phases[number + 1].begin if number + 1 < len(self.phases) else len(self.at)
+        first, last = self.phases[number].begin, self._reached(number)
         speeds, node_m = self.known.speed_mps, self.section.node_m
-        last = max(last, first + 1)
         return max(float((speeds[first] ** 2 - speeds[last] ** 2) / (2.0 * (node_m[last] - node_m[first]))), 0.05)
 
     def brakes_by_effort(self, number: int) -> bool:
@@ -153,7 +151,7 @@ class Schedule:
         curve = before + (after - before) * (s_m - self.section.node_m[interval]) / step_m - target[number] ** 2
         if kind[number] == NotchRegime.CURVE and curve > 0:
             return float(reach / curve * max(before - after, 0.0) / (2.0 * step_m))
-        return float(reach / (2.0 * max(self.begin_m(number + 1) - s_m, 1.0)))
+        return float(reach / (2.0 * max(self.reached_m(number, s_m) - s_m, 1.0)))
 
     def kind_after(self, number: int) -> NotchRegime | None:
         """The kind of the phase after a phase; None after the last one."""
@@ -164,6 +162,19 @@ class Schedule:
         if number >= len(self.phases):
             return self.section.end_m
         return float(self.section.node_m[self.phases[number].begin])
+
+    def reached_m(self, number: int, s_m: float) -> float:
+        """Where a brake reaches its target speed (m), often before its phase ends; for a train beyond it: the end."""
+        at_m = float(self.section.node_m[self._reached(number)])
+        return at_m if s_m < at_m else self.begin_m(number + 1)
+
+    def _reached(self, number: int) -> int:
+        """The node where the trajectory reaches the target of a brake, or the last node of its phase."""
+        first, last = self.phases[number].begin + 1, len(self.at)
+        if number + 1 < len(self.phases):
+            last = max(self.phases[number + 1].begin, first)
+        reached = self.known.speed_mps[first:last] < self.phases[number].target_mps + MET_MPS
+        return first + int(np.argmax(reached)) if reached.any() else last
 
     def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Prospect:
         """The forecast of a train in a state that keeps to the schedule; raises InfeasibleError if it stalls."""

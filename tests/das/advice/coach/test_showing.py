@@ -20,12 +20,13 @@ from das.advice.coach.shown_brakes import ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import TARGET_STEP_MPS
+from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule, known_run
 from das.solver.kernels.forces import electric_limit, traction_limit
-from das.solver.section import Section
+from das.solver.section import Section, build_section
 from tests.support.coach import Keeping, ns
 from tests.support.few_switch import BUNDLED, section_of
 
@@ -341,6 +342,40 @@ def test_the_effort_of_a_brake_stands_within_the_band(display: Shown) -> None:
     assert effort(100.0, 1.4) == effort(120.0, 1.7)
     assert effort(140.0, 0.8) > more
     assert (first / SETTINGS.effort.step_ratio) == pytest.approx(round(first / SETTINGS.effort.step_ratio))
+
+
+def test_a_brake_is_enough_for_its_board_though_its_phase_ends_behind_it() -> None:
+    """A brake to 60 km/h for a board at 3000 m, in a phase that still holds 60 at 3150 m: the driver reads 3000 m.
+
+    By hand from v² = 2·a·s: 100 to 60 km/h from 2200 m are 0.309 m/s² to the board.
+    """
+    line = section().route
+    board = Restriction(start_m=3000.0, end_m=line.length_m, limit_mps=60 * KMH)
+    limited = build_section(line.with_restrictions((board,)), section().vehicle)
+    node_m = limited.node_m
+    kinds = (NotchRegime.HOLD, NotchRegime.BRAKE, NotchRegime.COAST, NotchRegime.BRAKE)
+    phases = tuple(
+        Phase(kind, 0.0, int(np.searchsorted(node_m, at_m)), speed_kmh * KMH)
+        for kind, at_m, speed_kmh in zip(kinds, (0.0, 2200.0, 3150.0, 5600.0), (100.0, 60.0, 55.0, 0.0), strict=True)
+    )
+    raw = Schedule(
+        section=limited, phases=phases, known=known_run(limited, np.full(len(node_m), 60 * KMH)), back_share=1
+    )
+    schedule = raw.settled(0.0, TOP_MPS)[0]
+    reached_m = schedule.reached_m(1, 2200.0)
+    assert reached_m == pytest.approx(3000.0, abs=5.0)
+    assert schedule.reached_m(1, reached_m) == schedule.begin_m(2)
+    assert schedule.braking_mps2(1) == pytest.approx(0.309, rel=0.02)
+    showing = Shown(Showing(SETTINGS), schedule)
+    shown = showing.at(0.0, schedule.begin_m(1), TOP_MPS)
+    assert shown.target_m == pytest.approx(reached_m - schedule.begin_m(1))
+    share = shown.reference_force_n / electric_limit(TOP_MPS, limited.train)
+    assert shown.now.effort_ratio <= share < 0.0
+    s_m, v_mps, mass_kg, step_s = schedule.begin_m(1), TOP_MPS, limited.train.inertial_mass_kg, 0.1
+    while s_m < 3000.0:  # Driven with that share of the motors, in small steps of time.
+        forces_n = share * electric_limit(v_mps, limited.train) - limited.resistance_n(s_m, v_mps)
+        v_mps, s_m = v_mps + step_s * forces_n / mass_kg, s_m + step_s * v_mps
+    assert v_mps == pytest.approx(60 * KMH, abs=1.0 * KMH)
 
 
 def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again() -> None:
