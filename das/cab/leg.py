@@ -60,7 +60,7 @@ class Leg:
     ) -> None:
         self.start, self.end = start, end
         self.planner, self.display = Planner(PlanBasis(section=section), settings), Display(settings)
-        self._coach = Coach(section, None, settings.coach, coach_worker) if settings.coach.enabled else None
+        self.coach = Coach(section, None, settings.coach, coach_worker) if settings.coach.enabled else None
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []
@@ -101,8 +101,8 @@ class Leg:
 
     def _lead(self, front: FewSwitchFront | None) -> None:
         """Replace the coach by a successor that goes on where it ended, but has no reference if there is no front."""
-        if self._coach is not None:
-            self._coach = self._coach.successor(self.section, front)
+        if self.coach is not None:
+            self.coach = self.coach.successor(self.section, front)
 
     def use_meanwhile(self, section: Section) -> None:
         """Plan for a changed section without a front yet: the last plan holds, capped by the speeds safe now."""
@@ -168,7 +168,7 @@ class Leg:
             reason = Reason(code=ReasonCode.STOP, stop=self.section.end_stop_name)
             return self._braking(scene, reason, needed)
         try:
-            kept = None if self._coach is None else self._coach.plan(state, self.goal)
+            kept = None if self.coach is None else self.coach.plan(state, self.goal)
             plan = planner.plan_for(state, self.goal, None if kept is None else kept.scheduled)
             scene = scene._replace(coach=self._coaching(kept, state, stands=stands))
             return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
@@ -189,47 +189,47 @@ class Leg:
         """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
         if not why.cause.is_quiet:
             self._forget()
-        elif self._coach is not None:
-            self._coach.hush()
+        elif self.coach is not None:
+            self.coach.hush()
         return self.display.withdrawn(here, why)
 
     def _braking(self, scene: Scene, reason: Reason, needed: float = math.inf) -> Advice:
         """Advise full brakes without a plan; the coach shows the `needed` effort, but no less than it shows already."""
-        shown = 0.0 if self._coach is None else self._coach.shown_effort
-        if self._coach is not None and math.isfinite(needed) and self._coach.stands_at_mark(scene.state):
+        shown = 0.0 if self.coach is None else self.coach.shown_effort
+        if self.coach is not None and math.isfinite(needed) and self.coach.stands_at_mark(scene.state):
             needed = shown
         self._forget()
         advice = self.display.braking(scene, reason)
-        if self._coach is None:
+        if self.coach is None:
             return advice
         ahead, state = self.planner.ahead, scene.state
         largest = advice.advised_force_n / min(ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
         least = self._settings.coach.showing.effort.step_ratio
         effort = max(min(max(needed, least), largest), min(shown, ahead.largest(state.v_mps)))
         force_n = ahead.force_n(effort, state.s_m, state.v_mps)
-        return replace(advice, coach=self._coach.brakes(effort, force_n, reason, state))
+        return replace(advice, coach=self.coach.brakes(effort, force_n, reason, state))
 
     def _forget(self) -> None:
         """Forget the plan and the reference of the coach."""
         self.planner.forget()
-        if self._coach is not None:
-            self._coach.forget()
+        if self.coach is not None:
+            self.coach.forget()
 
     def _coaching(self, kept: Kept | None, state: TrainState, *, stands: bool) -> Coaching | None:
         """The coach's instruction to a train that runs, or that stands and has to go on; None without a coach."""
-        if self._coach is None:
+        if self.coach is None:
             return None
         planner = self.planner
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
         place = SpeedsAllowed(planner.allowed_for(state), limit_mps)
-        show = self._coach.departs if stands else self._coach.show
+        show = self.coach.departs if stands else self.coach.show
         return show(kept, state, self.goal, place)
 
     def _standing(self, state: TrainState) -> Coaching | None:
         """The coach's instruction to a train that has to stand; None without a coach."""
-        if self._coach is None:
+        if self.coach is None:
             return None
-        return self._coach.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
+        return self.coach.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
 
     def _arrival_late_s(self, now_ns: int) -> float:
         """How late the train arrived (s); the value stays while the train stands."""

@@ -70,7 +70,10 @@ class Legs:
         if leg is None:
             return advice
         situation = self.situation.at(self._now_ns)
-        return self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
+        judged = self.last_words.judged(advice, here, situation, (leg.start.position_m, leg.end.position_m))
+        if leg.coach is not None and judged.coach is not None and judged.replaced_parts:
+            leg.coach.has_shown(judged.coach.now, judged.time_ns)
+        return judged
 
     def check(self, stops_m: Sequence[float]) -> None:
         """Check the sections between stops (m) before there is a journey; raises DasError if one cannot be driven."""

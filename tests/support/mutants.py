@@ -94,7 +94,7 @@ MUTANTS = [
     *_of(
         "das/advice/coach/phase_now.py",
         BRAKES,
-        ("rolls back where it never slows", "* limit.rolls_back_in_s >= away_mps:", "* limit.rolls_back_in_s >= -9.0:"),
+        ("rolls back where it never slows", "limit.rolls_back_in_s >= away_mps", "limit.rolls_back_in_s >= -9.0"),
         ("rolls on just above its speed", "target + settings.brake.rolls_above_mps", "target + 0.0 * settings.brake.rolls_above_mps"),
     ),
     *_of(

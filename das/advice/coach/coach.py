@@ -128,6 +128,10 @@ class Coach:
         now = Instruction(mode=Regime.STOP, speed_mps=0.0, effort_ratio=0.0)
         return Coaching(now=now, target_s=departs_in_s)
 
+    def has_shown(self, now: Instruction, now_ns: int) -> None:
+        """Take note of the instruction that was shown at a moment (ns) in place of the coach's."""
+        self._showing.has_shown(now, now_ns)
+
     def hush(self) -> None:
         """Take note that the instruction of this moment is not shown; the reference goes on."""
         self._showing.forget()

@@ -12,7 +12,7 @@ from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, tr
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
 from das.advice.goal import OVERSPEED_MPS, TrainState
-from das.advice.regimes import TRACTION, InstructionKind, Regime
+from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
 from das.domain.units import KMH
 from das.solver.few_switch.as_run import BRIEF_S
@@ -112,7 +112,8 @@ class PhaseNow:
         top_mps = min(place.limit_mps, target) if below_mps > -SAME_MPS else place.limit_mps
         rolls_to_mps = self._rolls_soon_to(state, top_mps)
         if rolls_to_mps is not None:
-            return rolls_to_mps if shown.mode is Regime.CRUISE and rolls_to_mps < math.inf else None
+            holds = shown.mode is Regime.CRUISE or shown.mode in BRAKES
+            return rolls_to_mps if holds and rolls_to_mps < math.inf else None
         goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
         if not goes_on or schedule.phases[number + 1].target_mps < target - SAME_MPS:
             return None
@@ -159,8 +160,8 @@ class PhaseNow:
         return next_m if is_braked else math.inf
 
     def _reachable_mps(self, schedule: Schedule, number: int, target: float) -> float:
-        """The speed to accelerate to: that of the next brake, for a train that will be no faster where it begins."""
-        if schedule.kind_after(number) is not NotchRegime.BRAKE:
+        """The speed to accelerate to: that of the next phase, for a train that will be no faster where it begins."""
+        if schedule.kind_after(number) in (None, NotchRegime.COAST):
             return target
         slower_mps = aim_mps(schedule, number + 1)
         reached_mps = self._scene.foreseen.speed_mps(schedule.begin_m(number + 1))
@@ -226,7 +227,8 @@ class PhaseNow:
             return told
         if ends_soon and schedule.kind_after(number) is NotchRegime.HOLD:
             goes_to_mps = aim_mps(schedule, number + 1)
-            if ends_mps - MISSES_MOST_MPS <= goes_to_mps <= min(ends_mps, highest):
+            near = ends_mps - MISSES_MOST_MPS <= goes_to_mps
+            if goes_to_mps <= min(ends_mps, highest) and (near or self._rolls_back(state, ends_mps - goes_to_mps)):
                 return goes_to_mps  # The train coasts on to the speed that it then holds.
         if misses_mps <= COAST_MISSES_MPS:
             return told
@@ -252,15 +254,23 @@ class PhaseNow:
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
         ahead, limit = self._scene.brakes.ahead, self._settings.limit
-        soon_s = limit.brakes_back_in_s + self._settings.lead.braking_s
-        soon = ahead.is_due(state.braked_m, state.v_mps, soon_s)  # A limit leaves no time to roll.
-        if not soon and -ahead.rolls_mps2(state.s_m, state.v_mps) * limit.rolls_back_in_s >= away_mps:
+        soon = self._is_braked_soon(state)
+        if self._rolls_back(state, away_mps):
             return ROLLS, 0.0
         effort = ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps)
         needed = ahead.needed(state.braked_m, state.v_mps)
         if soon and needed.target_mps > state.v_mps - away_mps - SAME_MPS:
             effort = max(effort, needed.effort)  # One brake, with one effort, for the limit as well.
         return BRAKES_BACK, min(effort, 1.0)
+
+    def _rolls_back(self, state: TrainState, away_mps: float) -> bool:
+        """Whether coasting is enough for a train to return to a speed; not if a limit leaves no time for it."""
+        slows_mps2 = -self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
+        return slows_mps2 * self._settings.limit.rolls_back_in_s >= away_mps and not self._is_braked_soon(state)
+
+    def _is_braked_soon(self, state: TrainState) -> bool:
+        soon_s = self._settings.limit.brakes_back_in_s + self._settings.lead.braking_s
+        return self._scene.brakes.ahead.is_due(state.braked_m, state.v_mps, soon_s)
 
     def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
         """The instruction to brake with one effort to a speed; one who has braked too much coasts or creeps first."""

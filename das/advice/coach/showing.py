@@ -81,6 +81,12 @@ class Showing:
         """Forget what was shown: from now on nothing is shown."""
         self._schedule, self._shown = None, Instruction()
 
+    def has_shown(self, now: Instruction, now_ns: int) -> None:
+        """Take note of the instruction that was shown at a moment (ns), if it is not the one chosen here."""
+        if now.mode not in BRAKES or self._shown.mode in BRAKES:
+            return
+        self._shown, self.changes, self._brake_begun = now, self.changes._replace(last_ns=now_ns), True
+
     @property
     def shown_effort(self) -> float:
         """The braking effort shown (> 0); 0 if no brake is shown."""
@@ -292,7 +298,7 @@ class Showing:
             braked = False  # It can wait until it has been announced.
         reached = shown.mode in BRAKES and state.v_mps <= shown.speed_mps + SAME_MPS
         lower = wanted.speed_mps < shown.speed_mps - self._settings.reached_mps
-        coasts_on = lower and wanted.mode is shown.mode is Regime.COAST
+        coasts_on = settled and lower and wanted.mode is shown.mode is Regime.COAST
         above = too_high or (coasts_on and state.v_mps < shown.speed_mps + self._settings.above_mps)
         if reached and between_brakes and wanted.mode not in BRAKES and not too_fast and not above:
             return shown
@@ -300,10 +306,19 @@ class Showing:
         passed_mps = max(shown.speed_mps, min(place.limit_mps, place.allowed_mps))
         rolls_on = shown.mode in TRACTION and state.v_mps > passed_mps + SAME_MPS
         eased = shown.mode in BRAKES and (self._phase.back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
-        at_once = braked or released or above or urgent or eased or rolls_on or (slower and settled)
+        at_once = braked or released or above or eased or rolls_on or (slower and settled)
+        at_once |= urgent and (settled or shown.mode in BRAKES or not self._stands(state, place))
         if at_once or (settled and self._is_announced(wanted, state, begins_s)):
             self._shown, self.changes = wanted, self.changes._replace(last_ns=state.now_ns)
         return self._shown
+
+    def _stands(self, state: TrainState, place: SpeedsAllowed) -> bool:
+        """Whether what is shown, no brake, is still safe: neither the limit here nor a brake ahead asks for less."""
+        assert self._schedule is not None
+        assert self._brakes is not None
+        known_mps = self._schedule.speed_at(state.s_m)
+        under = self._brakes.under_limit(self._shown, state, place)
+        return self._brakes.safe(under, state, known_mps, begun=False) is self._shown
 
     def _is_announced(self, wanted: Instruction, state: TrainState, begins_s: float) -> bool:
         """Whether a change to an instruction has been announced early enough; if not, it is announced from now on.

@@ -378,6 +378,33 @@ def test_a_brake_is_enough_for_its_board_though_its_phase_ends_behind_it() -> No
     assert v_mps == pytest.approx(60 * KMH, abs=1.0 * KMH)
 
 
+def test_an_acceleration_names_the_speed_of_the_next_if_it_gets_no_further() -> None:
+    """To 110 km/h for 150 m, then to 100: who is at 45 km/h is told 100 at once, not 110, 105 and 100 in turn."""
+    node_m = section().node_m
+    phases = tuple(
+        Phase(kind, share, int(np.searchsorted(node_m, at_m)), speed_kmh * KMH)
+        for kind, share, at_m, speed_kmh in (
+            (NotchRegime.TRACTION, 1.0, 0.0, 110.0), (NotchRegime.TRACTION, 0.5, 400.0, 100.0),
+            (NotchRegime.HOLD, 0.0, 2500.0, 100.0), (NotchRegime.BRAKE, 0.0, 4800.0, 0.0),
+        )
+    )  # fmt: skip
+    raw = Schedule(
+        section=section(), phases=phases, known=known_run(section(), np.full(len(node_m), 5.0)), back_share=1
+    )
+    shown = Shown(Showing(SETTINGS), raw.settled(0.0, 10.0)[0]).at(0.0, 250.0, 45 * KMH).now
+    assert (shown.mode, shown.speed_mps) == (Regime.FULL_TRACTION, pytest.approx(100 * KMH))
+
+
+def test_a_brake_that_was_shown_instead_goes_on_until_its_speed_is_reached(display: Shown) -> None:
+    """The last word has braked a train that was told to hold 100 km/h: the coach does not take the brake back."""
+    assert display.at(0.0, HELD_M, TOP_MPS).now.mode is Regime.CRUISE
+    display.showing.has_shown(brake_of(0.4, 95 * KMH), ns(9.0))
+    assert display.at(10.0, HELD_M + 250.0, 98 * KMH).now == brake_of(0.4, 95 * KMH)
+    assert display.at(11.0, HELD_M + 275.0, 95 * KMH).now.mode not in BRAKES
+    display.showing.has_shown(Instruction(mode=Regime.COAST, speed_mps=80 * KMH, effort_ratio=0.0), ns(11.0))
+    assert display.at(12.0, HELD_M + 300.0, 95 * KMH).now.mode is not Regime.COAST, "other acts are of one moment"
+
+
 def test_who_has_braked_early_lets_it_roll_until_the_brake_is_due_again() -> None:
     """Towards a lower limit, and only where coasting is enough for it and the train is 8 km/h or more above it."""
     node_m = section().node_m
