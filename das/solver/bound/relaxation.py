@@ -311,6 +311,12 @@ def joined(planes: Planes, more: Planes) -> Planes:
     return Planes(*(np.concatenate(pair, axis=1) for pair in zip(planes, more, strict=True)))
 
 
+def _most_n(force_n: float, power_w: float, speed_mps: Floats) -> Floats:
+    """The largest forces (N) at speeds, within a force and a power; at a stand the force alone."""
+    by_power_n = np.divide(power_w, speed_mps, out=np.full_like(speed_mps, np.inf), where=speed_mps > 0.0)
+    return np.asarray(np.minimum(force_n, by_power_n))
+
+
 def map_rows(task: Task, loss: LossMap) -> MapRows:
     """Energies per metre at the speeds and forces of the map that the task's train can reach."""
     train = task.section.train
@@ -320,8 +326,8 @@ def map_rows(task: Task, loss: LossMap) -> MapRows:
     slower = loss.speed_mps[: size - 1]
     psi = loss.force_n + loss.filled_w[1:size] / speed[:, None]
     # A force between two speeds is at most the limit at the slower one; the next force of the map is beyond it.
-    most = np.minimum(train.traction_force_n, train.traction_power_w / np.maximum(slower, tol.CREEP_MPS))
-    least = np.minimum(train.electric_force_n, train.electric_power_w / np.maximum(slower, tol.CREEP_MPS))
+    most = _most_n(train.traction_force_n, train.traction_power_w, slower)
+    least = _most_n(train.electric_force_n, train.electric_power_w, slower)
     allowed = 1.0 + LIMIT_SLACK
     last = np.minimum(np.searchsorted(loss.force_n, allowed * most + LEAST_FORCE_N), len(loss.force_n) - 1)
     first = np.maximum(np.searchsorted(loss.force_n, -allowed * least - LEAST_FORCE_N, side="right") - 1, 0)

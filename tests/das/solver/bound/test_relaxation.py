@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,8 +15,8 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.solver.bound.certificate import task_of
-from das.solver.bound.relaxation import MapPlanes, efficiency_planes
-from das.solver.section import build_section
+from das.solver.bound.relaxation import MapPlanes, efficiency_planes, map_rows
+from das.solver.section import Section, build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 
@@ -58,6 +61,17 @@ def test_no_state_of_the_map_is_below_a_plane(train: str) -> None:
                 + planes.constant[k]
             )
             assert (heights.max(axis=1)[within] <= truth[within] * (1 + 1e-9) + 1e-6).all()
+
+
+def test_at_a_stand_the_whole_force_is_within_reach_however_little_the_power() -> None:
+    """5 kW give 50 kN at 0.1 m/s; a plane that stopped there would be above a map that needs less beyond it."""
+    run = run_at("re460-ic")
+    assert isinstance(run.section.loss, LossMap)
+    task = task_of(run, run.time_s)
+    weak = task.section.train._replace(traction_power_w=5e3)
+    section = cast("Section", SimpleNamespace(train=weak))
+    rows = map_rows(replace(task, section=section), run.section.loss)
+    assert rows.hull_force[0, : rows.vertices[0]].max() >= weak.traction_force_n
 
 
 @pytest.mark.parametrize("train", ["re460-ic", "re460-ic-igbt"])
