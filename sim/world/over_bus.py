@@ -33,7 +33,7 @@ from sim.world.external import ExternalDriver
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location
 from sim.world.loop import BEFORE_S, InProcess, Progress, Run, Tick, Told, World
 from sim.world.outcome import above_optimum
-from sim.world.service import Day, Service, scenario_files
+from sim.world.service import Day, Service, load_of, scenario_files
 
 
 class OverBus:
@@ -181,8 +181,9 @@ def _node_arguments(service: Service) -> tuple[str, ...]:
     first, last = service.stops[0], service.stops[-1]
     if all(service.route.stop_name_at(stop.position_m) == stop.name for stop in (first, last)):
         arguments += ["--from", first.name, "--to", last.name]
-    if scenario.load is not None:
-        arguments += ["--load", scenario.load]
+    load = load_of(scenario, service.route, service.vehicle)
+    if load is not None:
+        arguments += ["--load", load]
     if scenario.loss_map is not None:
         arguments += ["--loss-map", str(scenario.loss_map)]
     if scenario.point_mass:

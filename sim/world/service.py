@@ -172,7 +172,8 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
     scenario_files(scenario)
     route, vehicle = load_route(scenario.route), load_vehicle(scenario.vehicle)
     route = route.reversed() if scenario.reverse else route
-    vehicle = vehicle if scenario.load is None else vehicle.loaded(scenario.load)
+    load = load_of(scenario, route, vehicle)
+    vehicle = vehicle if load is None else vehicle.loaded(load)
     if scenario.loss_map is not None:
         vehicle = vehicle.with_loss_map(read_loss_map(scenario.loss_map))
     level = vehicle.default_level if level is None else level
@@ -180,6 +181,17 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
     stops = _stops(scenario, route)
     _check_day(scenario, vehicle, level, stops)
     return route, vehicle, stops
+
+
+def load_of(scenario: Scenario, route: Route, vehicle: Vehicle) -> str | None:
+    """The load state of a scenario's train and the mode that its journey names ("empty+15kv"); None: as in its file.
+
+    A mode that the scenario names has precedence.
+    """
+    named = [] if scenario.load is None else scenario.load.split("+")
+    if scenario.journey is not None and not vehicle.modes.keys() & set(named):
+        named += filter(None, [_journey(scenario, route).mode])
+    return "+".join(named) or None
 
 
 def scenario_files(scenario: Scenario) -> dict[str, Path]:

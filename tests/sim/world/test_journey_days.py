@@ -13,6 +13,7 @@ import pytest
 
 from das.cab.heard import TargetsHeard
 from das.domain.errors import DasError, InfeasibleError, InputError
+from das.domain.files.load import load_vehicle
 from das.domain.journey import Passing, Window
 from das.domain.units import NS
 from sim.drive.passings import (
@@ -30,7 +31,7 @@ from sim.jobs.batch import COLUMNS
 from sim.world.loop import InProcess, Run, World
 from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import load_scenario, read_scenario
-from sim.world.service import Day, make_day, prepare_service, scenario_files
+from sim.world.service import Day, load_of, make_day, prepare_service, scenario_files
 from sim.world.surroundings import Surroundings
 from tests.support.making import refusal
 
@@ -114,6 +115,25 @@ def test_the_service_has_the_stops_dwells_and_times_of_the_journey() -> None:
     assert second.departure_ns == zero_ns + (24 * 3600 + 150) * 10**9
     assert second.arrival_ns == zero_ns + (24 * 3600 + 360) * 10**9
     assert first.arrival_ns <= second.departure_ns - 40 * 10**9
+
+
+@pytest.mark.parametrize(("load", "named"), [("", "rain"), ("full", "full+rain"), ("dry+full", "dry+full")])
+def test_the_train_runs_in_the_mode_that_the_journey_names(tmp_path: Path, load: str, named: str) -> None:
+    """In the plan, for the driver and on board alike."""
+    train = load_vehicle("re460-ic").source
+    text = Path(train).read_text(encoding="utf-8")
+    for table in Path(train).parent.glob("*.csv"):
+        (tmp_path / table.name).write_bytes(table.read_bytes())
+    modes = "".join(f"\n[modes.{name}.traction]\nmax_force_kn = 200\nmax_power_kw = 5500\n" for name in ("rain", "dry"))
+    modes += "\n[loads.full]\nmass_t = 500\n"
+    (tmp_path / "train.toml").write_text(text + modes, encoding="utf-8")
+    scenario = SCENARIO.replace('"re460-ic"', f'"train.toml"\n{f"load = {load!r}" * bool(load)}')
+    journey = JOURNEY.replace('route = "flat-6km"', 'route = "flat-6km"\nmode = "rain"')
+    service = prepare_service(read_scenario(written(tmp_path, scenario, journey)))
+    assert service.vehicle.id.partition("/")[2] == named
+    assert service.vehicle.mode == ("dry" if "dry" in named else "rain"), "what the scenario names has precedence"
+    assert {front.section.train.traction_power_w for front in service.fronts} == {5.5e6}
+    assert load_of(service.scenario, service.route, service.vehicle) == named, "the node on a bus is told the same"
 
 
 def test_the_day_is_kept_as_the_journey_says() -> None:
