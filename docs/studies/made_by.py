@@ -54,7 +54,6 @@ DEPENDS_ON: Final[dict[str, tuple[str, ...]]] = {
     "python -m tests.support.desk_pictures": (*DAY, "sim/desk"),
     "python -m docs.studies.planted_trains": (*DAY, "sim/trips"),
     "python -m docs.studies.real_trips": (*SOLVER, "sim/trips", "sim/drive"),
-    "python -m docs.studies.sheet": DAY,
     "rerun": ("sim/review",),
 }
 """The folders whose code decides a command's figures, by its beginning; a script of docs/studies counts as well."""
@@ -75,7 +74,6 @@ MINUTES: Final[dict[str, float]] = {
     "python -m docs.studies.planted_trains": 6,
     "python -m docs.studies.real_trips": 0.5,
     "python -m docs.studies.own_lines": 1,
-    "python -m docs.studies.sheet": 3,
     "python -m tests.support.desk_pictures": 5,
     "python -m docs.studies.display": 5,
     "python -m docs.studies.own_braking": 13,

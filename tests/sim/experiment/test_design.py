@@ -186,7 +186,7 @@ def test_the_bundled_studies_are_sound() -> None:
         assert design.name == name
         assert design.plan.comparisons
     presentations = load_design("presentations")
-    assert [len(factor.levels) for factor in presentations.factors] == [5, 3]
+    assert [len(factor.levels) for factor in presentations.factors] == [6, 3]
     assert presentations.people.count == 24
     levels = load_design("level-through-a-driver")
     assert [level.value for level in levels.factors[0].levels] == [Level.L2, Level.L3]
