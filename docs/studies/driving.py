@@ -79,7 +79,7 @@ class WatchedLink(InProcess):
 def _standing_reference(cab: Cab) -> StandingReference | None:
     """The coach's reference on the present section; None if there is none."""
     leg = cab.legs.current
-    coach = None if leg is None else leg._coach
+    coach = None if leg is None else leg.coach
     return None if coach is None else coach._keeper.reference
 
 
