@@ -87,14 +87,14 @@ MUTANTS = [
     *_of(
         "das/advice/coach/showing.py",
         BRAKES,
-        ("coasting above its end stands", "ends_mps) if shown.mode is Regime.COAST else", "place.limit_mps) if shown.mode is Regime.COAST else"),
+        ("coasting above its end stands", "min(place.limit_mps, ends_mps) if changes else", "place.limit_mps if changes else"),
         ("harder brakes wait", "braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)", "braked = less and too_fast"),
         ("brakes are shown late", "soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)", "soon_m = state.s_m - state.v_mps * leads.get(after.kind, 0.0)"),
     ),
     *_of(
         "das/advice/coach/phase_now.py",
         BRAKES,
-        ("rolls back where it never slows", "limit.rolls_back_in_s >= away_mps", "limit.rolls_back_in_s >= -9.0"),
+        ("rolls back where it never slows", "return slows_mps >= away_mps and", "return slows_mps >= -9.0 and"),
         ("rolls on just above its speed", "target + settings.brake.rolls_above_mps", "target + 0.0 * settings.brake.rolls_above_mps"),
     ),
     *_of(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.advice import Instruction
+from das.advice.braking import BrakingAhead
 from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, traction
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
@@ -197,8 +198,17 @@ class PhaseNow:
         if self.back == BRAKES_BACK:
             return self._scene.brakes.back_to(target, self._share)
         if self.back < 0:
-            return coasting(target)
+            return coasting(self._rolls_back_to(schedule, number, state, target))
         return Instruction(mode=Regime.CRUISE, speed_mps=target)
+
+    def _rolls_back_to(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
+        """The speed to which a train coasts back: that to hold, or a higher one if it must brake before."""
+        _, ends_mps = self._coast_ends(schedule, number, state)
+        shown = self._scene.shown
+        told = shown.speed_mps if shown.mode is Regime.COAST and shown.speed_mps > target else target
+        if self._scene.shown_s < self._settings.least_shown_s or ends_mps <= told + COAST_MISSES_MPS:
+            return told
+        return told_mps(ends_mps, schedule.section, state.v_mps)
 
     def _rolls_up_to(self, target: float, state: TrainState) -> bool:
         """Whether the driver has been told to coast to a speed, and his train still speeds up to it down a hill."""
@@ -218,9 +228,9 @@ class PhaseNow:
         if is_braked:
             ends_at_mps = max(ends_at_mps, ends_mps)  # There the brake begins.
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
-        goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
-        told = shown.speed_mps if goes_on else target
         young = self._scene.shown_s < self._settings.least_shown_s
+        goes_on = shown.mode is Regime.COAST and (young or shown.speed_mps <= highest + SAME_READING_MPS)
+        told = shown.speed_mps if goes_on else target
         ends_soon = end_m - here_m < state.v_mps * COASTS_ON_S
         misses_mps = abs(ends_mps - told)
         if goes_on and (young or (ends_soon and misses_mps <= MISSES_MOST_MPS)):
@@ -254,7 +264,7 @@ class PhaseNow:
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""
         ahead, limit = self._scene.brakes.ahead, self._settings.limit
-        soon = self._is_braked_soon(state)
+        soon = _is_braked_soon(self._scene.brakes.ahead, state, self._settings)
         if self._rolls_back(state, away_mps):
             return ROLLS, 0.0
         effort = ahead.effort_of(away_mps / limit.brakes_back_in_s, state.s_m, state.v_mps)
@@ -265,12 +275,9 @@ class PhaseNow:
 
     def _rolls_back(self, state: TrainState, away_mps: float) -> bool:
         """Whether coasting is enough for a train to return to a speed; not if a limit leaves no time for it."""
-        slows_mps2 = -self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
-        return slows_mps2 * self._settings.limit.rolls_back_in_s >= away_mps and not self._is_braked_soon(state)
-
-    def _is_braked_soon(self, state: TrainState) -> bool:
-        soon_s = self._settings.limit.brakes_back_in_s + self._settings.lead.braking_s
-        return self._scene.brakes.ahead.is_due(state.braked_m, state.v_mps, soon_s)
+        ahead, settings = self._scene.brakes.ahead, self._settings
+        slows_mps = -ahead.rolls_mps2(state.s_m, state.v_mps) * settings.limit.rolls_back_in_s
+        return slows_mps >= away_mps and not _is_braked_soon(ahead, state, settings)
 
     def _braking(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
         """The instruction to brake with one effort to a speed; one who has braked too much coasts or creeps first."""
@@ -331,6 +338,11 @@ class PhaseNow:
             state.s_m, state.v_mps, schedule.reached_m(number, state.s_m), target
         )
         return needed / max(float(schedule.phases[number].share), SAME_EFFORT)
+
+
+def _is_braked_soon(ahead: BrakingAhead, state: TrainState, settings: ShowingSettings) -> bool:
+    """Whether a limit leaves a train no time to coast back to its speed."""
+    return ahead.is_due(state.braked_m, state.v_mps, settings.limit.brakes_back_in_s + settings.lead.braking_s)
 
 
 def coasting(to_mps: float) -> Instruction:

@@ -121,7 +121,7 @@ class Showing:
         waits = due_s > 0.0 and not kept_on
         now = replace(chosen.now, way_m=due_s * state.v_mps, in_s=due_s) if waits else chosen.now
         end_m = min(phase_ends_m, self._phase.coast_ends[0], brakes.ends_m(now, state, schedule.phases[number]))
-        reached_m = min(end_m, schedule.reached_m(number, state.s_m)) if now.mode in BRAKES else end_m
+        reached_m = min(end_m, _goal_m(now, schedule, number, state.s_m))
         foreseen = foreseen._replace(as_shown=_alike(now, planned))
         put_off = self._put_off(now, state)
         following = self._following(now, number - kept_on, end_m, state, foreseen, put_off)
@@ -281,13 +281,14 @@ class Showing:
         slower = self.changes.imposed and shown.mode in TRACTION and wanted.speed_mps < state.v_mps - SAME_MPS
         if slower and self._phase.back == BRAKES_BACK and not urgent:
             wanted = Instruction(mode=Regime.CRUISE, speed_mps=wanted.speed_mps)
-        highest_mps = min(place.limit_mps, ends_mps) if shown.mode is Regime.COAST else place.limit_mps
+        held_s = (state.now_ns - self.changes.last_ns) * NS
+        settled = shown.mode in (Regime.NONE, Regime.STOP) or not 0 <= held_s < self._settings.least_shown_s
+        changes = shown.mode is Regime.COAST and (settled or wanted.mode is not Regime.COAST)
+        highest_mps = min(place.limit_mps, ends_mps) if changes else place.limit_mps
         too_high = shown.speed_mps > highest_mps + SAME_READING_MPS
         same = _alike(wanted, shown) and not too_high
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Regime.CRUISE):
             return shown
-        held_s = (state.now_ns - self.changes.last_ns) * NS
-        settled = shown.mode in (Regime.NONE, Regime.STOP) or not 0 <= held_s < self._settings.least_shown_s
         too_fast = state.v_mps > place.allowed_mps + OVERSPEED_MPS
         less = EFFORT_ORDER.index(wanted.mode) > EFFORT_ORDER.index(shown.mode)
         harder = shown.mode in BRAKES and (
@@ -355,6 +356,17 @@ class Showing:
         if shown.speed_mps > SAME_MPS and self._brakes.lasts(shown, state)[0] < self._settings.effort.settled_s:
             return False
         return wanted.effort_ratio > self._settings.effort.eased_ratio * shown.effort_ratio
+
+
+def _goal_m(now: Instruction, schedule: Schedule, number: int, s_m: float) -> float:
+    """Where a brake reaches its speed, or where the speed of coasting is no longer allowed (m); else infinity."""
+    if now.mode in BRAKES:
+        return schedule.reached_m(number, s_m)
+    if now.mode is not Regime.COAST:
+        return math.inf
+    section = schedule.section
+    lower = (section.node_m > s_m) & (section.envelope_mps < now.speed_mps - SAME_READING_MPS)
+    return float(section.node_m[np.argmax(lower)]) if lower.any() else math.inf
 
 
 def _foreseen(schedule: Schedule, kept: Kept, state: TrainState) -> Foreseen:

@@ -739,6 +739,22 @@ def test_coasting_that_leads_to_another_speed_says_that_speed() -> None:
     assert coasts.at(41.0, 4630.0, 14.5).now.speed_mps < slow[-1].speed_mps, "but not if it would be missed by 5 km/h"
 
 
+def test_coasting_back_that_a_limit_ends_says_the_speed_where_it_brakes() -> None:
+    """From 102 back to 95 km/h would take a minute; the brake for a board comes after 22 s, at 99.8 km/h."""
+    board = Restriction(start_m=2400.0, end_m=section().end_m, limit_mps=60 * KMH)
+    limited = build_section(section().route.with_restrictions((board,)), section().vehicle)
+    node_m = limited.node_m
+    phases = (Phase(NotchRegime.HOLD, 0.0, 0, 95 * KMH), Phase(NotchRegime.BRAKE, 0.0, len(node_m) - 300, 0.0))
+    raw = Schedule(section=limited, phases=phases, known=known_run(limited, np.full(len(node_m), 16.0)), back_share=0.7)
+    shown = Shown(Showing(SETTINGS), raw.settled(0.0, 95 * KMH)[0])
+    shown.at(-20.0, 1000.0, 95 * KMH)
+    told = [shown.at(i, 1300.0 + 28.0 * i, (102 - 0.1 * i) * KMH).now for i in range(30)]
+    coasts = [round(one.speed_mps / KMH) for one in told if one.mode is Regime.COAST]
+    assert sorted(set(coasts)) == [95, 100]
+    assert (coasts[0], coasts[-1]) == (95, 100)
+    assert told[len(coasts)].mode in BRAKES
+
+
 def test_coasting_that_a_brake_ends_says_the_speed_at_which_the_brake_begins() -> None:
     """The schedule coasts to 15 m/s, but this train is faster and comes to the braking curve before."""
     end_m = float(np.interp(-16.0, -section().envelope_mps[-200:], section().node_m[-200:]))
