@@ -87,7 +87,7 @@ MUTANTS = [
     *_of(
         "das/advice/coach/showing.py",
         BRAKES,
-        ("coasting above its end stands", "min(place.limit_mps, ends_mps) if changes else", "place.limit_mps if changes else"),
+        ("coasting above its end stands", "min(place.limit_mps, ends_mps) if by_its_end else", "place.limit_mps if by_its_end else"),
         ("harder brakes wait", "braked = (less and (wanted.mode in BRAKES or too_fast)) or (wanted.mode in BRAKES and harder)", "braked = less and too_fast"),
         ("brakes are shown late", "soon_m = state.s_m + state.v_mps * leads.get(after.kind, 0.0)", "soon_m = state.s_m - state.v_mps * leads.get(after.kind, 0.0)"),
     ),

@@ -229,7 +229,8 @@ class PhaseNow:
             ends_at_mps = max(ends_at_mps, ends_mps)  # There the brake begins.
         highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
         young = self._scene.shown_s < self._settings.least_shown_s
-        goes_on = shown.mode is Regime.COAST and (young or shown.speed_mps <= highest + SAME_READING_MPS)
+        most_mps = place.limit_mps if young else highest
+        goes_on = shown.mode is Regime.COAST and shown.speed_mps <= most_mps + SAME_READING_MPS
         told = shown.speed_mps if goes_on else target
         ends_soon = end_m - here_m < state.v_mps * COASTS_ON_S
         misses_mps = abs(ends_mps - told)

@@ -82,7 +82,7 @@ class Showing:
         self._schedule, self._shown = None, Instruction()
 
     def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Take note of the instruction that was shown at a moment (ns), if it is not the one chosen here."""
+        """Take note of a brake that was shown at a moment (ns) though none was chosen; other acts do not last."""
         if now.mode not in BRAKES or self._shown.mode in BRAKES:
             return
         self._shown, self.changes, self._brake_begun = now, self.changes._replace(last_ns=now_ns), True
@@ -283,8 +283,8 @@ class Showing:
             wanted = Instruction(mode=Regime.CRUISE, speed_mps=wanted.speed_mps)
         held_s = (state.now_ns - self.changes.last_ns) * NS
         settled = shown.mode in (Regime.NONE, Regime.STOP) or not 0 <= held_s < self._settings.least_shown_s
-        changes = shown.mode is Regime.COAST and (settled or wanted.mode is not Regime.COAST)
-        highest_mps = min(place.limit_mps, ends_mps) if changes else place.limit_mps
+        by_its_end = shown.mode is Regime.COAST and (settled or wanted.mode is not Regime.COAST)
+        highest_mps = min(place.limit_mps, ends_mps) if by_its_end else place.limit_mps
         too_high = shown.speed_mps > highest_mps + SAME_READING_MPS
         same = _alike(wanted, shown) and not too_high
         if same and (wanted.effort_ratio == shown.effort_ratio or wanted.mode is Regime.CRUISE):

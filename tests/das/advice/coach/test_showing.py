@@ -19,7 +19,7 @@ from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import ShownBrakes, SpeedsAllowed, brake_of
 from das.advice.goal import TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.shown import TARGET_STEP_MPS
+from das.advice.shown import SAME_READING_MPS, TARGET_STEP_MPS
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
 from das.solver.few_switch.few_switch import NotchRegime
@@ -726,6 +726,14 @@ def test_coasting_does_not_stand_to_a_speed_that_the_end_of_its_phase_does_not_a
     assert allowed < 20.0
     holds = shown_of((NotchRegime.HOLD, 0.0, 15.0), (NotchRegime.BRAKE, end_m, 0.0), showing=coasts.showing)
     assert holds.at(1.0, 4530.0, 15.0).now.mode is Regime.CRUISE
+
+
+def test_coasting_does_not_stand_to_a_speed_above_the_limit_of_its_place() -> None:
+    """However short a time it has been shown."""
+    coasts = shown_of((NotchRegime.COAST, 0.0, 25.0), (NotchRegime.BRAKE, 4700.0, 0.0))
+    assert coasts.at(0.0, 4500.0, 25.0).now.speed_mps == pytest.approx(25.0)
+    now = coasts.at(1.0, 4520.0, 15.0, SpeedsAllowed(18.0, 18.0)).now
+    assert now.speed_mps <= 18.0 + SAME_READING_MPS
 
 
 def test_coasting_that_leads_to_another_speed_says_that_speed() -> None:
