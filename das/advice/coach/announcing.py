@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.coach.shown_brakes import SAME_MPS, ShownBrakes, announced_brake
-from das.advice.goal import TrainState
+from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, FULL_RATIO, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import TARGET_STEP_MPS
 from das.domain.units import NS
+from das.solver.few_switch.as_run import HARDLY_MPS
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.in_steps import rounded_mps
 from das.solver.few_switch.schedule import Schedule
@@ -58,6 +59,10 @@ class Notices:
                 since_ns, said_s = before.get(kind, (now_ns, due_s))
                 self._said[kind] = (since_ns if abs(due_s - said_s) < SAME_CHANGE_S else now_ns, due_s)
 
+    def due_in_s(self, kind: InstructionKind, now_ns: int) -> float:
+        """In what time (s) a change to a kind is due, as announced last; infinity if none has been announced."""
+        return self._said[kind][1] - now_ns * NS if kind in self._said else math.inf
+
     def lacks_s(self, kind: InstructionKind, now_ns: int, in_s: float) -> float:
         """How much longer (s) a change to a kind must be announced before it may be due; it is due in `in_s` at best.
 
@@ -95,8 +100,12 @@ class Announcing:
                 continue
             if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
                 continue  # The train is slower than the schedule.
-            shown = self.announced(schedule, k)
-            found.append(replace(shown, way_m=begins_m - s_m, in_s=foreseen.time_s(begins_m)))
+            shown = replace(self.announced(schedule, k), way_m=begins_m - s_m)
+            if one.kind is NotchRegime.TRACTION and before.kind in (NotchRegime.HOLD, NotchRegime.TRACTION):
+                nearly = foreseen.speed_mps(begins_m) > shown.speed_mps - HARDLY_MPS
+                # At its limit, the train accelerates only where the limit rises.
+                shown = (_at_rise(schedule, k, s_m) if nearly else None) or shown
+            found.append(replace(shown, in_s=foreseen.time_s(s_m + shown.way_m)))
         return tuple(found)
 
     def announced(self, schedule: Schedule, number: int) -> Instruction:
@@ -148,8 +157,9 @@ def in_time(
         speeds_mps = brakes.slowing_mps(now, state, from_m)
     elif now.mode is Regime.COAST:  # A driver who rolls up to a limit is told to hold it.
         speeds_mps = np.minimum(speeds_mps, ahead.section.limit_mps[-len(speeds_mps) :])
-    else:
-        speeds_mps = np.full(len(speeds_mps), max(now.speed_mps, v_mps))
+    else:  # A driver who is hardly too fast holds the speed shown from here on.
+        too_fast = v_mps > now.speed_mps + OVERSPEED_MPS
+        speeds_mps = np.full(len(speeds_mps), v_mps if too_fast else now.speed_mps)
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     before_m = state.s_m + following[0].way_m if following else math.inf
     brake: Instruction | None

@@ -204,9 +204,10 @@ class PhaseNow:
     def _rolls_back_to(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
         """The speed to which a train coasts back: that to hold, or a higher one if it must brake before."""
         _, ends_mps = self._coast_ends(schedule, number, state)
-        shown = self._scene.shown
-        told = shown.speed_mps if shown.mode is Regime.COAST and shown.speed_mps > target else target
-        if self._scene.shown_s < self._settings.least_shown_s or ends_mps <= told + COAST_MISSES_MPS:
+        shown, young = self._scene.shown, self._scene.shown_s < self._settings.least_shown_s
+        goes_on = shown.mode is Regime.COAST and shown.speed_mps > target and (young or state.v_mps > shown.speed_mps)
+        told = shown.speed_mps if goes_on else target
+        if young or ends_mps <= told + COAST_MISSES_MPS:
             return told
         return told_mps(ends_mps, schedule.section, state.v_mps)
 

@@ -309,9 +309,25 @@ class Showing:
         eased = shown.mode in BRAKES and (self._phase.back in (ROLLS, CREEPS) or self._eased(shown, wanted, state))
         at_once = braked or released or above or eased or rolls_on or (slower and settled)
         at_once |= urgent and (settled or shown.mode in BRAKES or not self._stands(state, place))
-        if at_once or (settled and self._is_announced(wanted, state, begins_s)):
+        if at_once or (settled and not self._goes_on(wanted, state) and self._is_announced(wanted, state, begins_s)):
             self._shown, self.changes = wanted, self.changes._replace(last_ns=state.now_ns)
+        elif not settled:
+            self._announce_still(wanted, state, self._settings.least_shown_s - held_s)
         return self._shown
+
+    def _goes_on(self, wanted: Instruction, state: TrainState) -> bool:
+        """Whether an acceleration to the speed shown goes on to a higher one, so soon that this one is not held."""
+        if self._shown.mode not in TRACTION or not _reaches(wanted, self._shown):
+            return False
+        return 0.0 <= self._notices.due_in_s(InstructionKind.TRACTION, state.now_ns) < self._settings.least_shown_s
+
+    def _announce_still(self, wanted: Instruction, state: TrainState, in_s: float) -> None:
+        """Announce a change further on that was announced early enough, but must wait until what is shown has stood."""
+        kind = KIND_OF.get(wanted.mode)
+        if kind is None or kind is KIND_OF.get(self._shown.mode) or _reaches(wanted, self._shown):
+            return
+        if self._notices.lacks_s(kind, state.now_ns, in_s) <= 0.0:
+            self._unannounced = replace(wanted, way_m=in_s * state.v_mps, in_s=in_s)
 
     def _stands(self, state: TrainState, place: SpeedsAllowed) -> bool:
         """Whether what is shown, no brake, is still safe: neither the limit here nor a brake ahead asks for less."""

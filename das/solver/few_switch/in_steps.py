@@ -26,6 +26,9 @@ EARLY_S = 1.0
 NEAR_LIMIT_MPS = 0.2
 """A speed this near (m/s) to a limit is that of the limit."""
 
+ROLLS_MPS = 1.5 * KMH
+"""A train that stays faster than the speed to hold by more than this (m/s) rolls, as down a hill, and holds nothing."""
+
 
 class Choice(Enum):
     """Which of the two steps around a speed to take."""
@@ -151,10 +154,13 @@ def _around(found: Scheduled, first: int, last: int, step_mps: float) -> tuple[f
 def _with_speed(
     found: Scheduled, first: int, last: int, speed_mps: float, s_m: float, v_mps: float
 ) -> Scheduled | None:
-    """The schedule with another speed in some phases; None if the train stalls with it."""
+    """The schedule with another speed in some phases; None if the train stalls with it, or rolls faster throughout."""
     phases = list(found.schedule.phases)
     phases[first : last + 1] = [one._replace(target_mps=speed_mps) for one in phases[first : last + 1]]
     try:
-        return Scheduled(*replace(found.schedule, phases=tuple(phases)).settled(s_m, v_mps), found.lambda_w)
+        tried = Scheduled(*replace(found.schedule, phases=tuple(phases)).settled(s_m, v_mps), found.lambda_w)
     except InfeasibleError:
         return None
+    held_mps = tried.forecast.speeds_mps[phases[last].begin : ends_of(phases, tried.schedule.run)[last] + 1]
+    rolls = phases[last].kind is NotchRegime.HOLD and (held_mps > speed_mps + ROLLS_MPS).any()
+    return None if rolls and not (held_mps <= speed_mps + ROLLS_MPS).any() else tried

@@ -763,6 +763,68 @@ def test_coasting_back_that_a_limit_ends_says_the_speed_where_it_brakes() -> Non
     assert told[len(coasts)].mode in BRAKES
 
 
+def test_coasting_back_beyond_the_speed_told_says_the_speed_that_is_then_held() -> None:
+    coasts = shown_of((NotchRegime.COAST, 0.0, 95 * KMH), (NotchRegime.BRAKE, 2050.0, 80 * KMH))
+    assert coasts.at(0.0, 1300.0, 98 * KMH).now.speed_mps == pytest.approx(95 * KMH)
+    holds = shown_of((NotchRegime.HOLD, 0.0, 90 * KMH), (NotchRegime.BRAKE, 4700.0, 0.0), showing=coasts.showing)
+    told = [holds.at(10.0 + i, 1550.0 + 26.0 * i, (97 - 0.25 * i) * KMH).now for i in range(40)]
+    said = [(one.mode, round(one.speed_mps / KMH)) for one in told]
+    assert set(said[:8]) == {(Regime.COAST, 95)}
+    assert set(said[8:24]) == {(Regime.COAST, 90)}
+    assert said[-1] == (Regime.CRUISE, 90)
+
+
+def at_rising_limit(*phases: tuple[NotchRegime, float, float]) -> Shown:
+    """A schedule of these phases (kind, place in m, km/h) where the limit rises from 80 to 100 km/h, at km 29.92."""
+    here = section_of(("zurich-luzern", 2))
+    made = tuple(Phase(kind, 1.0, int(np.searchsorted(here.node_m, at_m)), v * KMH) for kind, at_m, v in phases)
+    known = known_run(here, np.full(len(here.node_m), 80 * KMH))
+    return Shown(Showing(SETTINGS), Schedule(section=here, phases=made, known=known, back_share=0.7))
+
+
+RISES_M = 29920.0
+BELOW_RISE = SpeedsAllowed(80 * KMH, 80 * KMH)
+
+
+def test_an_acceleration_that_its_limit_does_not_allow_yet_is_announced_where_the_limit_rises() -> None:
+    """A train at its limit is not told to accelerate to that limit; a slower one is."""
+    rises = at_rising_limit((NotchRegime.HOLD, 29000.0, 80), (NotchRegime.TRACTION, RISES_M - 200.0, 100))
+    for v_kmh, told_kmh, ahead_m in ((79, 100, 400.0), (70, 80, 200.0)):
+        times_s = np.array([0.0, 1000.0 / (v_kmh * KMH)])
+        at_m = RISES_M - 400.0 + np.array([0.0, 1000.0])
+        foreseen = Foreseen(times_s, at_m, np.full(2, v_kmh * KMH), as_shown=True)
+        first = Announcing(2).following(rises.schedule, 0, RISES_M - 400.0, foreseen)[0]
+        assert first.mode in TRACTION
+        assert first.speed_mps == pytest.approx(told_kmh * KMH)
+        assert first.way_m == pytest.approx(ahead_m, abs=60.0)
+
+
+def test_an_acceleration_goes_on_where_the_next_one_follows_within_8_s() -> None:
+    """Otherwise its speed would have to be held for 8 s, and the train would accelerate too late behind the board."""
+    for left_s, mode in ((4.0, Regime.FULL_TRACTION), (20.0, Regime.CRUISE)):
+        rises = at_rising_limit((NotchRegime.TRACTION, 28800.0, 100))
+        begins_m = RISES_M - (left_s + 12.0) * 78.4 * KMH
+        for i in range(13):
+            now = rises.at(float(i), begins_m + 78.4 * KMH * i, (70 + 0.7 * i) * KMH, BELOW_RISE).now
+        assert now.speed_mps == pytest.approx(80 * KMH)
+        assert now.mode is mode
+
+
+def test_an_announced_change_that_waits_for_what_is_shown_to_have_stood_stays_announced() -> None:
+    begins_m = 2000.0
+    rises = shown_of(
+        (NotchRegime.COAST, 0.0, 20.0),
+        (NotchRegime.HOLD, begins_m - 120.0, 20.0),
+        (NotchRegime.TRACTION, begins_m, 25.0),
+    )
+    shown = [rises.at(float(i), begins_m - 300.0 + 20.0 * i, 20.0) for i in range(25)]
+    held = next(i for i, one in enumerate(shown) if one.now.mode is Regime.CRUISE)
+    begun = next(i for i, one in enumerate(shown) if one.now.mode in TRACTION)
+    assert begun - held == round(SETTINGS.least_shown_s)
+    assert all(one.following[0].mode in TRACTION for one in shown[held:begun])
+    assert shown[begun - 2].following[0].in_s == pytest.approx(2.0, abs=0.5)
+
+
 def test_coasting_that_a_brake_ends_says_the_speed_at_which_the_brake_begins() -> None:
     """The schedule coasts to 15 m/s, but this train is faster and comes to the braking curve before."""
     end_m = float(np.interp(-16.0, -section().envelope_mps[-200:], section().node_m[-200:]))
@@ -1127,3 +1189,14 @@ def test_to_a_driver_who_holds_a_speed_neither_a_brake_to_it_nor_the_same_again_
     )
     found = allowed(in_time(coming, holds, brakes, state, foreseen), holds, state.s_m, here)
     assert [round(one.speed_mps / KMH) for one in found] == [60]
+
+
+def test_a_driver_hardly_above_the_speed_to_hold_is_announced_the_brake_from_that_speed() -> None:
+    """57 m before 80 km/h, at 80.9 km/h: the brake to 60 km/h, 900 m on, is announced for there, not for now."""
+    here, v_mps = section_of(("zurich-luzern", 2)), 80.9 * KMH
+    brakes, state = ShownBrakes(here, SETTINGS), TrainState(0, 54243.0, v_mps)
+    ahead_m = np.array([0.0, 60.0, 900.0])
+    foreseen = Foreseen(ahead_m / v_mps, state.s_m + ahead_m, np.full(3, v_mps), as_shown=False)
+    found = in_time((), Instruction(mode=Regime.CRUISE, speed_mps=80 * KMH), brakes, state, foreseen)
+    assert found[0].speed_mps == pytest.approx(60 * KMH)
+    assert found[0].way_m > 300.0

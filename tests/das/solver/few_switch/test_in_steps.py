@@ -51,6 +51,19 @@ def test_the_lower_step_is_never_faster_and_the_higher_never_slower(which: Which
         assert sign * (after.forecast.time_s - before.forecast.time_s) >= -0.1
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("which", BUNDLED)
+def test_no_speed_to_hold_is_told_to_a_train_that_rolls_faster_all_the_way(which: Which) -> None:
+    """Where it would, as down a slight descent, the higher step is taken: who holds the lower one would brake."""
+    for buffer_ratio in (0.04, 0.06, 0.08, 0.1, 0.12):
+        _, after, _ = rounded(which, buffer_ratio, Choice.CHEAPER)
+        phases, speeds_mps = after.schedule.phases, after.forecast.speeds_mps
+        ends = [*(one.begin for one in phases[1:]), len(speeds_mps) - 1]
+        for one, end in zip(phases, ends, strict=True):
+            if one.kind is NotchRegime.HOLD:
+                assert speeds_mps[one.begin : end + 1].min() <= one.target_mps + 0.5 * STEP_MPS
+
+
 def test_a_speed_at_the_end_of_a_phase_is_a_limit_or_a_step_that_is_allowed() -> None:
     for speed, limit, highest, told in (
         (98.0, 100.0, 100.0, 100.0), (97.0, 100.0, 100.0, 95.0), (36.5, 36.9, 36.9, 36.9), (35.2, 36.9, 36.9, 35.0),
