@@ -32,6 +32,8 @@ COAST_MISSES_MPS: Final = 5.5 * KMH
 """Coasting that ends further than this from its speed has missed it."""
 LEAST_COAST_S: Final = 5.0
 """Coasting is judged only if the train has coasted for at least this long (s), and for half of the time shown."""
+ENDED_S: Final = 3.0
+"""A driver whose train has not coasted for this long (s) has ended the coasting himself: it has missed nothing."""
 ROLLS_N: Final = 2000.0
 """A train whose wheel force is smaller than this coasts."""
 PROMISED_S: Final = 8.0
@@ -208,7 +210,7 @@ class InstructionWatch:
         self._now: _Told | None = None
         self._at_s = -math.inf
         self._announced: deque[tuple[float, InstructionKind, float]] = deque(maxlen=2 * REMEMBERED)
-        self._coasted_s = 0
+        self._coasted_s = self._driven_s = 0
         self._reliance = _RelianceWatch()
 
     @property
@@ -230,7 +232,9 @@ class InstructionWatch:
             return
         if before is None or told.seen != before.seen:
             self._changed(before, told, advice)
-        self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
+        coasts = told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
+        self._coasted_s += coasts
+        self._driven_s = 0 if coasts else self._driven_s + 1
         for one in advice.coach.following:
             kind = KIND_OF.get(int(one.mode))
             if kind is not None:
@@ -238,7 +242,8 @@ class InstructionWatch:
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         """Count a new instruction, and judge the one that it replaces."""
-        counts, self._now, coasted_s = self._counts, told, self._coasted_s
+        counts, self._now = self._counts, told
+        coasted_s = self._coasted_s if self._driven_s < ENDED_S else 0
         self._coasted_s = 0
         counts["instructions"] += 1
         counts["odd_speeds"] += _is_odd(told, advice)

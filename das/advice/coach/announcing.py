@@ -162,11 +162,11 @@ def in_time(
         speeds_mps = np.full(len(speeds_mps), v_mps if too_fast else now.speed_mps)
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     before_m = state.s_m + following[0].way_m if following else math.inf
-    brake: Instruction | None
-    if following and following[0].mode in BRAKES:
-        begins_m, brake, after = min(begins_m, before_m), following[0], following[1:]
+    planned = following[0] if following and following[0].mode in BRAKES else None
+    brake = brakes.brake_at(begins_m, speeds_mps) if begins_m < before_m - BEGUN_M else None
+    if planned is not None and (brake is None or brake.speed_mps < planned.speed_mps + SAME_MPS):
+        begins_m, brake, after = min(begins_m, before_m), planned, following[1:]
     else:
-        brake = brakes.brake_at(begins_m, speeds_mps) if begins_m < before_m - BEGUN_M else None
         after, foreseen = following[:1], foreseen._replace(as_shown=False)
     if brake is None or _holds_already(now, brake):
         return following

@@ -239,14 +239,16 @@ class PhaseNow:
             return told
         if ends_soon and schedule.kind_after(number) is NotchRegime.HOLD:
             goes_to_mps = aim_mps(schedule, number + 1)
-            near = ends_mps - MISSES_MOST_MPS <= goes_to_mps
+            near = ends_mps - COAST_MISSES_MPS <= goes_to_mps
             if goes_to_mps <= min(ends_mps, highest) and (near or self._rolls_back(state, ends_mps - goes_to_mps)):
                 return goes_to_mps  # The train coasts on to the speed that it then holds.
         if misses_mps <= COAST_MISSES_MPS:
             return told
         leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
         # The speed where a brake begins varies: a step just below it would not stand.
-        return told_mps(leads_mps, schedule.section, highest - (SAME_READING_MPS if is_braked else 0.0))
+        lower_mps = told_mps(leads_mps, schedule.section, highest - (SAME_READING_MPS if is_braked else 0.0))
+        misses = ends_mps - lower_mps > COAST_MISSES_MPS
+        return told_mps(ends_mps, schedule.section, highest + SAME_READING_MPS) if misses and is_braked else lower_mps
 
     def _coast_ends(self, schedule: Schedule, number: int, state: TrainState) -> tuple[float, float]:
         """Where the coasting of a phase ends (m), and the speed there (m/s); if not begun, from the present speed.
@@ -304,7 +306,7 @@ class PhaseNow:
         if not slows and self.back == 0 and self._scene.brakes.ahead.is_due(state.braked_m, v_mps, CREEPS_FOR_S):
             may_roll = False
         elif not slows and self.back == 0 and may_roll and has_begun and eased < settings.brake.easing_ratio:
-            may_roll = self._has_said_creeping(state) or eased < settings.brake.short_ratio
+            may_roll = self._has_said_creeping(state, way_m) or eased < settings.brake.short_ratio
         if self.back == 0 and eased < settings.brake.early_ratio and may_roll and has_begun:
             self.back, self._creeps_mps = (ROLLS, 0.0) if slows else (CREEPS, self._low_mps(v_mps))
         elif self.back < 0 and (
@@ -323,11 +325,15 @@ class PhaseNow:
         brake = self._scene.brakes.needed(schedule, number, state, target, begun=self._scene.brake_begun)
         return self._scene.brakes.shown(brake, state, schedule.begin_m(number))
 
-    def _has_said_creeping(self, state: TrainState) -> bool:
-        """Announce holding a low speed to a driver who brakes too much for his stop; whether that was done in time."""
+    def _has_said_creeping(self, state: TrainState, left_m: float) -> bool:
+        """Whether holding a low speed has been announced in time to a driver who brakes too much for his stop.
+
+        If not, it is announced from now on, unless he will brake by eye by then.
+        """
         lacks_s = self._scene.notices.lacks_s(InstructionKind.HOLD, state.now_ns, 0.0)
         low_mps, way_m = self._low_mps(state.v_mps), lacks_s * state.v_mps
-        self.creeping_soon = Instruction(mode=Regime.CRUISE, speed_mps=low_mps, way_m=way_m, in_s=lacks_s)
+        if left_m - way_m >= STOP_BY_EYE_M:
+            self.creeping_soon = Instruction(mode=Regime.CRUISE, speed_mps=low_mps, way_m=way_m, in_s=lacks_s)
         return lacks_s <= 0.0
 
     def _low_mps(self, v_mps: float) -> float:

@@ -483,6 +483,18 @@ def test_who_brakes_too_much_near_the_stop_goes_on_by_eye(display: Shown) -> Non
     assert display.at(60.0, end_m - 4.0, 3.0).now.mode in BRAKES
 
 
+def test_no_low_speed_is_announced_for_where_the_driver_brakes_by_eye(display: Shown) -> None:
+    """At 40 km/h, 380 m before the stop, he would be told so in 8 s; by then he is less than 300 m before it."""
+    end_m, rate = section().end_m, display.schedule.braking_mps2(3)
+    for left_m, announced in ((380.0, False), (480.0, True)):
+        v_mps = math.sqrt(2.0 * 0.6 * rate * left_m)
+        display.showing.forget()
+        display.at(0.0, end_m - left_m - 60.0, math.sqrt(2.0 * rate * (left_m + 60.0)))
+        found = display.at(10.0, end_m - left_m, v_mps)
+        assert found.now.mode in BRAKES
+        assert bool(found.following) is announced, left_m
+
+
 def test_a_low_speed_to_hold_before_a_stop_is_one_speed(display: Shown) -> None:
     """A driver who keeps it within half a km/h is not told to hold a lower one."""
     end_m, rate = section().end_m, display.schedule.braking_mps2(3)
@@ -1200,3 +1212,17 @@ def test_a_driver_hardly_above_the_speed_to_hold_is_announced_the_brake_from_tha
     found = in_time((), Instruction(mode=Regime.CRUISE, speed_mps=80 * KMH), brakes, state, foreseen)
     assert found[0].speed_mps == pytest.approx(60 * KMH)
     assert found[0].way_m > 300.0
+
+
+def test_a_brake_that_comes_before_the_one_of_the_schedule_is_announced_with_its_own_speed() -> None:
+    """At 87 km/h, 300 m before 80 km/h, the schedule brakes to 60 km/h 1 km on: a brake to 80 km/h comes before."""
+    here, v_mps = section_of(("zurich-luzern", 2)), 87 * KMH
+    brakes, state = ShownBrakes(here, SETTINGS), TrainState(0, 54000.0, v_mps)
+    ahead_m = np.array([0.0, 1500.0])
+    foreseen = Foreseen(ahead_m / v_mps, state.s_m + ahead_m, np.full(2, v_mps), as_shown=False)
+    to_60 = replace(brake_of(0.4, 60 * KMH), way_m=1100.0, in_s=45.0)
+    coasts = Instruction(mode=Regime.COAST, speed_mps=70 * KMH, effort_ratio=0.0)
+    found = in_time((to_60,), coasts, brakes, state, foreseen)
+    assert [round(one.speed_mps / KMH) for one in found] == [80, 60]
+    assert found[0].way_m < 300.0
+    assert found[1] == to_60
