@@ -46,8 +46,8 @@ MOVING_MPS: Final = 0.3
 """A train slower than this stands."""
 REMEMBERED: Final = 60
 """The announcements of this many seconds are remembered."""
-GAP_S: Final = 3.0
-"""Two advices that are further apart than this (s) are not compared."""
+GAP_S: Final = 2.5
+"""Two advices that are further apart than this (s), as while the node restarts, are not compared."""
 
 
 class _Told(NamedTuple):
