@@ -82,7 +82,7 @@ MUTANTS = [
         BRAKES,
         ("a brake that has begun is announced", "first.speed_mps > now.speed_mps - SAME_MPS:", "first.speed_mps > 9.0 * now.speed_mps:"),
         ("named: aim without the cap of the curve", "limit_mps, min(highest, limit_mps))", "limit_mps, math.inf)"),
-        ("a brake that follows is announced late", "begins_m, brake, after = min(begins_m, before_m), following[0]", "begins_m, brake, after = before_m, following[0]"),
+        ("a brake that follows is announced late", "begins_m, brake, after = min(begins_m, before_m), planned", "begins_m, brake, after = before_m, planned"),
     ),
     *_of(
         "das/advice/coach/showing.py",
