@@ -253,10 +253,12 @@ class PhaseNow:
     def _coast_ends(self, schedule: Schedule, number: int, state: TrainState) -> tuple[float, float]:
         """Where the coasting of a phase ends (m), and the speed there (m/s); if not begun, from the present speed.
 
-        It ends with the phase, or where the train must brake before: by more than a driver would hold a limit with.
+        It ends with the phase, or where the train must brake before: by more than a driver would hold a limit with. A
+        driver who rolls up to a limit holds it.
         """
         brakes, from_m = self._scene.brakes, max(state.s_m, schedule.begin_m(number))
         speeds_mps, end_m = brakes.ahead.rolling_mps(from_m, state.v_mps), schedule.begin_m(number + 1)
+        speeds_mps = np.minimum(speeds_mps, schedule.section.limit_mps[-len(speeds_mps) :])
         nodes_m = np.append(from_m, schedule.section.node_m[-len(speeds_mps) :])
         passes_mps = np.append(state.v_mps, speeds_mps)
         brakes_m = max(brakes.ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
