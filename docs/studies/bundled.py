@@ -28,6 +28,8 @@ PICTURES: Final = {
     "presentations": "experiment-report",
 }
 """The studies, and the picture of each one's report."""
+LEAST_P: Final = 0.001
+"""A smaller p is not told more exactly."""
 COLUMNS: Final = {
     "pacing": {
         "gap_to_optimum_ratio": "gap, %", "advice_changes_per_min": "advice changes a minute",
@@ -66,7 +68,8 @@ def differences_table(result: Mapping[str, Any]) -> Iterator[str]:
         mean, low, high = (figure(one["measure"], value, sign="+") for value in (one["mean"], *one["interval"]))
         name = one["name"].replace("|", "/")
         decided = "yes" if one["stands_out"] else "no"
-        yield f"| {name} | {mean}{unit} | {low} to {high} | {one['p_corrected']:.3f} | {decided} |"
+        p = f"{one['p_corrected']:.3f}" if one["p_corrected"] >= LEAST_P else f"< {LEAST_P}"
+        yield f"| {name} | {mean}{unit} | {low} to {high} | {p} | {decided} |"
 
 
 def figure(measure: str, value: float | None, sign: str = "") -> str:
