@@ -40,7 +40,7 @@ def test_conditions_have_the_means_of_their_measures() -> None:
 
 def test_differences_have_interval_and_decision() -> None:
     assert list(differences_table(RESULT))[2:] == [
-        "| none - vector | +8.5 points | +6.1 to +11.0 | 0.000 | yes |",
+        "| none - vector | +8.5 points | +6.1 to +11.0 | < 0.001 | yes |",
         "| moves | -0.6 | -1.3 to +0.1 | 0.081 | no |",
     ]
 
