@@ -79,9 +79,9 @@ MEANINGS = {
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
     EnergyCause.AS_ADVISED: "The advice was followed. To hold and mend it, and to brake as in service, costs energy.",
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
-    EnergyCause.FRICTION: "The friction brake took what the motors could have fed back: a habit, or its control.",
+    EnergyCause.FRICTION: "The friction brake took what the motors could have fed back: habit, or the brakes' control.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
-    EnergyCause.RESTRICTION: "Restrictions that the optimum does not know were received or lifted.",
+    EnergyCause.RESTRICTION: "A temporary restriction was received or ended here; the optimum does not know it.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",
     EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
@@ -91,7 +91,7 @@ MEANINGS = {
 NEXT_TIME: Final = {
     EnergyCause.TOO_FAST: "Next time: take off traction sooner.",
     EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
-    EnergyCause.TOO_SLOW: "Next time: accelerate harder and brake later here.",
+    EnergyCause.TOO_SLOW: "Next time: give more effort here, or brake later.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
     EnergyCause.FRICTION: "Next time: brake sooner and less hard, with the motors alone.",
@@ -100,7 +100,6 @@ NOT_THE_DRIVERS: Final = "There is little for the driver to do otherwise."
 """What is said of a cause that is not in `NEXT_TIME`."""
 BY_SPEED: Final = frozenset(
     {EnergyCause.TOO_FAST, EnergyCause.LATE_COASTING, EnergyCause.TOO_SLOW, EnergyCause.AGAINST_ADVICE}
-    | {EnergyCause.LATENESS}
 )
 """Causes about the speed at which the train was driven."""
 

@@ -151,7 +151,7 @@ def _over_limit(drive: Drive) -> PageFigure:
         return PageFigure(name, f"{found.over_limit_s:.0f} s", f"by up to {kmh(found.over_limit_mps):.0f} km/h")
     if not drive.limit_known:
         return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along")
-    return PageFigure(name, "0 s", "every limit was kept, within 1 km/h")
+    return PageFigure(name, "0 s", "no limit was exceeded by more than 1 km/h")
 
 
 def findings(drive: Drive) -> tuple[DriveFinding, ...]:
@@ -220,7 +220,7 @@ def _energy_findings(attribution: Attribution) -> Iterator[DriveFinding]:
 def _speeds(worst: CauseStretch) -> str:
     """How fast the train and the optimum ran on a stretch, in a sentence."""
     driven, best = (kmh((worst.end_m - worst.start_m) / one) for one in (worst.driven_s, worst.optimum_s))
-    return f" Mean speed there {driven:.0f} km/h, of the best drive {best:.0f} km/h."
+    return f" Mean speed there {driven:.0f} km/h, {best:.0f} km/h in the best drive."
 
 
 def how_sure(drive: Drive) -> list[str]:
@@ -259,8 +259,8 @@ def _train_words(drive: Drive) -> str:
     if drive.attribution is None:
         return "it is that of the vehicle file"
     vehicle = drive.attribution.inputs.vehicle
-    length = f"{vehicle.train_length_m:.0f} m" if vehicle.train_length_m else "of no length"
-    return f"{vehicle.name}, {vehicle.mass_kg / 1000:.0f} t, {length}"
+    length = f", {vehicle.train_length_m:.0f} m" if vehicle.train_length_m else ""
+    return f"{vehicle.name}, {vehicle.mass_kg / 1000:.0f} t{length}"
 
 
 def _range_sure(drive: Drive) -> list[str]:
@@ -268,7 +268,9 @@ def _range_sure(drive: Drive) -> list[str]:
     if drive.above is None or drive.not_comparable:
         return []
     if drive.above.measured and train_known(drive):
-        return ["The energy above the optimum has no range; its division into causes is that of the planned train."]
+        return [
+            "The energy above the optimum has no range; its division into causes is computed with the train as planned."
+        ]
     if drive.measured:
         return ["How far the energy above the optimum depends on that train is not known."]
     if drive.likely is None:
@@ -281,7 +283,9 @@ def _range_sure(drive: Drive) -> list[str]:
         told.append(f"It hangs most on {largest.name} ({largest.assumed}): {band}.")
     if not math.isnan(drive.likely.by_friction_j):
         friction = f"{kwh(drive.likely.by_friction_j):.0f} kWh"
-        told.append(f"All this holds if the motors braked first; by the friction brake alone it is {friction}.")
+        told.append(
+            f"This holds if the motors braked first; if all braking was by friction, {friction} are above the optimum."
+        )
     return told
 
 
@@ -314,22 +318,31 @@ def page_dict(drive: Drive) -> dict[str, Any]:
         "figures": page_figures(drive),
         "findings": [_row(one, drive) for one in findings(drive)],
         "why_none": _why_none(drive),
+        "rest": _rest(drive),
         "how_sure": how_sure(drive),
     }
 
 
 def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:
     here = "" if one.here_j is None else f"{kwh(one.here_j):.1f} kWh of it there"
-    how = "measured" if drive.measured else "computed"
     return {
         "cause": f"{one.label[0].upper()}{one.label[1:]}",
         "text": one.text,
         "next_time": one.next_time,
         "place": one.place,
         "time": drive.clock.of_day(one.start_ns),
-        "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh, {how}",
+        "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh",
         "here": here,
     }
+
+
+def _rest(drive: Drive) -> str:
+    """What the findings leave of the energy above the optimum, in a sentence; empty if there is none to speak of."""
+    told_j = [one.energy_j for one in findings(drive) if one.energy_j is not None]
+    if not told_j or drive.above is None or drive.not_comparable:
+        return ""
+    rest_j = (drive.above.above_j or 0.0) - sum(told_j)
+    return "" if abs(kwh(rest_j)) < 0.1 else f"All other causes, and what cannot be told apart: {kwh(rest_j):+.1f} kWh."
 
 
 def _why_none(drive: Drive) -> str:

@@ -75,16 +75,18 @@ def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any)
         assert set(one["between"]) <= {call.name for call in drive.calls}
         assert f"{escape(shown.place)}, at {drive.clock.of_day(one['time_ns'])}" in html
         assert f"<em>{one['next_time']}</em>" in html
-        speeds = re.search(r"Mean speed there \d+ km/h, of the best drive \d+ km/h\.$", one["text"])
+        speeds = re.search(r"Mean speed there \d+ km/h, \d+ km/h in the best drive\.$", one["text"])
         assert (speeds is not None) == (one["cause"] in BY_SPEED)
         if one["above_optimum_kwh"] is None:
             assert one["cause"] == EventKind.OVERSPEED
             continue
         assert one["above_optimum_kwh"] == causes[one["cause"]]
-        assert f"<b>{one['above_optimum_kwh']:.1f} kWh, {'measured' if drive.measured else 'computed'}</b>" in html
+        assert f"<b>{one['above_optimum_kwh']:.1f} kWh</b>" in html
     energies = [one["above_optimum_kwh"] for one in listed if one["above_optimum_kwh"] is not None]
     apart = [value for cause, value in causes.items() if cause != EnergyCause.REST]
     assert energies == sorted(apart, reverse=True)[: len(energies)]
+    rest_kwh = told["first_page"]["above_optimum_kwh"] - sum(energies)
+    assert (f"All other causes, and what cannot be told apart: {rest_kwh:+.1f} kWh." in html) == (abs(rest_kwh) >= 0.1)
 
 
 def test_page_one_says_what_happened_in_the_times_of_the_line() -> None:
