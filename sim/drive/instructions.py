@@ -32,8 +32,6 @@ COAST_MISSES_MPS: Final = 5.5 * KMH
 """Coasting that ends further than this from its speed has missed it."""
 LEAST_COAST_S: Final = 5.0
 """Coasting is judged only if the train has coasted for at least this long (s), and for half of the time shown."""
-ENDED_S: Final = 3.0
-"""A driver whose train has not coasted for this long (s) has ended the coasting himself: it has missed nothing."""
 ROLLS_N: Final = 2000.0
 """A train whose wheel force is smaller than this coasts."""
 PROMISED_S: Final = 8.0
@@ -46,8 +44,8 @@ MOVING_MPS: Final = 0.3
 """A train slower than this stands."""
 REMEMBERED: Final = 60
 """The announcements of this many seconds are remembered."""
-GAP_S: Final = 2.5
-"""Two advices that are further apart than this (s), as while the node restarts, are not compared."""
+GAP_S: Final = 3.0
+"""Two advices that are further apart than this (s) are not compared."""
 
 
 class _Told(NamedTuple):
@@ -210,7 +208,7 @@ class InstructionWatch:
         self._now: _Told | None = None
         self._at_s = -math.inf
         self._announced: deque[tuple[float, InstructionKind, float]] = deque(maxlen=2 * REMEMBERED)
-        self._coasted_s = self._driven_s = 0
+        self._coasted_s = 0
         self._reliance = _RelianceWatch()
 
     @property
@@ -232,9 +230,7 @@ class InstructionWatch:
             return
         if before is None or told.seen != before.seen:
             self._changed(before, told, advice)
-        coasts = told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
-        self._coasted_s += coasts
-        self._driven_s = 0 if coasts else self._driven_s + 1
+        self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
         for one in advice.coach.following:
             kind = KIND_OF.get(int(one.mode))
             if kind is not None:
@@ -242,8 +238,7 @@ class InstructionWatch:
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         """Count a new instruction, and judge the one that it replaces."""
-        counts, self._now = self._counts, told
-        coasted_s = self._coasted_s if self._driven_s < ENDED_S else 0
+        counts, self._now, coasted_s = self._counts, told, self._coasted_s
         self._coasted_s = 0
         counts["instructions"] += 1
         counts["odd_speeds"] += _is_odd(told, advice)

@@ -25,7 +25,6 @@ EARLY_S = 1.0
 """A schedule that is early by no more than this (s) is slow enough."""
 NEAR_LIMIT_MPS = 0.2
 """A speed this near (m/s) to a limit is that of the limit."""
-
 ROLLS_MPS = 1.5 * KMH
 """A train that stays faster than the speed to hold by more than this (m/s) rolls, as down a hill, and holds nothing."""
 
@@ -162,5 +161,6 @@ def _with_speed(
     except InfeasibleError:
         return None
     held_mps = tried.forecast.speeds_mps[phases[last].begin : ends_of(phases, tried.schedule.run)[last] + 1]
-    rolls = phases[last].kind is NotchRegime.HOLD and (held_mps > speed_mps + ROLLS_MPS).any()
-    return None if rolls and not (held_mps <= speed_mps + ROLLS_MPS).any() else tried
+    faster, slower = held_mps > speed_mps + ROLLS_MPS, held_mps <= speed_mps + ROLLS_MPS  # Behind the train: neither.
+    rolls = phases[last].kind is NotchRegime.HOLD and faster.any() and not slower.any()
+    return None if rolls else tried

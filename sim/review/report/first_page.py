@@ -7,7 +7,7 @@ them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -313,12 +313,13 @@ def first_page_dict(drive: Drive) -> dict[str, Any]:
 
 def page_dict(drive: Drive) -> dict[str, Any]:
     """The first page for its template: texts, without the picture."""
+    found = findings(drive)
     return {
         "happened": what_happened(drive),
         "figures": page_figures(drive),
-        "findings": [_row(one, drive) for one in findings(drive)],
-        "why_none": _why_none(drive),
-        "rest": _rest(drive),
+        "findings": [_row(one, drive) for one in found],
+        "why_none": _why_none(drive, found),
+        "rest": _rest(drive, found),
         "how_sure": how_sure(drive),
     }
 
@@ -336,17 +337,17 @@ def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:
     }
 
 
-def _rest(drive: Drive) -> str:
+def _rest(drive: Drive, found: Sequence[DriveFinding]) -> str:
     """What the findings leave of the energy above the optimum, in a sentence; empty if there is none to speak of."""
-    told_j = [one.energy_j for one in findings(drive) if one.energy_j is not None]
+    told_j = [one.energy_j for one in found if one.energy_j is not None]
     if not told_j or drive.above is None or drive.not_comparable:
         return ""
-    rest_j = (drive.above.above_j or 0.0) - sum(told_j)
-    return "" if abs(kwh(rest_j)) < 0.1 else f"All other causes, and what cannot be told apart: {kwh(rest_j):+.1f} kWh."
+    rest_kwh = kwh((drive.above.above_j or 0.0) - sum(told_j))
+    return "" if abs(rest_kwh) < NAMED_KWH else f"All other causes, and what cannot be told apart: {rest_kwh:+.1f} kWh."
 
 
-def _why_none(drive: Drive) -> str:
+def _why_none(drive: Drive, found: Sequence[DriveFinding]) -> str:
     """Why the page has no finding about energy; empty if that needs no word."""
     if drive.attribution is None:
         return f"Where the energy went cannot be said: {drive.why_no_attribution}."
-    return "" if findings(drive) else f"No cause took {NAMED_KWH} kWh or more above the optimum."
+    return "" if found else f"No cause took {NAMED_KWH} kWh or more above the optimum."

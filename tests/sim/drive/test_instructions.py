@@ -21,16 +21,9 @@ def told(mode: Regime, kmh: float, in_s: float = 0.0) -> Instruction:
 
 
 def found(
-    *spells: tuple[Instruction, int, float],
-    announce: bool = True,
-    replan_s: int = -1,
-    force_n: float = 0.0,
-    from_left_s: int = 1000,
+    *spells: tuple[Instruction, int, float], announce: bool = True, replan_s: int = -1, force_n: float = 0.0
 ) -> InstructionFigures:
-    """The figures of instructions that stand for a number of seconds at a speed (km/h); each announces the next.
-
-    The train has the wheel force `force_n` in the last `from_left_s` of each instruction.
-    """
+    """The figures of instructions that stand for a number of seconds at a speed (km/h); each announces the next."""
     watch, now_s, s_m = InstructionWatch(), 100, 0.0
     for k, (one, lasts_s, kmh) in enumerate(spells):
         for left_s in range(lasts_s, 0, -1):
@@ -46,7 +39,7 @@ def found(
                 limit_mps=200.0 * KMH,
                 coach=coach,
             )
-            watch.look(advice, force_n if left_s <= from_left_s else 0.0)
+            watch.look(advice, force_n)
             now_s += 1
     return watch.found
 
@@ -83,8 +76,6 @@ def test_coasting_must_end_near_its_speed_unless_its_reference_ended() -> None:
     assert found(*spells, replan_s=110).missed_coasts == 0
     assert found((told(C, 90), 20, 100.0), (told(H, 90), 20, 91.0)).missed_coasts == 0
     assert found(*spells, force_n=5e4).missed_coasts == 0, "its driver did not coast"
-    assert found(*spells, force_n=5e4, from_left_s=2).missed_coasts == 1
-    assert found(*spells, force_n=5e4, from_left_s=3).missed_coasts == 0, "its driver ended it himself"
     assert found((told(C, 60), 20, 100.0), (told(B, 80), 20, 95.0)).missed_coasts == 0, "a limit interrupts it"
 
 

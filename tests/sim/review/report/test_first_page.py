@@ -25,6 +25,7 @@ from sim.drive.limits import signals_passed
 from sim.review.report.figures import first_figure
 from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures, what_happened
 from sim.review.report.page import ReviewedDrive, as_dict, page, subject_of
+from sim.review.report.sentences import NAMED_KWH
 from sim.review.scene import ReviewScene
 from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
 from tests.support.making import das_sim
@@ -86,7 +87,9 @@ def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any)
     apart = [value for cause, value in causes.items() if cause != EnergyCause.REST]
     assert energies == sorted(apart, reverse=True)[: len(energies)]
     rest_kwh = told["first_page"]["above_optimum_kwh"] - sum(energies)
-    assert (f"All other causes, and what cannot be told apart: {rest_kwh:+.1f} kWh." in html) == (abs(rest_kwh) >= 0.1)
+    assert (f"All other causes, and what cannot be told apart: {rest_kwh:+.1f} kWh." in html) == (
+        abs(rest_kwh) >= NAMED_KWH
+    )
 
 
 def test_page_one_says_what_happened_in_the_times_of_the_line() -> None:
