@@ -131,11 +131,16 @@ def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along, theme
     return named
 
 
-def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> None:
+def name_stops(
+    axis: Any,
+    stops: Sequence[tuple[str, float]],
+    theme: Theme,
+    at_points: tuple[float, float] = NAMES_AT_POINTS,
+) -> None:
     """Write the names of stops (name, place on the axis) above the axis, as far as they do not cover each other."""
     low, high = axis.get_xlim()
     letter = LETTER_SHARE * max(1.0, PAGE_WIDTH_IN / axis.figure.get_figwidth())
-    ends = [-1.0] * len(NAMES_AT_POINTS)
+    ends = [-1.0] * len(at_points)
     for name, place in sorted(stops, key=lambda stop: stop[1]):
         share, width = (place - low) / (high - low), letter * (len(name) + 1)
         start = min(max(share - 0.5 * width, 0.0), 1.0 - width)
@@ -144,7 +149,7 @@ def name_stops(axis: Any, stops: Sequence[tuple[str, float]], theme: Theme) -> N
             continue
         ends[row] = start + width
         axis.annotate(
-            name, (start + 0.5 * width, 1.0), (0.0, NAMES_AT_POINTS[row]), xycoords="axes fraction",
+            name, (start + 0.5 * width, 1.0), (0.0, at_points[row]), xycoords="axes fraction",
             textcoords="offset points", ha="center", color=theme.ink, fontsize=SMALL + 1.0,
         )  # fmt: skip
 
@@ -282,24 +287,30 @@ def named(axis: Any, *, x: str = "", y: str = "") -> None:
         axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
 
 
-def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
-    """Draw the legend, of the curves or of `patches` (name → colour), above the axes, where it covers no curve."""
+def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4, below: bool = False) -> None:
+    """Draw the legend, of the curves or of `patches` (name → colour), above or below the axes, not over the curves."""
     looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
     if patches is not None:
         handles = [Patch(color=color, label=name) for name, color in patches.items()]
         looks = {"handles": handles, "ncols": 8, "borderaxespad": 0.1, "handlelength": 1.0, "columnspacing": 1.2}
     if patches is not None or axis.get_legend_handles_labels()[0]:
-        axis.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks
-        )
+        place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.2)} if below else {}
+        looks = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), **looks, **place}
+        axis.legend(frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks)
 
 
-def stops(axis: Any, places: Sequence[tuple[str, float]], *, written: bool = True) -> None:
-    """Mark stops (name, position in m); if `written`, with their names above the axes and the legend."""
+def stops(
+    axis: Any,
+    places: Sequence[tuple[str, float]],
+    *,
+    written: bool = True,
+    at_points: tuple[float, float] = NAMES_AT_POINTS,
+) -> None:
+    """Mark stops (name, position in m); if `written`, with their names above the axes, over a legend there."""
     for _, s_m in places:
         axis.axvline(s_m / KM, color=INK, linewidth=0.6, alpha=0.4)
     if written:
-        name_stops(axis, [(name, s_m / KM) for name, s_m in places], LIGHT)
+        name_stops(axis, [(name, s_m / KM) for name, s_m in places], LIGHT, at_points)
 
 
 def as_image(figure: Figure) -> str:

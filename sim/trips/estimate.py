@@ -191,7 +191,7 @@ _UNKNOWNS: tuple[tuple[str, str, _Ends], ...] = (
     (BRAKING, "electric first … friction alone", ({"all_friction": False}, {"all_friction": True})),
     (
         "smoothing of the record",
-        f"jerk from 1/{ESTIMATE.smoothing_ratio:g} to {ESTIMATE.smoothing_ratio:g} times",
+        f"1/{ESTIMATE.smoothing_ratio:g} to {ESTIMATE.smoothing_ratio:g} times as strong",
         (
             {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 / ESTIMATE.smoothing_ratio},
             {"jerk_psd_m2ps5": SMOOTHING.jerk_psd_m2ps5 * ESTIMATE.smoothing_ratio},

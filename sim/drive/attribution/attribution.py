@@ -367,8 +367,11 @@ class WorstPlace(NamedTuple):
 
 
 DENSE = 2.0
+DENSE_CAUSE = 3.0
 LARGE_SHARE = 0.2
 """A cause is named if it took at least this share of the energy that all causes took on a stretch."""
+LEAST_PART = 0.2
+"""A stretch is named if a cause took at least this part there of what it took on its worst stretch."""
 
 
 def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
@@ -388,7 +391,7 @@ def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
 
 
 class CauseStretch(NamedTuple):
-    """The stretch on which a cause took most: its leg, where (m) and when (ns since 1970) it begins and ends, and the
+    """A stretch on which a cause took energy: its leg, where (m) and when (ns since 1970) it begins and ends, and the
     energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`."""
 
     leg: DrivenLeg
@@ -401,19 +404,21 @@ class CauseStretch(NamedTuple):
     optimum_s: float
 
 
-def worst_stretch(attribution: Attribution, cause: EnergyCause) -> CauseStretch | None:
-    """The stretch on which a cause took most energy above the optimum; None if it took none.
+def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
+    """The stretches, at most so many, on which a cause took most energy above the optimum, the worst first.
 
-    Like a stretch of `worst_places`, it consists of the neighbouring places beyond `DENSE` times the drive's average.
+    They consist of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. A stretch that took less
+    than `LEAST_PART` of what the worst took is left out.
     """
     taken = [leg.by_place(cause) for leg in attribution.legs]
-    usual_j = DENSE * max(float(np.concatenate(taken).mean()), 0.0) if taken else 0.0
+    usual_j = DENSE_CAUSE * max(float(np.concatenate(taken).mean()), 0.0) if taken else 0.0
     found = [
         _stretch(leg, first, last, float(energy_j[first : last + 1].sum()))
         for leg, energy_j in zip(attribution.legs, taken, strict=True)
-        for first, last in _worst_runs(energy_j - usual_j, 1)
+        for first, last in _worst_runs(energy_j - usual_j, most)
     ]
-    return max(found, key=lambda one: one.energy_j, default=None)
+    found.sort(key=lambda one: -one.energy_j)
+    return [one for one in found[:most] if one.energy_j >= LEAST_PART * found[0].energy_j]
 
 
 def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> CauseStretch:

@@ -25,9 +25,9 @@ from sim.recording.opening import WHAT_IF
 class EnergyCause(StrEnum):
     """Why a drive took more energy than the optimum for the same times (docs/explanation/where-the-energy-went.md)."""
 
-    TOO_FAST = "too-fast"
+    TOO_MUCH_EFFORT = "too-much-effort"
     LATE_COASTING = "late-coasting"
-    TOO_SLOW = "too-slow"
+    TOO_LITTLE_EFFORT = "too-little-effort"
     AGAINST_ADVICE = "against-advice"
     AS_ADVISED = "as-advised"
     LATENESS = "lateness"
@@ -57,9 +57,9 @@ class EnergyCause(StrEnum):
 
 
 LABELS = {
-    EnergyCause.TOO_FAST: "too fast early",
+    EnergyCause.TOO_MUCH_EFFORT: "too much effort",
     EnergyCause.LATE_COASTING: "coasting begun late",
-    EnergyCause.TOO_SLOW: "too slow, made up later",
+    EnergyCause.TOO_LITTLE_EFFORT: "too little effort, made up later",
     EnergyCause.AGAINST_ADVICE: "against the advice",
     EnergyCause.AS_ADVISED: "driven as advised",
     EnergyCause.LATENESS: "hurried, and yet late",
@@ -73,15 +73,15 @@ LABELS = {
 }
 
 MEANINGS = {
-    EnergyCause.TOO_FAST: "No advice was shown, and the driver gave more effort than the best continuation would have.",
+    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown, and the driver gave more effort than the best run from there.",
     EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
-    EnergyCause.TOO_SLOW: "No advice was shown, and the driver gave less effort or braked sooner than best.",
+    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown, and the driver gave less effort than the best run from there.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
     EnergyCause.AS_ADVISED: "The advice was followed. To hold and mend it, and to brake as in service, costs energy.",
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
-    EnergyCause.FRICTION: "The friction brake took what the motors could have fed back: habit, or the brakes' control.",
+    EnergyCause.FRICTION: "The friction brake took what the motors could have fed back, by lever or by brake control.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
-    EnergyCause.RESTRICTION: "A temporary restriction was received or ended here; the optimum does not know it.",
+    EnergyCause.RESTRICTION: "From where it was told, the best run takes so much more; the optimum does not know it.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",
     EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
@@ -89,17 +89,18 @@ MEANINGS = {
 }
 
 NEXT_TIME: Final = {
-    EnergyCause.TOO_FAST: "Next time: take off traction sooner.",
+    EnergyCause.TOO_MUCH_EFFORT: "Next time: pull less here, and coast sooner.",
     EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
-    EnergyCause.TOO_SLOW: "Next time: give more effort here, or brake later.",
+    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more here where the limit leaves room, or brake less.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
+    EnergyCause.RESTRICTION: "Nothing here: what the driver did about it is counted under the other causes.",
     EnergyCause.FRICTION: "Next time: brake sooner and less hard, with the motors alone.",
 }
 NOT_THE_DRIVERS: Final = "There is little for the driver to do otherwise."
 """What is said of a cause that is not in `NEXT_TIME`."""
 BY_SPEED: Final = frozenset(
-    {EnergyCause.TOO_FAST, EnergyCause.LATE_COASTING, EnergyCause.TOO_SLOW, EnergyCause.AGAINST_ADVICE}
+    {EnergyCause.TOO_MUCH_EFFORT, EnergyCause.LATE_COASTING, EnergyCause.TOO_LITTLE_EFFORT, EnergyCause.AGAINST_ADVICE}
 )
 """Causes about the speed at which the train was driven."""
 
@@ -323,8 +324,8 @@ def _by_best(now: Moment) -> EnergyCause:
     if now.coasts_to_brake and now.pulls:
         return EnergyCause.LATE_COASTING
     if more > EFFORT_RATIO:
-        return EnergyCause.TOO_FAST
-    return EnergyCause.TOO_SLOW if more < -EFFORT_RATIO else EnergyCause.REST
+        return EnergyCause.TOO_MUCH_EFFORT
+    return EnergyCause.TOO_LITTLE_EFFORT if more < -EFFORT_RATIO else EnergyCause.REST
 
 
 def effort_ratio(run: Trajectory, vehicle: Vehicle, since_s: float) -> float:

@@ -123,7 +123,7 @@ MOST_CUTS = 4000
 
 MISSED_S = 10.0
 """A train that arrives more than this (s) later than the timetable has hurried for the arrival in vain."""
-HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_FAST)
+HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_MUCH_EFFORT)
 """Causes that become lateness if the driver hurried for an arrival that the train then missed."""
 
 

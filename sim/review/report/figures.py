@@ -25,8 +25,10 @@ SPEEDS: Final = ("speed/limit", "speed/same_times", "speed/advised", "speed/show
 """The series of the axis of speed, in drawing order."""
 HEIGHTS_IN: Final = {"speed": 3.2, "modes": 0.22, "deviation": 1.0, "apart": 1.1}
 """Heights (in) of the axes over distance by their quantities, and of a lane of modes."""
-FIRST_IN: Final = (7.2, 2.7)
+FIRST_IN: Final = (7.2, 2.3)
 """Width of the picture on the first page, and height of its axes (in): as on paper, so that its words are readable."""
+NUMBERS_AT: Final = (1.18, 1.12, 1.06)
+"""Heights of the numbers of the findings, as multiples of the highest speed."""
 LEAST_SHARE: Final = 0.004
 """A finding is drawn at least this wide, as a share of the axis."""
 OTHERS: Final = ("speed/same_times", "speed/optimum", "speed/shown", "speed/advised")
@@ -47,24 +49,40 @@ FAINT: Final = 0.45
 def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
     """Speed over distance on the first page: the limit, what was driven, and one trajectory beside it.
 
-    Each finding is a grey stretch with its number.
+    The places of each finding are grey stretches with its number; temporary restrictions are dashed.
     """
     figure, (axis,) = light_figure(FIRST_IN[1:])
     figure.set_figwidth(FIRST_IN[0])
     other = next((trace.name for trace in scene.over_distance(OTHERS)), OTHERS[0])
     for trace in scene.over_distance(("speed/limit", other, "speed/driven")):
         _draw(axis, trace)
+        if trace.name == other:  # told apart in print without colours
+            axis.get_lines()[-1].set_linestyle((0, (4.0, 1.2)))
+    _restrictions(axis, scene)
     top_kmh = max((scene.extent("speed") or (0.0, 0.0))[1], 1.0)
-    axis.set_ylim(0.0, 1.18 * top_kmh)
+    axis.set_ylim(0.0, 1.24 * top_kmh)
     reach_km = (axis.get_xlim()[1] - axis.get_xlim()[0]) * LEAST_SHARE
     for number, one in enumerate(found, start=1):
-        middle_km, half_km = (one.start_m + one.end_m) / 2.0 / KM, max((one.end_m - one.start_m) / KM, reach_km) / 2.0
-        axis.axvspan(middle_km - half_km, middle_km + half_km, color=INK, alpha=0.1, linewidth=0.0)
-        _number(axis, number, middle_km, (1.12, 1.06)[number % 2] * top_kmh, 8.5)
-    stops(axis, _stops(scene))
-    page_legend(axis)
+        for place in one.places:
+            middle_km = (place.start_m + place.end_m) / 2.0 / KM
+            half_km = max((place.end_m - place.start_m) / KM, reach_km) / 2.0
+            axis.axvspan(middle_km - half_km, middle_km + half_km, color=INK, alpha=0.1, linewidth=0.0)
+            _number(axis, number, middle_km, NUMBERS_AT[number - 1] * top_kmh, 8.5)
+    stops(axis, _stops(scene), at_points=(4.0, 16.0))
+    page_legend(axis, below=True)
     named(axis, x="Position (km)", y=QUANTITIES["speed"].title)
     return figure
+
+
+def _restrictions(axis: Any, scene: ReviewScene) -> None:
+    """Draw the temporary restrictions that the train came to, in the colour of the limit, dashed."""
+    for number, one in enumerate(scene.restricted_times()):
+        ends_km, at_kmh = scene.km_at(np.array([one.start_ns, one.end_ns])), np.full(2, kmh(one.limit_mps))
+        axis.plot(ends_km, at_kmh, color=LIGHT.background, linewidth=2.2, zorder=2.6)
+        axis.plot(
+            ends_km, at_kmh, linestyle=(0, (1.5, 1.0)), color=LIGHT.of[Meaning.LIMIT], linewidth=2.2, zorder=2.7,
+            label=None if number else "temporary restriction",
+        )  # fmt: skip
 
 
 def _number(axis: Any, number: int, at_km: float, at_kmh: float, points: float) -> None:

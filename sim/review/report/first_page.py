@@ -13,9 +13,8 @@ from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
-from sim.drive.attribution.attribution import Attribution, CauseStretch, worst_stretch
+from sim.drive.attribution.attribution import CauseStretch, worst_stretches
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
-from sim.drive.attribution.driven_legs import LikelyRange
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
@@ -33,10 +32,17 @@ from sim.review.report.sentences import (
 from sim.trips.estimate import BRAKING
 
 MOST_FINDINGS: Final = 3
+TOLD_KMH: Final = 3.0
+"""Mean speeds that differ by less than this (km/h) are not told."""
+MOST_PLACES: Final = 3
+"""A finding names at most this many places."""
+BY_ADVICE: Final = "The advice aimed at an arrival that the train missed by more than 10 s: not the driver's fault."
+"""What is said of `EnergyCause.LATENESS` where advice was shown."""
 NOT_KNOWN: Final = "not known"
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
 SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
+OPTIMUM: Final = "The optimum has the same times, and knows of no signals and no temporary restrictions."
 MOST_CHANGES: Final = 2
 """The page tells at most this many changes of the lateness, the largest."""
 SIGNAL_PASSED: Final = "signal-passed"
@@ -51,51 +57,85 @@ class PageFigure(NamedTuple):
     beside: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class DriveFinding:
-    """Something for instructor and driver to talk about: its cause, what happened, where, and when.
+class FoundPlace(NamedTuple):
+    """Where and when a finding happened: its ends (m) and their times (ns since 1970), and the stops before and behind.
 
-    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
-    `start` and `end` are the stops before and behind it; `start_m` and `end_m` its ends (m). `energy_j` is the energy
-    above the optimum of the cause over the whole drive (J), `here_j` the part of it between these ends; both are None
-    for a finding about safety, of which no energy is counted. `next_time` says what to do otherwise.
+    `between` is empty if the place does not lie between two stops. `energy_j` is what the cause took there above the
+    optimum (J); None for a finding about safety, of which no energy is counted. `mean_mps` is the mean speed there, as
+    driven and of the optimum (m/s), for a cause about speed.
     """
 
-    code: str
-    label: str
-    text: str
-    start: str
-    end: str
+    between: tuple[str, ...]
     start_m: float
     end_m: float
     start_ns: int
     end_ns: int
-    next_time: str = SAFER
     energy_j: float | None = None
-    here_j: float | None = None
+    mean_mps: tuple[float, float] | None = None
+
+    def words(self, clock: DriveClock, told: tuple[str, ...]) -> str:
+        """Where and when in words; the stops are left out if they were `told`."""
+        start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
+        at = f"km\u00a0{start}" if start == end else f"km\u00a0{start} to {end}"
+        between = "" if not self.between or self.between == told else " between {} and {}".format(*self.between)
+        energy = "" if self.energy_j is None else f", {kwh(self.energy_j):.1f} kWh"
+        return f"{at}{between} ({clock.of_day(self.start_ns)}{energy}{self._speeds})"
 
     @property
-    def place(self) -> str:
-        """From which to which km, and between which stops."""
-        start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
-        at = f"km {start}" if start == end else f"km {start} to {end}"
-        return at if not self.start else f"{at}, between {self.start} and {self.end}"
+    def _speeds(self) -> str:
+        """The mean speeds in words, if they differ by enough to be talked about."""
+        driven, best = (0.0, 0.0) if self.mean_mps is None else map(kmh, self.mean_mps)
+        return "" if abs(driven - best) < TOLD_KMH else f", {driven:.0f} instead of {best:.0f} km/h"
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
-        """The finding for programs: times in s on the drive's clock and in ns since 1970, energies in kWh."""
+        """The place for programs: times in s on the drive's clock and in ns since 1970, the energy in kWh."""
         return {
-            "cause": self.code,
-            "label": self.label,
-            "text": self.text,
-            "next_time": self.next_time,
-            "between": [self.start, self.end] if self.start else None,
+            "between": list(self.between) or None,
             "start_m": self.start_m,
             "end_m": self.end_m,
             "time_ns": self.start_ns,
             "time_s": clock.since_s(self.start_ns),
             "end_s": clock.since_s(self.end_ns),
             "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
-            "above_optimum_here_kwh": None if self.here_j is None else kwh(self.here_j),
+            "mean_speed_mps": None if self.mean_mps is None else self.mean_mps[0],
+            "mean_speed_optimum_mps": None if self.mean_mps is None else self.mean_mps[1],
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveFinding:
+    """Something for instructor and driver to talk about: its cause, what happened, where, and when.
+
+    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
+    `places` are where it happened or took most, the worst first. `energy_j` is the energy above the optimum of the
+    cause over the whole drive (J), None for a finding about safety. `next_time` says what to do otherwise.
+    """
+
+    code: str
+    label: str
+    text: str
+    places: tuple[FoundPlace, ...]
+    next_time: str = SAFER
+    energy_j: float | None = None
+
+    def where(self, clock: DriveClock) -> str:
+        """The places in words."""
+        told: tuple[str, ...] = ()
+        words = []
+        for place in self.places:
+            words.append(place.words(clock, told))
+            told = place.between
+        return "; ".join(words)
+
+    def as_dict(self, clock: DriveClock) -> dict[str, Any]:
+        """The finding for programs, energies in kWh."""
+        return {
+            "cause": self.code,
+            "label": self.label,
+            "text": self.text,
+            "next_time": self.next_time,
+            "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
+            "places": [one.as_dict(clock) for one in self.places],
         }
 
 
@@ -119,9 +159,22 @@ def _arrival(drive: Drive) -> PageFigure:
     name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.clock
     if call is None:
         return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded")
-    times = f"due {clock.of_day(call.due_arrival_ns)}, there {clock.of_day(call.arrived_ns)}"
+    there = f"there {clock.of_day(call.arrived_ns)}"
     early_end = "" if call is drive.calls[-1] else ", the last stop with a known arrival"
-    return PageFigure(name, lateness_text(call.arrived_late_s), f"at {call.name}{early_end}: {times}")
+    if drive.own_timetable:
+        return PageFigure(name, NOT_KNOWN, f"at {call.name}{early_end}: {there}; no timetable was given")
+    beside = f"at {call.name}{early_end}: due {clock.of_day(call.due_arrival_ns)}, {there}{_price(drive, call)}"
+    return PageFigure(name, lateness_text(call.arrived_late_s), beside)
+
+
+def _price(drive: Drive, call: KeptCall) -> str:
+    """What an arrival off the timetable takes or saves at best, in words; empty if that is little or not known."""
+    legs = () if drive.attribution is None or drive.not_comparable else drive.attribution.legs
+    early_j = next((leg.early_j for leg in legs if leg.leg.end.name == call.name), None)
+    if early_j is None or abs(kwh(early_j)) < NAMED_KWH:
+        return ""
+    word = "took" if early_j > 0.0 else "saved"
+    return f"; being {lateness_text(call.arrived_late_s)} {word} {abs(kwh(early_j)):.1f} kWh besides"
 
 
 def _driven(drive: Drive) -> PageFigure:
@@ -137,12 +190,28 @@ def _above(drive: Drive) -> PageFigure:
     name, above = "Energy above the optimum", drive.above
     if above is None or drive.not_comparable:
         return PageFigure(name, NOT_COMPARABLE, drive.not_comparable)
-    likely = "" if drive.likely is None else f"likely {_band(drive.likely)}; "
-    return PageFigure(
-        name,
-        energy_words(above.above_j or 0.0, above.ratio),
-        f"{likely}in % of the energy driven; the optimum has the same times, but no signals and temporary restrictions",
-    )
+    share = [] if above.ratio is None else [f"{100.0 * above.ratio:.1f} % of the energy driven"]
+    beside = "; ".join([*share, *_likely(drive)])
+    return PageFigure(name, energy_words(above.above_j or 0.0, None), beside)
+
+
+def _likely(drive: Drive) -> list[str]:
+    """The likely range of an estimate, and what it is if the friction brake did all braking."""
+    if drive.likely is None:
+        return []
+    band = f"likely {kwh(drive.likely.low_j):z.1f} to {kwh(drive.likely.high_j):z.1f} kWh"
+    if math.isnan(drive.likely.by_friction_j):
+        return [band]
+    return [f"{band} if the motors braked first, {kwh(drive.likely.by_friction_j):.0f} kWh if friction alone did"]
+
+
+def _right_train(drive: Drive) -> str:
+    """A doubt about the assumed train, if the trip was faster than it can go."""
+    over_kmh = [one.facts["over_kmh"] for one in drive.events if one.kind is EventKind.BEYOND_TRAIN]
+    if not over_kmh:
+        return ""
+    faster = f"The trip was up to {max(over_kmh):.0f} km/h faster than the assumed train can go. {RIGHT_TRAIN}"
+    return faster if drive.not_comparable else f"{faster} If not, these findings do not hold."
 
 
 def _over_limit(drive: Drive) -> PageFigure:
@@ -156,8 +225,7 @@ def _over_limit(drive: Drive) -> PageFigure:
 
 def findings(drive: Drive) -> tuple[DriveFinding, ...]:
     """The three findings of the page at most: those about safety first, then the causes that took most energy."""
-    energy = () if drive.attribution is None else _energy_findings(drive.attribution)
-    return (*_safety_findings(drive), *energy)[:MOST_FINDINGS]
+    return (*_safety_findings(drive), *_energy_findings(drive))[:MOST_FINDINGS]
 
 
 def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
@@ -174,57 +242,66 @@ def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
 
 def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:
     text = f"The head of the train went {passed.beyond_m:.0f} m beyond it.{_worst_of(count)}"
-    start, end = _between(drive, passed.s_m)
-    return DriveFinding(
-        code=SIGNAL_PASSED, label="signal passed at danger", text=text, start=start, end=end,
-        start_m=passed.s_m, end_m=passed.s_m, start_ns=passed.time_ns, end_ns=passed.time_ns,
-    )  # fmt: skip
+    place = FoundPlace(_between(drive, passed.s_m), passed.s_m, passed.s_m, passed.time_ns, passed.time_ns)
+    return DriveFinding(code=SIGNAL_PASSED, label="signal passed at danger", text=text, places=(place,))
 
 
 def _of_event(drive: Drive, event: DriveEvent, count: int) -> DriveFinding:
     ends = drive.course.time_ns.searchsorted((event.time_ns, event.last_ns))
     start_m, end_m = drive.course.s_m[ends].tolist()
-    start, end = _between(drive, start_m)
+    place = FoundPlace(_between(drive, start_m), start_m, end_m, event.time_ns, event.last_ns)
     text = f"{event.text[0].upper()}{event.text[1:]}.{_worst_of(count)}"
-    return DriveFinding(
-        code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, start=start, end=end,
-        start_m=start_m, end_m=end_m, start_ns=event.time_ns, end_ns=event.last_ns,
-    )  # fmt: skip
+    return DriveFinding(code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, places=(place,))
 
 
 def _worst_of(count: int) -> str:
     return "" if count == 1 else f" This is the worst of {count} times."
 
 
-def _between(drive: Drive, s_m: float) -> tuple[str, str]:
-    """The stops of the journey before and behind a place; two empty names if it does not lie between two."""
+def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
+    """The stops of the journey before and behind a place; empty if it does not lie between two."""
     before = [one.name for one in drive.calls if one.s_m <= s_m]
     behind = [one.name for one in drive.calls if one.s_m > s_m]
-    return (before[-1], behind[0]) if before and behind else ("", "")
+    return (before[-1], behind[0]) if before and behind else ()
 
 
-def _energy_findings(attribution: Attribution) -> Iterator[DriveFinding]:
+def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
     """The causes that took most energy, the largest first; what cannot be told apart is no finding."""
-    for cause, energy_j in told_causes(attribution):
-        worst = worst_stretch(attribution, cause)
-        if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or worst is None:
+    attribution = drive.attribution
+    for cause, energy_j in () if attribution is None else told_causes(attribution):
+        assert attribution is not None
+        worst = worst_stretches(attribution, cause, MOST_PLACES)
+        if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or not worst:
             continue
-        text = f"{cause.meaning}{_speeds(worst) if cause in BY_SPEED else ''}"
+        by_advice = cause is EnergyCause.LATENESS and attribution.advice_shown
         yield DriveFinding(
-            code=str(cause), label=cause.label, text=text, start=worst.leg.start.name, end=worst.leg.end.name,
-            start_m=worst.start_m, end_m=worst.end_m, start_ns=worst.start_ns, end_ns=worst.end_ns,
-            energy_j=energy_j, here_j=worst.energy_j, next_time=cause.next_time,
-        )  # fmt: skip
+            code=str(cause),
+            label=cause.label,
+            text=BY_ADVICE if by_advice else cause.meaning,
+            places=tuple(_found_place(drive, cause, one) for one in worst),
+            energy_j=energy_j,
+            next_time="" if by_advice else cause.next_time,
+        )
 
 
-def _speeds(worst: CauseStretch) -> str:
-    """How fast the train and the optimum ran on a stretch, in a sentence."""
-    driven, best = (kmh((worst.end_m - worst.start_m) / one) for one in (worst.driven_s, worst.optimum_s))
-    return f" Mean speed there {driven:.0f} km/h, {best:.0f} km/h in the best drive."
+def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
+    """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
+    start_m, end_m, start_ns, end_ns = stretch[1:5]
+    told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
+    if cause is EnergyCause.RESTRICTION and told:
+        nearest = min(told, key=lambda one: abs(one.time_ns - start_ns))
+        start_m, end_m = float(nearest.facts["start_m"]), float(nearest.facts["end_m"])
+        ends = drive.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.course.s_m) - 1)
+        start_ns, end_ns = drive.course.time_ns[ends].tolist()
+    between = (stretch.leg.start.name, stretch.leg.end.name)
+    mean_mps = ((end_m - start_m) / stretch.driven_s, (end_m - start_m) / stretch.optimum_s)
+    return FoundPlace(
+        between, start_m, end_m, start_ns, end_ns, stretch.energy_j, mean_mps if cause in BY_SPEED else None
+    )
 
 
 def how_sure(drive: Drive) -> list[str]:
-    """What the figures hang on, in sentences: energy measured or computed, train known or assumed, the likely range."""
+    """What the figures hang on, in sentences: energy measured or computed, train known or assumed, unknowns."""
     told = [] if drive.recording.complete else ["The recording was cut off, so that its end is missing."]
     told += [*_energy_sure(drive), *_range_sure(drive)]
     if drive.violations.over_limit_s:
@@ -247,11 +324,7 @@ def _energy_sure(drive: Drive) -> list[str]:
     ]
     if train_known(drive):
         return [*told, "The train is known: the optimum is that of the true train, as the simulator recorded it."]
-    told.append(f"The train is assumed: {_train_words(drive)}.")
-    beyond = [one.facts["over_kmh"] for one in drive.events if one.kind is EventKind.BEYOND_TRAIN]
-    if beyond:
-        told.append(f"The trip was up to {max(beyond):.0f} km/h faster than this train can go. {RIGHT_TRAIN}")
-    return told
+    return [*told, f"The train is assumed: {_train_words(drive)}."]
 
 
 def _train_words(drive: Drive) -> str:
@@ -275,22 +348,14 @@ def _range_sure(drive: Drive) -> list[str]:
         return ["How far the energy above the optimum depends on that train is not known."]
     if drive.likely is None:
         return ["The likely range of the energy above the optimum is not known."]
-    told = [f"The energy above the optimum is likely {_band(drive.likely)}; that of a single cause is less certain."]
+    told = ["The energy of a single finding is less certain than the likely range of the total."]
     unknowns = [one for one in drive.likely.unknowns if one.name != BRAKING]
     largest = max(unknowns, key=lambda one: one.high_j - one.low_j, default=None)
     if largest is not None:
-        band = f"{kwh(largest.low_j):+.1f} to {kwh(largest.high_j):+.1f} kWh"
-        told.append(f"It hangs most on {largest.name} ({largest.assumed}): {band}.")
+        told.append(f"That range hangs most on the {largest.name}.")
     if not math.isnan(drive.likely.by_friction_j):
-        friction = f"{kwh(drive.likely.by_friction_j):.0f} kWh"
-        told.append(
-            f"This holds if the motors braked first; if all braking was by friction, {friction} are above the optimum."
-        )
+        told.append("Far more hangs on the brakes: which of them braked was not recorded.")
     return told
-
-
-def _band(likely: LikelyRange) -> str:
-    return f"{kwh(likely.low_j):z.1f} to {kwh(likely.high_j):z.1f} kWh"
 
 
 def first_page_dict(drive: Drive) -> dict[str, Any]:
@@ -318,22 +383,22 @@ def page_dict(drive: Drive) -> dict[str, Any]:
         "happened": what_happened(drive),
         "figures": page_figures(drive),
         "findings": [_row(one, drive) for one in found],
+        "right_train": _right_train(drive),
         "why_none": _why_none(drive, found),
         "rest": _rest(drive, found),
+        "optimum": "" if drive.attribution is None else OPTIMUM,
         "how_sure": how_sure(drive),
     }
 
 
 def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:
-    here = "" if one.here_j is None else f"{kwh(one.here_j):.1f} kWh of it there"
+    where = one.where(drive.clock)
     return {
         "cause": f"{one.label[0].upper()}{one.label[1:]}",
         "text": one.text,
         "next_time": one.next_time,
-        "place": one.place,
-        "time": drive.clock.of_day(one.start_ns),
+        "where": f"{where[0].upper()}{where[1:]}" if one.energy_j is None else f"Most at {where}",
         "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh",
-        "here": here,
     }
 
 

@@ -76,10 +76,11 @@ def ran(drive: Drive) -> list[str]:
     if not went.between_stops:
         return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
     first, last = served[0], served[-1]
+    lates_s = (math.nan, math.nan) if drive.own_timetable else (first.departed_late_s, last.arrived_late_s)
+    left, arrived = map(_late, lates_s)
     told = [
         f"On {day}, {drive.recording.train} ran the {km} from {first.name} to {last.name} in {lasted}.",
-        f"It left at {clock.of_day(first.departed_ns)}{_late(first.departed_late_s)} "
-        f"and arrived at {clock.of_day(last.arrived_ns)}{_late(last.arrived_late_s)}.",
+        f"It left at {clock.of_day(first.departed_ns)}{left} and arrived at {clock.of_day(last.arrived_ns)}{arrived}.",
     ]
     missed = [call.name for call in drive.calls if not call.served and call.reached]
     return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else [])]
@@ -234,7 +235,7 @@ def shown_s(drive: Drive) -> float:
 def where_time_went(drive: Drive, most: int | None = None) -> list[str]:
     """A sentence for each leg and each stop at which the lateness changed, or for the `most` largest changes; nothing
     without a timetable."""
-    calls = drive.served
+    calls = () if drive.own_timetable else drive.served
     told: list[tuple[float, str]] = []
     for before, after in pairwise(calls):
         told += _at_stop(before)

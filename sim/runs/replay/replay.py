@@ -36,6 +36,7 @@ from sim.drive.attribution.open_part import open_calls
 from sim.drive.calls import KeptCall, calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
 from sim.recording.inputs import input_files, sha256
+from sim.recording.opening import OWN_TIMETABLE
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.settings import SMOOTHING
@@ -48,12 +49,21 @@ DELAY_EVERY_S = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayTiming:
-    """The timetable of the replayed section and the first and last tick of the replay (all in ns since 1970)."""
+    """The timetable of the replayed section and the first and last tick of the replay (all in ns since 1970).
+
+    `own`: no timetable was given, and the trip itself stands for it.
+    """
 
     departure_ns: int
     arrival_ns: int
     first_tick_ns: int
     last_tick_ns: int
+    own: bool
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the recording says of the timetable."""
+        return {OWN_TIMETABLE: "yes"} if self.own else {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,6 +129,7 @@ def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], arrival_s: float | None, 
         arrival_ns=arrival_ns,
         first_tick_ns=min(first_ns, departed_ns),
         last_tick_ns=max(last_ns, arrived_ns),
+        own=trip.journey is None and arrival_s is None and delay_s is None,
     )
 
 
@@ -146,7 +157,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
         train=options.train,
         node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),
         out=out,
-        metadata={**_metadata(trip, section, of_trip), "command": command, "train": options.train},
+        metadata={**_metadata(trip, section, of_trip), **timing.metadata, "command": command, "train": options.train},
         start_ns=timing.first_tick_ns,
         attachments=tuple(_attachments(of_trip)),
         bus=bus,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +17,40 @@ from das.command_line.pdf import BROWSERS, write_pdf
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from sim.drive.above_optimum import energy_words
-from sim.drive.attribution.attribution import worst_stretch
+from sim.drive.attribution.attribution import worst_stretches
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.happenings import Signal
 from sim.drive.limits import signals_passed
+from sim.drivers.drivers import PerfectDriver
+from sim.recording.opening import OWN_TIMETABLE
 from sim.review.report.figures import first_figure
-from sim.review.report.first_page import DriveFinding, findings, first_page_dict, how_sure, page_figures, what_happened
+from sim.review.report.first_page import (
+    DriveFinding,
+    FoundPlace,
+    findings,
+    first_page_dict,
+    how_sure,
+    page_figures,
+    what_happened,
+)
 from sim.review.report.page import ReviewedDrive, as_dict, page, subject_of
 from sim.review.report.sentences import NAMED_KWH
 from sim.review.scene import ReviewScene
 from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other
+from tests.support.flat_days import flat_day
 from tests.support.making import das_sim
+from tests.support.recorded_days import inputs_of_day, recorded_day
 
+RESTRICTION = """
+[[disturbances]]
+kind = "restriction"
+from_m = 3000
+to_m = 3500
+speed_kmh = 40
+announced_m = 1000
+"""
 NUMBER_AS_TEXT = re.compile(r"[+−-]?\d[\d.:]*( ?(s|m|km|kWh|%|km/h|ms|MB|min).*)?|km .*")
 
 
@@ -51,10 +72,11 @@ def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: A
     assert values == [
         lateness_text(told["arrived_late_s"]),
         f"{told['energy_kwh']:.1f} kWh",
-        energy_words(told["above_optimum_kwh"] * 3.6e6, told["above_optimum_ratio"]),
+        energy_words(told["above_optimum_kwh"] * 3.6e6, None),
         f"{told['over_limit_s']:.0f} s",
     ]
     assert values == [one.value for one in page_figures(drive)]
+    assert f"{100 * told['above_optimum_ratio']:.1f} % of the energy driven" in page_figures(drive)[2].beside
     energy = in_json(found)["energy"]
     for name in ("energy_kwh", "above_optimum_kwh", "above_optimum_ratio", "measured"):
         assert told[name] == energy[name]
@@ -66,23 +88,28 @@ def test_page_one_holds_the_four_figures_of_the_json_and_of_the_drive(subject: A
 def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any) -> None:
     found = subject()
     drive, html, told = found.drive, first_in_html(found), in_json(found)
-    assert f"Times of day are those of the line ({drive.zone})." in html
+    zone = "UTC" if str(drive.zone) == "UTC" else f"those of the line ({drive.zone})"
+    assert f"Times of day are {zone}." in html
     listed = told["first_page"]["findings"]
     assert 1 <= len(listed) <= 3
     causes, went = told["energy"]["by_cause_kwh"], drive.travelled
     for one, shown in zip(listed, findings(drive), strict=True):
-        assert went.start_m <= one["start_m"] <= one["end_m"] <= went.end_m
-        assert went.start_ns <= one["time_ns"] <= went.end_ns
-        assert set(one["between"]) <= {call.name for call in drive.calls}
-        assert f"{escape(shown.place)}, at {drive.clock.of_day(one['time_ns'])}" in html
-        assert f"<em>{one['next_time']}</em>" in html
-        speeds = re.search(r"Mean speed there \d+ km/h, \d+ km/h in the best drive\.$", one["text"])
-        assert (speeds is not None) == (one["cause"] in BY_SPEED)
+        assert f"{escape(shown.where(drive.clock)[1:])}. {escape(one['text'])} <em>{one['next_time']}</em>" in html
+        assert 1 <= len(one["places"]) <= 3
+        for place in one["places"]:
+            assert went.start_m <= place["start_m"] <= place["end_m"] <= went.end_m
+            assert went.start_ns <= place["time_ns"] <= went.end_ns
+            assert set(place["between"]) <= {call.name for call in drive.calls}
+            assert f"({drive.clock.of_day(place['time_ns'])}" in shown.where(drive.clock)
+            assert (place["mean_speed_mps"] is not None) == (one["cause"] in BY_SPEED)
         if one["above_optimum_kwh"] is None:
             assert one["cause"] == EventKind.OVERSPEED
             continue
         assert one["above_optimum_kwh"] == causes[one["cause"]]
         assert f"<b>{one['above_optimum_kwh']:.1f} kWh</b>" in html
+        taken = [place["above_optimum_kwh"] for place in one["places"]]
+        assert taken == sorted(taken, reverse=True)
+        assert 0.2 * taken[0] <= taken[-1]
     energies = [one["above_optimum_kwh"] for one in listed if one["above_optimum_kwh"] is not None]
     apart = [value for cause, value in causes.items() if cause != EnergyCause.REST]
     assert energies == sorted(apart, reverse=True)[: len(energies)]
@@ -99,7 +126,34 @@ def test_page_one_says_what_happened_in_the_times_of_the_line() -> None:
     assert "At Zürich HB it stayed 90 s longer than it had to. From Zürich HB to Zug it made up 115 s" in told
 
 
-def test_the_places_of_a_cause_sum_to_its_energy_and_the_worst_stretch_is_among_them() -> None:
+def test_an_early_arrival_has_its_price_and_a_replay_without_timetable_no_lateness() -> None:
+    early = Drive.read(BUNDLED)
+    assert early.attribution is not None
+    (leg,) = early.attribution.legs
+    assert leg.early_j is not None
+    assert f"being 24 s early took {leg.early_j / 3.6e6:.1f} kWh besides" in page_figures(early)[0].beside
+    run = {**early.recording.metadata["run"], OWN_TIMETABLE: "yes"}
+    own = Drive(source=replace(early.recording, metadata={**early.recording.metadata, "run": run}))
+    assert page_figures(own)[0].value == "not known"
+    assert page_figures(own)[0].beside.endswith("no timetable was given")
+    assert "late)" not in what_happened(own)
+    assert "timetable" not in what_happened(own)
+
+
+def test_a_restriction_is_found_where_it_holds_not_where_it_was_told() -> None:
+    made = flat_day(RESTRICTION)
+    drive = Drive(source=recorded_day(made, PerfectDriver(made.service.line)), given=inputs_of_day(made))
+    (told,) = [one for one in drive.events if one.text.startswith("restriction received")]
+    (found,) = [one for one in findings(drive) if one.code == EnergyCause.RESTRICTION]
+    assert [(one.start_m, one.end_m) for one in found.places] == [(3000.0, 3500.0)]
+    assert told.s_m < 2200.0
+    assert told.time_ns < found.places[0].start_ns < found.places[0].end_ns
+    (axis,) = first_figure(ReviewScene.of(drive).with_attribution(), (found,)).axes
+    curves = {line.get_label(): line for line in axis.get_lines()}
+    assert curves["temporary restriction"].get_xdata() == pytest.approx([3.0, 3.5], abs=0.05)
+
+
+def test_the_places_of_a_cause_sum_to_its_energy_and_the_worst_stretches_are_among_them() -> None:
     attribution = fast().drive.attribution
     assert attribution is not None
     for cause in EnergyCause:
@@ -107,11 +161,12 @@ def test_the_places_of_a_cause_sum_to_its_energy_and_the_worst_stretch_is_among_
             continue
         placed_j = sum(float(leg.by_place(cause).sum()) for leg in attribution.legs)
         assert placed_j == pytest.approx(attribution.by_cause.get(cause, 0.0), abs=1.0)
-        worst = worst_stretch(attribution, cause)
-        if worst is not None:
-            leg = attribution.legs[0]
+        leg, until_m = attribution.legs[0], 0.0
+        for worst in sorted(worst_stretches(attribution, cause, 3), key=lambda one: one.start_m):
             inside = (leg.even.start_m >= worst.start_m) & (leg.even.end_m <= worst.end_m)
             assert worst.energy_j == pytest.approx(float(leg.by_place(cause)[inside].sum()))
+            assert until_m <= worst.start_m
+            until_m = worst.end_m
 
 
 def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
@@ -128,10 +183,11 @@ def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
         for number, one in enumerate(facts, start=1)
     )  # fmt: skip
     first, *rest = findings(other(events=events))
-    assert (first.label, first.energy_j, first.here_j) == ("above the limit", None, None)
-    assert first.start_ns == times[200]
+    (place,) = first.places
+    assert (first.label, first.energy_j, place.energy_j) == ("above the limit", None, None)
+    assert place.start_ns == times[200]
     assert first.text == "Up to x km/h above the limit. This is the worst of 2 times."
-    assert (first.start, first.end) == ("A", "B")
+    assert place.between == ("A", "B")
     assert [one.code for one in rest] == [one.code for one in before][: len(rest)]
 
 
@@ -142,8 +198,8 @@ def test_a_signal_that_was_passed_at_danger_is_the_first_finding() -> None:
     assert 50.0 <= passed.beyond_m < 100.0
     assert trip.s_m[trip.time_ns < passed.time_ns].max() <= 3000.0
     found = findings(other(signals=(signal,)))[0]
-    assert (found.code, found.energy_j, found.start_m) == ("signal-passed", None, 3000.0)
-    assert found.place == "km 3.0, between A and B"
+    assert (found.code, found.energy_j, found.places[0].start_m) == ("signal-passed", None, 3000.0)
+    assert found.where(fast().drive.clock).startswith("km\u00a03.0 between A and B (")
     assert not list(signals_passed(at_danger().course, at_danger().signals))
 
 
@@ -171,7 +227,9 @@ def test_the_page_says_what_its_figures_hang_on() -> None:
     computed = " ".join(how_sure(subject_of(BUNDLED).drive))
     assert "Nobody measured the energy" in computed
     assert re.search(r"The train is assumed: .* t, .* m\.", computed)
-    assert re.search(r"likely [\d.]+ to [\d.]+ kWh.* It hangs most on \w+", computed)
+    assert re.search(r"That range hangs most on the \w+", computed)
+    likely = page_figures(subject_of(BUNDLED).drive)[2].beside
+    assert re.search(r"likely [\d.]+ to [\d.]+ kWh if the motors braked first, \d+ kWh if friction alone did", likely)
     measured = " ".join(how_sure(fast().drive))  # a simulator would record the true train's optimum as well
     assert "The energy was measured. The train is assumed" in measured
     assert "How far the energy above the optimum depends on that train is not known." in measured
@@ -188,8 +246,9 @@ def test_the_picture_has_limit_drive_optimum_stops_and_the_places_of_the_finding
     assert float(np.nanmax(curves["driven"].get_ydata())) == pytest.approx(float(drive.course.speed_mps.max()) / KMH)
     written = [text.get_text() for text in axis.texts]
     assert {"A", "B"} <= set(written)
-    assert [text for text in written if text.isdecimal()] == [str(number) for number in range(1, len(found) + 1)]
-    assert [patch.get_x() for patch in axis.patches] == pytest.approx([one.start_m / KM for one in found])
+    places = [(number, place) for number, one in enumerate(found, start=1) for place in one.places]
+    assert [text for text in written if text.isdecimal()] == [str(number) for number, _ in places]
+    assert [patch.get_x() for patch in axis.patches] == pytest.approx([one.start_m / KM for _, one in places])
 
 
 def numbers_as_texts(value: Any, name: str = "") -> list[str]:
@@ -222,8 +281,7 @@ def test_an_out_that_ends_in_pdf_is_printed(tmp_path: Path) -> None:
 A4_MM = 297
 LONG = DriveFinding(
     code="overspeed", label="above the limit", text="Up to 3 km/h above the limit of 110 km/h for 3 s. " * 4,
-    start="Rotkreuz Industriegebiet Nord", end="Horgen Oberdorf am Zürichsee", start_m=1000.0, end_m=2000.0,
-    start_ns=1, end_ns=2,
+    places=(FoundPlace(("Rotkreuz Industriegebiet Nord", "Horgen Oberdorf am Zürichsee"), 1000.0, 2000.0, 1, 2),) * 3,
 )  # fmt: skip
 
 
