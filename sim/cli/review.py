@@ -251,7 +251,7 @@ def _print_causes(attribution: Attribution) -> None:
 
 def _print_places(attribution: Attribution) -> None:
     from das.domain.units import kwh
-    from sim.drive.attribution.attribution import worst_places
+    from sim.drive.attribution.worst import worst_places
 
     worst = worst_places(attribution)
     if worst:

@@ -39,7 +39,7 @@ from sim.drive.limits import TemporaryLimit, Violations, limit_in_force, tempora
 from sim.drive.stability import AdviceStability, recorded_stability
 from sim.recording.course import DriveClock, DrivenCourse, Floats
 from sim.recording.inputs import DriveInputs, inputs_of
-from sim.recording.opening import OWN_TIMETABLE, open_recording
+from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:  # these import the solver, which events, notes and stops do not need
     from sim.drive.attribution import driven_legs
@@ -98,11 +98,6 @@ class DrivenWay(Summary):
     def calls(self) -> tuple[KeptCall, ...]:
         """How each stop of the journey was kept; empty without a journey."""
         return calls_of(self.recording, self.course) if self.run is None else self.run.calls
-
-    @property
-    def own_timetable(self) -> bool:
-        """Whether the times of the journey are those of the drive itself: nobody gave a timetable for its replay."""
-        return OWN_TIMETABLE in self.recording.metadata.get("run", {})
 
     @property
     def served(self) -> tuple[KeptCall, ...]:

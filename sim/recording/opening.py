@@ -32,6 +32,11 @@ _warned: set[str] = set()
 """Warnings that this process has printed."""
 
 
+def own_timetable(recording: Recording) -> bool:
+    """Whether the times of a journey are those of the drive itself: nobody gave a timetable for its replay."""
+    return OWN_TIMETABLE in recording.metadata.get("run", {})
+
+
 def open_recording(path: Path, train: str | None = None) -> Recording:
     """Read a recording without its damaged parts; each fault is reported in a line on standard error.
 

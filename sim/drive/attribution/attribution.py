@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.bus.recording import Recording
-from das.domain.units import KM, NS, kwh
+from das.domain.units import NS, kwh
 from das.solver.section import Section
 from das.solver.solution import Solution
 from sim.drive.above_optimum import AboveOptimum
@@ -356,96 +356,3 @@ def seconds_by_cause(attribution: Attribution) -> dict[EnergyCause, float]:
         for cause, over_s in zip(leg.committed.causes, lasted_s.tolist(), strict=True):
             total[cause] = total.get(cause, 0.0) + over_s
     return total
-
-
-class WorstPlace(NamedTuple):
-    """A stretch that lost energy above the optimum: where in words, how much (J), and its causes, the largest first."""
-
-    where: str
-    more_j: float
-    causes: tuple[EnergyCause, ...]
-
-
-DENSE = 2.0
-DENSE_CAUSE = 3.0
-LARGE_SHARE = 0.2
-"""A cause is named if it took at least this share of the energy that all causes took on a stretch."""
-LEAST_PART = 0.2
-"""A stretch is named if a cause took at least this part there of what it took on its worst stretch."""
-
-
-def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
-    """The stretches that lost most above the optimum, the worst first.
-
-    A stretch consists of the neighbouring places whose losses beyond `DENSE` times the drive's average sum to the most.
-    """
-    found = []
-    losses = [leg.even.lost_more_j for leg in attribution.legs]
-    usual_j = DENSE * max(float(np.concatenate(losses).mean()), 0.0) if losses else 0.0
-    for leg, more_j in zip(attribution.legs, losses, strict=True):
-        for first, last in _worst_runs(more_j - usual_j, most):
-            start_m, end_m = float(leg.even.start_m[first]), float(leg.even.end_m[last])
-            where = f"km {start_m / KM:.1f} to {end_m / KM:.1f}"
-            found.append(WorstPlace(where, float(more_j[first : last + 1].sum()), _causes(leg, start_m, end_m)))
-    return sorted(found, key=lambda one: -one.more_j)[:most]
-
-
-class CauseStretch(NamedTuple):
-    """A stretch on which a cause took energy: its leg, where (m) and when (ns since 1970) it begins and ends, and the
-    energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`."""
-
-    leg: DrivenLeg
-    start_m: float
-    end_m: float
-    start_ns: int
-    end_ns: int
-    energy_j: float
-    driven_s: float
-    optimum_s: float
-
-
-def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
-    """The stretches, at most so many, on which a cause took most energy above the optimum, the worst first.
-
-    They consist of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. A stretch that took less
-    than `LEAST_PART` of what the worst took is left out.
-    """
-    taken = [leg.by_place(cause) for leg in attribution.legs]
-    usual_j = DENSE_CAUSE * max(float(np.concatenate(taken).mean()), 0.0) if taken else 0.0
-    found = [
-        _stretch(leg, first, last, float(energy_j[first : last + 1].sum()))
-        for leg, energy_j in zip(attribution.legs, taken, strict=True)
-        for first, last in _worst_runs(energy_j - usual_j, most)
-    ]
-    found.sort(key=lambda one: -one.energy_j)
-    return [one for one in found[:most] if one.energy_j >= LEAST_PART * found[0].energy_j]
-
-
-def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> CauseStretch:
-    motion, start_m, end_m = leg.leg.motion, float(leg.even.start_m[first]), float(leg.even.end_m[last])
-    ends = np.minimum(np.searchsorted(motion.s_m, (start_m, end_m)), len(motion.s_m) - 1)
-    start_ns, end_ns = motion.time_ns[ends].tolist()
-    driven_s, optimum_s = (float(one[first : last + 1].sum()) for one in (leg.even.driven_s, leg.even.optimum_s))
-    return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j, driven_s, optimum_s)
-
-
-def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:
-    parts = {cause: energy_j for cause, energy_j in leg.causes_between(start_m, end_m).items() if energy_j > 0}
-    whole_j = sum(parts.values())
-    named = [cause for cause in sorted(parts, key=lambda one: -parts[one]) if parts[cause] >= LARGE_SHARE * whole_j]
-    return tuple(named) or (EnergyCause.REST,)
-
-
-def _worst_runs(scores: NDArray[np.float64], most: int) -> list[tuple[int, int]]:
-    """The runs of places (first, last) with the largest sums of scores, the largest first; none overlaps another."""
-    left, found = scores.copy(), []
-    for _ in range(most):
-        upto = np.concatenate(([0.0], np.cumsum(left)))
-        rise = upto - np.minimum.accumulate(upto)
-        last = int(np.argmax(rise))
-        if not rise[last] > 0:
-            break
-        first = int(np.argmin(upto[:last]))
-        found.append((first, last - 1))
-        left[first:last] = -float(np.abs(scores).sum())  # so that no other run includes it
-    return found

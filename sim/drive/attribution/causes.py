@@ -73,15 +73,15 @@ LABELS = {
 }
 
 MEANINGS = {
-    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown, and the driver gave more effort than the best run from there.",
+    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best from there, for time that was lost later.",
     EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
-    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown, and the driver gave less effort than the best run from there.",
+    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than best from there, which more effort made up later.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
     EnergyCause.AS_ADVISED: "The advice was followed. To hold and mend it, and to brake as in service, costs energy.",
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
     EnergyCause.FRICTION: "The friction brake took what the motors could have fed back, by lever or by brake control.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
-    EnergyCause.RESTRICTION: "From where it was told, the best run takes so much more; the optimum does not know it.",
+    EnergyCause.RESTRICTION: "From where it was told, even the best run takes this much more than the optimum.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",
     EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
@@ -89,15 +89,14 @@ MEANINGS = {
 }
 
 NEXT_TIME: Final = {
-    EnergyCause.TOO_MUCH_EFFORT: "Next time: pull less here, and coast sooner.",
+    EnergyCause.TOO_MUCH_EFFORT: "Next time: pull less there.",
     EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
-    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more here where the limit leaves room, or brake less.",
+    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, where the limit leaves room.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
-    EnergyCause.RESTRICTION: "Nothing here: what the driver did about it is counted under the other causes.",
-    EnergyCause.FRICTION: "Next time: brake sooner and less hard, with the motors alone.",
+    EnergyCause.FRICTION: "Next time: brake sooner and less hard, so that the motors can do it alone.",
 }
-NOT_THE_DRIVERS: Final = "There is little for the driver to do otherwise."
+NOT_THE_DRIVERS: Final = "Nothing for the driver to do otherwise."
 """What is said of a cause that is not in `NEXT_TIME`."""
 BY_SPEED: Final = frozenset(
     {EnergyCause.TOO_MUCH_EFFORT, EnergyCause.LATE_COASTING, EnergyCause.TOO_LITTLE_EFFORT, EnergyCause.AGAINST_ADVICE}

@@ -13,13 +13,14 @@ from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
-from sim.drive.attribution.attribution import CauseStretch, worst_stretches
-from sim.drive.attribution.causes import BY_SPEED, EnergyCause
+from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
+from sim.drive.attribution.worst import CauseStretch, worst_stretches
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
 from sim.recording.course import DriveClock
+from sim.recording.opening import own_timetable
 from sim.review.report.sentences import (
     LIMIT_UNKNOWN,
     NAMED_KWH,
@@ -36,8 +37,8 @@ TOLD_KMH: Final = 3.0
 """Mean speeds that differ by less than this (km/h) are not told."""
 MOST_PLACES: Final = 3
 """A finding names at most this many places."""
-BY_ADVICE: Final = "The advice aimed at an arrival that the train missed by more than 10 s: not the driver's fault."
-"""What is said of `EnergyCause.LATENESS` where advice was shown."""
+BY_ADVICE: Final = ("hurried by the advice", "The advice aimed at an arrival that the train missed by more than 10 s.")
+"""Label and meaning of `EnergyCause.LATENESS` where advice was shown."""
 NOT_KNOWN: Final = "not known"
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
@@ -161,7 +162,7 @@ def _arrival(drive: Drive) -> PageFigure:
         return PageFigure(name, NOT_KNOWN, "no arrival with a time in the timetable was recorded")
     there = f"there {clock.of_day(call.arrived_ns)}"
     early_end = "" if call is drive.calls[-1] else ", the last stop with a known arrival"
-    if drive.own_timetable:
+    if own_timetable(drive.recording):
         return PageFigure(name, NOT_KNOWN, f"at {call.name}{early_end}: {there}; no timetable was given")
     beside = f"at {call.name}{early_end}: due {clock.of_day(call.due_arrival_ns)}, {there}{_price(drive, call)}"
     return PageFigure(name, lateness_text(call.arrived_late_s), beside)
@@ -174,7 +175,8 @@ def _price(drive: Drive, call: KeptCall) -> str:
     if early_j is None or abs(kwh(early_j)) < NAMED_KWH:
         return ""
     word = "took" if early_j > 0.0 else "saved"
-    return f"; being {lateness_text(call.arrived_late_s)} {word} {abs(kwh(early_j)):.1f} kWh besides"
+    being = f"being {lateness_text(call.arrived_late_s)} {word} {abs(kwh(early_j)):.1f} kWh"
+    return f"; {being}, not counted above the optimum"
 
 
 def _driven(drive: Drive) -> PageFigure:
@@ -211,7 +213,7 @@ def _right_train(drive: Drive) -> str:
     if not over_kmh:
         return ""
     faster = f"The trip was up to {max(over_kmh):.0f} km/h faster than the assumed train can go. {RIGHT_TRAIN}"
-    return faster if drive.not_comparable else f"{faster} If not, these findings do not hold."
+    return faster if drive.not_comparable else f"{faster} If not, energies and findings do not hold."
 
 
 def _over_limit(drive: Drive) -> PageFigure:
@@ -274,13 +276,14 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or not worst:
             continue
         by_advice = cause is EnergyCause.LATENESS and attribution.advice_shown
+        label, text = BY_ADVICE if by_advice else (cause.label, cause.meaning)
         yield DriveFinding(
             code=str(cause),
-            label=cause.label,
-            text=BY_ADVICE if by_advice else cause.meaning,
+            label=label,
+            text=text,
             places=tuple(_found_place(drive, cause, one) for one in worst),
             energy_j=energy_j,
-            next_time="" if by_advice else cause.next_time,
+            next_time=NOT_THE_DRIVERS if by_advice else cause.next_time,
         )
 
 
@@ -354,7 +357,7 @@ def _range_sure(drive: Drive) -> list[str]:
     if largest is not None:
         told.append(f"That range hangs most on the {largest.name}.")
     if not math.isnan(drive.likely.by_friction_j):
-        told.append("Far more hangs on the brakes: which of them braked was not recorded.")
+        told.append("Far more hangs on which brakes were used, which was not recorded: the findings assume the motors.")
     return told
 
 

@@ -16,7 +16,7 @@ from das.domain.errors import DasError
 from das.domain.units import kwh
 from das.drawing.meanings import LIGHT
 from sim.drive.attribution.attribution import as_dict as energy_dict
-from sim.drive.attribution.attribution import worst_places
+from sim.drive.attribution.worst import worst_places
 from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive

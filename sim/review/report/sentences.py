@@ -13,8 +13,9 @@ import numpy as np
 from das.bus import topics
 from das.domain.units import KM, NS, kmh, kwh
 from sim.drive.above_optimum import EnergyBand
-from sim.drive.attribution.attribution import Attribution, worst_places
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import OVER_MPS, EnergyCause
+from sim.drive.attribution.worst import worst_places
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
@@ -22,7 +23,7 @@ from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drivers.kinds import DriverKind, External, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
-from sim.recording.opening import WHAT_IF
+from sim.recording.opening import WHAT_IF, own_timetable
 from sim.runs.what_if.origin import CHANGED, OF
 from sim.world.disturbances import NOTHING
 
@@ -76,7 +77,7 @@ def ran(drive: Drive) -> list[str]:
     if not went.between_stops:
         return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
     first, last = served[0], served[-1]
-    lates_s = (math.nan, math.nan) if drive.own_timetable else (first.departed_late_s, last.arrived_late_s)
+    lates_s = (math.nan, math.nan) if own_timetable(drive.recording) else (first.departed_late_s, last.arrived_late_s)
     left, arrived = map(_late, lates_s)
     told = [
         f"On {day}, {drive.recording.train} ran the {km} from {first.name} to {last.name} in {lasted}.",
@@ -235,7 +236,7 @@ def shown_s(drive: Drive) -> float:
 def where_time_went(drive: Drive, most: int | None = None) -> list[str]:
     """A sentence for each leg and each stop at which the lateness changed, or for the `most` largest changes; nothing
     without a timetable."""
-    calls = () if drive.own_timetable else drive.served
+    calls = () if own_timetable(drive.recording) else drive.served
     told: list[tuple[float, str]] = []
     for before, after in pairwise(calls):
         told += _at_stop(before)

@@ -14,8 +14,9 @@ from das.bus.recording import Stamped
 from das.domain.errors import DasError
 from das.domain.units import kwh
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
-from sim.drive.attribution.attribution import Attribution, as_dict, worst_places
+from sim.drive.attribution.attribution import Attribution, as_dict
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
+from sim.drive.attribution.worst import worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver

@@ -17,8 +17,8 @@ from das.command_line.pdf import BROWSERS, write_pdf
 from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from sim.drive.above_optimum import energy_words
-from sim.drive.attribution.attribution import worst_stretches
 from sim.drive.attribution.causes import BY_SPEED, EnergyCause
+from sim.drive.attribution.worst import worst_stretches
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.happenings import Signal
@@ -131,7 +131,10 @@ def test_an_early_arrival_has_its_price_and_a_replay_without_timetable_no_latene
     assert early.attribution is not None
     (leg,) = early.attribution.legs
     assert leg.early_j is not None
-    assert f"being 24 s early took {leg.early_j / 3.6e6:.1f} kWh besides" in page_figures(early)[0].beside
+    assert (
+        f"being 24 s early took {leg.early_j / 3.6e6:.1f} kWh, not counted above the optimum"
+        in page_figures(early)[0].beside
+    )
     run = {**early.recording.metadata["run"], OWN_TIMETABLE: "yes"}
     own = Drive(source=replace(early.recording, metadata={**early.recording.metadata, "run": run}))
     assert page_figures(own)[0].value == "not known"
