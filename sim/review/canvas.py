@@ -287,16 +287,16 @@ def named(axis: Any, *, x: str = "", y: str = "") -> None:
         axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
 
 
-def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4, below: bool = False) -> None:
-    """Draw the legend, of the curves or of `patches` (name → colour), above or below the axes, not over the curves."""
+def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
+    """Draw the legend, of the curves or of `patches` (name → colour), above the axes, where it covers no curve."""
     looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
     if patches is not None:
         handles = [Patch(color=color, label=name) for name, color in patches.items()]
         looks = {"handles": handles, "ncols": 8, "borderaxespad": 0.1, "handlelength": 1.0, "columnspacing": 1.2}
     if patches is not None or axis.get_legend_handles_labels()[0]:
-        place = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.2)} if below else {}
-        looks = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), **looks, **place}
-        axis.legend(frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks)
+        axis.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks
+        )
 
 
 def stops(

@@ -75,7 +75,7 @@ LABELS = {
 MEANINGS = {
     EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best from there, for time that was lost later.",
     EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
-    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than best from there, which more effort made up later.",
+    EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than best from there, made up by more later.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
     EnergyCause.AS_ADVISED: "The advice was followed. To hold and mend it, and to brake as in service, costs energy.",
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",

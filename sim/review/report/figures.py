@@ -11,7 +11,7 @@ from das.domain.units import KM, KMH, KN, kmh, kwh
 from das.drawing.meanings import EFFICIENCY_GREYS, LIGHT, Meaning
 from sim.drive.attribution.causes import OVER_MPS
 from sim.drive.events.event import bookmarks
-from sim.review.canvas import INK, curve, lane_rows, light_figure, named, page_legend, stops
+from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.lanes import MODE_LANES
 from sim.review.report.first_page import DriveFinding
 from sim.review.report.sentences import told_causes
@@ -25,8 +25,8 @@ SPEEDS: Final = ("speed/limit", "speed/same_times", "speed/advised", "speed/show
 """The series of the axis of speed, in drawing order."""
 HEIGHTS_IN: Final = {"speed": 3.2, "modes": 0.22, "deviation": 1.0, "apart": 1.1}
 """Heights (in) of the axes over distance by their quantities, and of a lane of modes."""
-FIRST_IN: Final = (7.2, 2.3)
-"""Width of the picture on the first page, and height of its axes (in): as on paper, so that its words are readable."""
+FIRST_IN: Final = (7.2, 2.0, 0.55)
+"""Width of the picture on the first page, and heights of its axes (in): as on paper, so that words are readable."""
 NUMBERS_AT: Final = (1.18, 1.12, 1.06)
 """Heights of the numbers of the findings, as multiples of the highest speed."""
 LEAST_SHARE: Final = 0.004
@@ -49,10 +49,13 @@ FAINT: Final = 0.45
 def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
     """Speed over distance on the first page: the limit, what was driven, and one trajectory beside it.
 
-    The places of each finding are grey stretches with its number; temporary restrictions are dashed.
+    The places of each finding are grey stretches with its number; temporary restrictions are dashed. Below is where
+    more energy was lost than by the optimum, if that is known.
     """
-    figure, (axis,) = light_figure(FIRST_IN[1:])
+    lost = [trace for trace in scene.over_distance(("place/lost",)) if not scene.drive.not_comparable]
+    figure, axes = light_figure(FIRST_IN[1 : 2 + len(lost)])
     figure.set_figwidth(FIRST_IN[0])
+    axis = axes[0]
     other = next((trace.name for trace in scene.over_distance(OTHERS)), OTHERS[0])
     for trace in scene.over_distance(("speed/limit", other, "speed/driven")):
         _draw(axis, trace)
@@ -69,9 +72,20 @@ def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
             axis.axvspan(middle_km - half_km, middle_km + half_km, color=INK, alpha=0.1, linewidth=0.0)
             _number(axis, number, middle_km, NUMBERS_AT[number - 1] * top_kmh, 8.5)
     stops(axis, _stops(scene), at_points=(4.0, 16.0))
-    page_legend(axis, below=True)
-    named(axis, x="Position (km)", y=QUANTITIES["speed"].title)
+    for below, trace in zip(axes[1:], lost, strict=True):
+        _lost(below, trace)
+        named(below, y="Lost\n(kWh/km)")
+    looks = {"frameon": False, "fontsize": TEXT_POINTS, "labelcolor": INK}
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower left", ncols=4, **looks)
+    named(axes[-1], x="Position (km)")
+    named(axis, y=QUANTITIES["speed"].title)
     return figure
+
+
+def _lost(axis: Any, trace: Trace) -> None:
+    """Draw how much more energy each place lost than in the optimum."""
+    axis.stairs(trace.values[:-1], trace.s_m / KM, fill=True, color=LIGHT.of[STYLES[trace.name].meaning], linewidth=0.0)
+    axis.axhline(0.0, color=INK, linewidth=0.7)
 
 
 def _restrictions(axis: Any, scene: ReviewScene) -> None:
@@ -162,10 +176,8 @@ def place_figure(scene: ReviewScene) -> Figure:
     """The energy above the optimum by place: per 100 m, and summed from the start."""
     figure, (bars, total) = light_figure((1.5, 1.4))
     lost, summed = scene.over_distance(("place/lost", "sum/lost"))
-    color = LIGHT.of[STYLES[lost.name].meaning]
-    bars.stairs(lost.values[:-1], lost.s_m / KM, fill=True, color=color, linewidth=0.0)
+    _lost(bars, lost)
     named(bars, y=QUANTITIES[lost.quantity].title)
-    bars.axhline(0.0, color=INK, linewidth=0.7)
     _draw(total, summed)
     for axis in (bars, total):
         stops(axis, _stops(scene), written=axis is bars)

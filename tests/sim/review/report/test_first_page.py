@@ -151,7 +151,7 @@ def test_a_restriction_is_found_where_it_holds_not_where_it_was_told() -> None:
     assert [(one.start_m, one.end_m) for one in found.places] == [(3000.0, 3500.0)]
     assert told.s_m < 2200.0
     assert told.time_ns < found.places[0].start_ns < found.places[0].end_ns
-    (axis,) = first_figure(ReviewScene.of(drive).with_attribution(), (found,)).axes
+    axis = first_figure(ReviewScene.of(drive).with_attribution(), (found,)).axes[0]
     curves = {line.get_label(): line for line in axis.get_lines()}
     assert curves["temporary restriction"].get_xdata() == pytest.approx([3.0, 3.5], abs=0.05)
 
@@ -243,7 +243,12 @@ def test_the_page_says_what_its_figures_hang_on() -> None:
 def test_the_picture_has_limit_drive_optimum_stops_and_the_places_of_the_findings() -> None:
     drive = fast().drive
     scene, found = ReviewScene.of(drive).with_attribution(), findings(drive)
-    (axis,) = first_figure(scene, found).axes
+    figure = first_figure(scene, found)
+    axis, below = figure.axes
+    (bars,) = below.patches
+    lost_kwh = float(np.nansum(bars.get_data().values * np.diff(bars.get_data().edges)))
+    assert drive.above is not None
+    assert lost_kwh * 3.6e6 == pytest.approx(drive.above.above_j, rel=1e-3)
     curves = {line.get_label(): line for line in axis.get_lines()}
     assert {"limit", "driven", "optimum for the same times"} <= curves.keys()
     assert float(np.nanmax(curves["driven"].get_ydata())) == pytest.approx(float(drive.course.speed_mps.max()) / KMH)
