@@ -91,7 +91,7 @@ MEANINGS = {
 NEXT_TIME: Final = {
     EnergyCause.TOO_MUCH_EFFORT: "Next time: pull less there.",
     EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
-    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, where the limit leaves room.",
+    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, as far as a margin to the limit is kept.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
     EnergyCause.FRICTION: "Next time: brake sooner and less hard, so that the motors can do it alone.",
