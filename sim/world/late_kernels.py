@@ -24,7 +24,9 @@ from das.solver.few_switch.schedule import Schedule, Scheduled, known_run
 from das.solver.few_switch.scheduling import polished
 from das.solver.section import Section, build_section
 from das.solver.warm_up import tiny_route, tiny_vehicle
-from sim.plant.plant import COAST, Plant
+from sim.drivers.cab import lever_ratio
+from sim.plant.kernels import demanded
+from sim.plant.plant import COAST, Plant, train_numbers
 
 PRICE_W = 1e5
 """Any price of time will do."""
@@ -32,12 +34,20 @@ PRICE_W = 1e5
 
 def main() -> None:
     """Drive, schedule and brake once on a tiny section."""
-    route, vehicle = tiny_route(), tiny_vehicle()
-    plant = Plant(route, vehicle)
-    plant.advance(plant.at(route.stops[0].position_m), COAST)
-    section = build_section(route, vehicle)
+    section = build_section(tiny_route(), tiny_vehicle())
+    _drive(section)
     _polish(section)
     _brake(section)
+
+
+def _drive(section: Section) -> None:
+    """Drive one step, and look at line, weather and controller, as the world does."""
+    plant, train = Plant(section.route, section.vehicle), train_numbers(section.vehicle)
+    start = plant.at(section.start_m)
+    plant.advance(start, COAST)
+    plant.gradient_ratio(start.s_m)
+    plant.weather(start)
+    lever_ratio(demanded(COAST, 0.0, start.speed_mps, train), start.speed_mps, train)
 
 
 def _polish(section: Section) -> None:
