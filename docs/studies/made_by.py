@@ -88,6 +88,8 @@ MINUTES: Final[dict[str, float]] = {
 }
 """What --make-all makes, in this order, and about how long each takes on two free cores (minutes)."""
 SUFFIXES: Final = (".py", ".toml", ".csv")
+NO_MATTER: Final = frozenset({"late_kernels.py"})
+"""Files that decide when a kernel is compiled, and no figure."""
 BEGINS: Final = "<!-- made by:"
 MARK: Final = re.compile(
     r"<!-- made by: (?P<command>[^;]+?)(?:; code: (?P<code>[0-9a-f]{8}); on: (?P<on>\d{4}-\d\d-\d\d))? -->"
@@ -150,7 +152,7 @@ def code_paths(command: str) -> tuple[str, ...]:
 def code_hash(paths: Iterable[str], root: Path = ROOT) -> str:
     """Eight digits that change with the code below some paths, but not with its comments, docstrings or empty lines."""
     below = (file for path in paths for file in (root / path, *(root / path).rglob("*")))
-    files = {file for file in below if file.suffix in SUFFIXES and file.is_file()}
+    files = {file for file in below if file.suffix in SUFFIXES and file.name not in NO_MATTER and file.is_file()}
     found = hashlib.sha256()
     for file in sorted(files):
         found.update(f"{file.relative_to(root).as_posix()}\n{_content(file)}\n".encode())
