@@ -98,12 +98,15 @@ export class Shown {
       const way = cab[`${which}_change_m`], time = cab[`${which}_change_s`];
       if (kind === "none" || time == null || time <= since_s) return [];
       const reached = speed > 0.5 && kind !== "coast" ? ` ${kmh(speed)}` : "";
+      // An acceleration that only changes its effort says the new one.
+      const effort = cab[`${which}_effort_ratio`], eases = kind === "traction" && kind === advice.mode;
+      const share = eases && effort != null && kmh(speed) === kmh(advice.speed) ? ` · ${Math.round(100 * effort)} %` : "";
       return [{
         mode: kind,
         second: which === "second",
         way: way == null ? null : Math.max(way - rolled_m, 0),
         time: time - since_s,
-        words: `${this.modeWords(cab, mode)}${reached}`,
+        words: `${this.modeWords(cab, mode)}${reached}${share}`,
       }];
     });
   }
