@@ -100,7 +100,9 @@ export class Shown {
       const reached = speed > 0.5 && kind !== "coast" ? ` ${kmh(speed)}` : "";
       // An acceleration that only changes its effort says the new one.
       const effort = cab[`${which}_effort_ratio`], eases = kind === "traction" && kind === advice.mode;
-      const share = eases && effort != null && kmh(speed) === kmh(advice.speed) ? ` · ${Math.round(100 * effort)} %` : "";
+      const share = eases && effort != null && kmh(speed) === kmh(advice.speed)
+        ? ` · ${Math.round(100 * effort)} %`
+        : "";
       return [{
         mode: kind,
         second: which === "second",
