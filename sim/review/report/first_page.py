@@ -367,7 +367,7 @@ def first_page_dict(drive: Drive) -> dict[str, Any]:
     over_known = drive.limit_known or drive.violations.over_limit_s > 0.0
     return {
         "arrived_at": None if call is None else call.name,
-        "arrived_late_s": None if call is None else call.arrived_late_s,
+        "arrived_late_s": None if call is None or own_timetable(drive.recording) else call.arrived_late_s,
         "energy_kwh": None if drive.driven_j is None else kwh(drive.driven_j),
         "measured": drive.measured,
         "train_known": train_known(drive),

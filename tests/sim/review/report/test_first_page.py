@@ -138,6 +138,7 @@ def test_an_early_arrival_has_its_price_and_a_replay_without_timetable_no_latene
     run = {**early.recording.metadata["run"], OWN_TIMETABLE: "yes"}
     own = Drive(source=replace(early.recording, metadata={**early.recording.metadata, "run": run}))
     assert page_figures(own)[0].value == "not known"
+    assert first_page_dict(own)["arrived_late_s"] is None
     assert page_figures(own)[0].beside.endswith("no timetable was given")
     assert "late)" not in what_happened(own)
     assert "timetable" not in what_happened(own)
