@@ -93,12 +93,12 @@ def das_sim(*args: str | Path, folder: Path = ROOT) -> str:
 
 
 def first_page(pdf: Path, picture: Path) -> None:
-    """Draw the first page of a PDF as a PNG with few colours."""
+    """Draw the first page of a PDF as a PNG of 256 colours: with fewer, small curves lose theirs."""
     from PIL import Image
 
     options = ("-f", "1", "-l", "1", "-r", str(PAGE_DPI), "-png", "-singlefile")
     subprocess.run(["pdftoppm", *options, pdf, picture.with_suffix("")], check=True)
-    Image.open(picture).convert("RGB").quantize(64, dither=Image.Dither.NONE).save(picture, optimize=True)
+    Image.open(picture).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(picture, optimize=True)
 
 
 def make(name: str) -> None:
