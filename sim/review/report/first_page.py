@@ -43,6 +43,10 @@ NOT_KNOWN: Final = "not known"
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
 SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
+GAINED: Final = "Next time: keep a margin; a limit holds until the whole train has left it."
+"""What is said of a train that was not braking late, but gained speed while it was above the limit."""
+GAINED_MPS: Final = 0.5
+"""A train gained speed if its highest speed above the limit is more than this (m/s) above its first one."""
 OPTIMUM: Final = "The optimum has the same times, and knows of no signals and no temporary restrictions."
 MOST_CHANGES: Final = 2
 """The page tells at most this many changes of the lateness, the largest."""
@@ -253,7 +257,12 @@ def _of_event(drive: Drive, event: DriveEvent, count: int) -> DriveFinding:
     start_m, end_m = drive.course.s_m[ends].tolist()
     place = FoundPlace(_between(drive, start_m), start_m, end_m, event.time_ns, event.last_ns)
     text = f"{event.text[0].upper()}{event.text[1:]}.{_worst_of(count)}"
-    return DriveFinding(code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, places=(place,))
+    speeds_mps = drive.course.speed_mps[ends[0] : ends[1] + 1]
+    gained = event.kind is EventKind.OVERSPEED and speeds_mps.max() > speeds_mps[0] + GAINED_MPS
+    return DriveFinding(
+        code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, places=(place,),
+        next_time=GAINED if gained else SAFER,
+    )  # fmt: skip
 
 
 def _worst_of(count: int) -> str:

@@ -27,6 +27,8 @@ from sim.drivers.drivers import PerfectDriver
 from sim.recording.opening import OWN_TIMETABLE
 from sim.review.report.figures import first_figure
 from sim.review.report.first_page import (
+    GAINED,
+    SAFER,
     DriveFinding,
     FoundPlace,
     findings,
@@ -192,6 +194,13 @@ def test_what_is_about_safety_comes_first_and_has_no_energy() -> None:
     assert place.start_ns == times[200]
     assert first.text == "Up to x km/h above the limit. This is the worst of 2 times."
     assert place.between == ("A", "B")
+    course = fast().drive.course
+    gains, slows = (
+        int(np.flatnonzero(one)[0]) for one in (np.diff(course.speed_mps) > 0.1, np.diff(course.speed_mps) < -0.1)
+    )
+    for at, said in ((gains, GAINED), (slows, SAFER)):
+        event = replace(events[0], time_ns=int(times[at]), end_ns=int(times[at + 9]))
+        assert findings(other(events=(event,)))[0].next_time == said
     assert [one.code for one in rest] == [one.code for one in before][: len(rest)]
 
 
