@@ -23,6 +23,8 @@ from precompute.route_import.order import Words
 
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""
+SHORTEST_M: Final = 1.0
+"""Tables of a shorter line (m) are refused: nothing of it would be left after rounding."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -186,6 +188,8 @@ def line_from_tables(
     tables = [_with_positions(table, length_m) for table in tables]
     stops = _stops(tables)
     whole_m = _length_m(tables, stops) if length_m is None else length_m
+    if whole_m < SHORTEST_M:
+        raise InputError(tables[0].path, "last position", f"{whole_m / KM:g} km", f"{SHORTEST_M / KM:g} km or more")
     if not stops:
         stops = [Stop(name=name, position_m=x) for name, x in zip(ends, (0.0, whole_m), strict=True)]
     route = made_route(words, stops, whole_m, source, one_way=True)

@@ -224,7 +224,7 @@ def _elements(fields: Fields) -> Iterator[_Thing]:
     for one in elements:
         name, tags = f"{one.get('type')}/{one.get('id')}", _tags(one.get("tags"))
         if one.get("type") == "node":
-            if tags and one.get("id") in points:
+            if tags and isinstance(one.get("id"), int) and one["id"] in points:
                 yield _Thing(name=name, tags=tags, point=points[one["id"]])
             continue
         lines = _way(fields, name, one, points) if one.get("type") == "way" else []
