@@ -189,7 +189,7 @@ def line_from_tables(
     stops = _stops(tables)
     whole_m = _length_m(tables, stops) if length_m is None else length_m
     if whole_m < SHORTEST_M:
-        raise InputError(tables[0].path, "last position", f"{whole_m / KM:g} km", f"{SHORTEST_M / KM:g} km or more")
+        raise InputError(tables[0].path, "length of the line", f"{whole_m:g} m", f"{SHORTEST_M:g} m or more")
     if not stops:
         stops = [Stop(name=name, position_m=x) for name, x in zip(ends, (0.0, whole_m), strict=True)]
     route = made_route(words, stops, whole_m, source, one_way=True)

@@ -362,20 +362,6 @@ def read_mutated(numbers: range, folder: Path) -> tuple[Counter[str], list[Wrong
     return counts, wrong
 
 
-FOUND = (1_656_347, 1_727_258)
-"""Numbers of files that ended in another error once: a line of 2.5 nm, and a node whose id is a list."""
-
-
-@pytest.mark.processes
-def test_files_that_ended_in_another_error_once(tmp_path: Path) -> None:
-    kinds = _kinds(tmp_path, build_section(line(), train()))
-    for number in FOUND:
-        kind, path = kinds[number % len(kinds)], tmp_path / f"mutated{kinds[number % len(kinds)].example.suffix}"
-        path.write_bytes(kind.mutated(kind.example.read_bytes(), random.Random(number)))
-        with suppress(DasError):
-            kind.use(path)
-
-
 @pytest.mark.slow
 @pytest.mark.processes
 @pytest.mark.parametrize("numbers", numbered("DAS_MUTATED_FILES", 400, FIRST))

@@ -1,8 +1,8 @@
 """`python -m tests.support.desk_soak [MINUTES]`: an hour at the cab desk by keyboard, at real time, in Chromium.
 
-Prints a line for every ten minutes: the heap of the page after its garbage was collected, the nodes and listeners of
-its document, the memory of all processes of the desk, and the times that the page measured. The last line has those of
-the recording: from one `Cab` to the next, and from a key to the bus.
+Prints a line after one minute and then every ten: the heap of the page after its garbage was collected, the nodes and
+listeners of its document, the memory of all processes of the desk, and the times that the page measured. The last lines
+have those of the recording: from one `Cab` to the next, and from a key to the bus.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from das.bus.topics import ACTION, CAB
 from das.domain.units import MS, NS
 from tests.support.desk_page import DeskPage, chromium, desk_command
 
-EVERY_S: Final = 600.0
+LOOKED_AT_MIN: Final = (1, *range(10, 601, 10))
 MINUTES: Final = 60.0
 SLOW_DAY: Final = """
 schema_version = 1
@@ -57,20 +57,18 @@ def _drive(browser: Any, address: str, pid: int, lasts_s: float) -> None:
     tool = context.new_cdp_session(page.page)
     tool.send("Performance.enable")
     page.begin()
-    began = time.monotonic()
-    due_s = 60.0
+    began, due_min = time.monotonic(), list(LOOKED_AT_MIN)
 
     def look(_: dict[str, str]) -> None:
-        nonlocal due_s
         since_s = time.monotonic() - began
-        if since_s >= due_s:
+        if since_s >= 60.0 * due_min[0]:
             _print(page, tool, pid, since_s)
-            due_s += EVERY_S if due_s >= EVERY_S else EVERY_S - due_s
+            del due_min[0]
         if since_s >= lasts_s:
             raise TimeoutError
 
     try:
-        page.drive(look, lasts_s + EVERY_S)
+        page.drive(look, 2.0 * lasts_s)
     except TimeoutError:
         print(f"{page.errors or 'no'} errors on the page after {lasts_s / 60.0:.0f} min", flush=True)
 
@@ -82,12 +80,12 @@ def _print(page: DeskPage, tool: Any, pid: int, since_s: float) -> None:
     print(
         f"{since_s / 60.0:4.0f} min  heap {told['JSHeapUsedSize'] / 1e6:.2f} MB  nodes {told['Nodes']:.0f}  "
         f"listeners {told['JSEventListeners']:.0f}  processes {_resident_mb(pid):.0f} MB  "
-        f"Cab sent to drawn {_of(measured['drawn'])} ms  frame to frame {_of(measured['frames'])} ms",
+        f"Cab sent to drawn {_spread(measured['drawn'])} ms  frame to frame {_spread(measured['frames'])} ms",
         flush=True,
     )
 
 
-def _of(times_ms: Sequence[float]) -> str:
+def _spread(times_ms: Sequence[float]) -> str:
     """Median, 99 % and longest."""
     return " / ".join(f"{one:.0f}" for one in (*np.percentile(times_ms, (50, 99)), max(times_ms)))
 
@@ -108,8 +106,8 @@ def _recorded(path: Path) -> None:
     actions = [entry.message for entry in recording.of(ACTION)]
     keys_ms = [(one.bus_ns - one.browser_ns) * NS / MS for one in actions]
     halves = np.array_split(cabs_ms, 2)
-    print(f"Cab to Cab {_of(cabs_ms)} ms (first half {_of(halves[0])}, second {_of(halves[1])})")
-    print(f"key to bus {_of(keys_ms)} ms, {len(keys_ms)} actions")
+    print(f"Cab to Cab {_spread(cabs_ms)} ms (first half {_spread(halves[0])}, second {_spread(halves[1])})")
+    print(f"key to bus {_spread(keys_ms)} ms, {len(keys_ms)} actions")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,9 @@ class WorstPlace(NamedTuple):
 
 
 DENSE = 2.0
+"""A place is among the worst if it lost at least this many times the drive's average."""
 DENSE_CAUSE = 3.0
+"""A place is one of a cause if the cause took at least this many times its average on the drive."""
 LARGE_SHARE = 0.2
 """A cause is named if it took at least this share of the energy that all causes took on a stretch."""
 LEAST_PART = 0.2

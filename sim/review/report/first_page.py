@@ -47,6 +47,8 @@ GAINED: Final = "Next time: keep a margin; a limit holds until the whole train h
 """What is said of a train that was not braking late, but gained speed while it was above the limit."""
 GAINED_MPS: Final = 0.5
 """A train gained speed if its highest speed above the limit is more than this (m/s) above its first one."""
+NUMBERS: Final = "The numbers are those of the findings: where each happened, or where its cause took most."
+LOST: Final = "Below: where more was then lost than by the optimum; its cause may lie before."
 OPTIMUM: Final = "The optimum has the same times, and knows of no signals and no temporary restrictions."
 MOST_CHANGES: Final = 2
 """The page tells at most this many changes of the lateness, the largest."""
@@ -298,18 +300,21 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
     """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
-    start_m, end_m, start_ns, end_ns = stretch[1:5]
+    way_m, mean_mps = stretch.end_m - stretch.start_m, None
+    if cause in BY_SPEED:
+        mean_mps = (way_m / stretch.driven_s, way_m / stretch.optimum_s)
+    place = FoundPlace(
+        (stretch.leg.start.name, stretch.leg.end.name), stretch.start_m, stretch.end_m, stretch.start_ns,
+        stretch.end_ns, stretch.energy_j, mean_mps,
+    )  # fmt: skip
     told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
-    if cause is EnergyCause.RESTRICTION and told:
-        nearest = min(told, key=lambda one: abs(one.time_ns - start_ns))
-        start_m, end_m = float(nearest.facts["start_m"]), float(nearest.facts["end_m"])
-        ends = drive.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.course.s_m) - 1)
-        start_ns, end_ns = drive.course.time_ns[ends].tolist()
-    between = (stretch.leg.start.name, stretch.leg.end.name)
-    mean_mps = ((end_m - start_m) / stretch.driven_s, (end_m - start_m) / stretch.optimum_s)
-    return FoundPlace(
-        between, start_m, end_m, start_ns, end_ns, stretch.energy_j, mean_mps if cause in BY_SPEED else None
-    )
+    if cause is not EnergyCause.RESTRICTION or not told:
+        return place
+    facts = min(told, key=lambda one: abs(one.time_ns - place.start_ns)).facts
+    start_m, end_m = float(facts["start_m"]), float(facts["end_m"])
+    ends = drive.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.course.s_m) - 1)
+    start_ns, end_ns = drive.course.time_ns[ends].tolist()
+    return place._replace(start_m=start_m, end_m=end_m, start_ns=start_ns, end_ns=end_ns)
 
 
 def how_sure(drive: Drive) -> list[str]:
@@ -398,9 +403,15 @@ def page_dict(drive: Drive) -> dict[str, Any]:
         "right_train": _right_train(drive),
         "why_none": _why_none(drive, found),
         "rest": _rest(drive, found),
-        "optimum": "" if drive.attribution is None else OPTIMUM,
+        "caption": _caption(drive, found),
         "how_sure": how_sure(drive),
     }
+
+
+def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:
+    """What the picture shows."""
+    compared = [] if drive.attribution is None else [LOST, OPTIMUM]
+    return " ".join(["Speed over distance.", *([NUMBERS] if found else []), *compared])
 
 
 def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:

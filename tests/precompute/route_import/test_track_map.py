@@ -84,7 +84,8 @@ def test_shapes_of_geojson(tmp_path: Path) -> None:
 def test_an_extract_that_misses_nodes_cuts_the_way_there(tmp_path: Path) -> None:
     nodes = [{"type": "node", "id": i, "lat": 48.0, "lon": 8.0 + i / 100} for i in (1, 2, 4, 5)]
     way = {"type": "way", "id": 7, "nodes": [1, 2, 3, 4, 5], "tags": {"railway": "rail"}}
-    assert [len(x.vertices) for x in read(tmp_path, {"elements": [way, *nodes]}).tracks] == [2, 2]
+    odd = {"type": "node", "id": [1], "lat": 48.0, "lon": 8.0, "tags": {"railway": "station"}}  # no id: left out
+    assert [len(x.vertices) for x in read(tmp_path, {"elements": [way, odd, *nodes]}).tracks] == [2, 2]
 
 
 def test_a_track_lies_in_a_tunnel_unless_it_says_no() -> None:

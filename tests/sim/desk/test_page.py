@@ -202,6 +202,17 @@ def test_the_words_of_every_moment_and_language_fit(
     assert page.errors == []
 
 
+def test_an_acceleration_that_only_changes_its_effort_is_announced_with_the_new_one(
+    browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]]
+) -> None:
+    visitor, bus = desk
+    page, cab = opened(browser, visitor), first(cabs(Presentation.COACH), MOMENTS["accelerating"])
+    coming = {"next_mode": 2, "next_effort_ratio": 0.4, "next_change_s": 9.0, "next_change_m": 90.0}
+    for faster_mps, with_effort in ((0.0, True), (5.0, False)):
+        show(page, bus, cab, **coming, next_speed_mps=cab.display_speed_mps + faster_mps)
+        assert ("· 40 %" in page.text("coming")) is with_effort
+
+
 @pytest.mark.parametrize("shown", list(Presentation))
 def test_every_presentation_is_shown_as_its_cab_says(
     browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]], shown: Presentation

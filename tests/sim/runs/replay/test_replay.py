@@ -23,6 +23,7 @@ from sim.drive.attribution.open_part import EQUAL_MPS
 from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
+from sim.recording.opening import OWN_TIMETABLE
 from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, plan_timing, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.trips.estimate import estimate_run
@@ -117,6 +118,13 @@ def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(driven: D
     untold = replace(above, why_not="why", likely=None, worst=None).message(7)
     assert not untold.comparable
     assert math.isnan(untold.likely_low_j)
+
+
+def test_a_replay_without_a_timetable_says_so_in_its_recording(driven: Driven) -> None:
+    job, _, _ = driven
+    assert OWN_TIMETABLE in job.timing.metadata
+    for given in ((600.0, None), (None, 5.0)):
+        assert plan_timing(job.trip, job.legs, *given).metadata == {}
 
 
 def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(driven: Driven) -> None:
