@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -267,7 +268,9 @@ class HumanDriver:
         seed: int = 0,
         stream: int = 0,
     ) -> None:
-        self.parameters = human = parameters or HumanParameters()
+        human = parameters or HumanParameters()
+        human = replace(human, braking_mps2=line.planned_braking_mps2(human.braking_mps2))
+        self.parameters = human
         settings = HumanSettings()
         self._diary = diary = Diary()
         chance = Chance(seed, stream)

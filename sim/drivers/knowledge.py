@@ -20,6 +20,9 @@ from sim.drivers.cab import CabView
 from sim.plant.kernels import TrainNumbers, brake_effort, running_resistance, traction_effort
 from sim.plant.plant import train_numbers
 
+PLANNED_RATIO, PLANNED_AT_MPS = 0.8, 5.0
+"""A driver plans to brake with at most this share of what his train brakes with at this speed (m/s) on the level: what
+is left makes up for his errors and for the time until the brakes act."""
 CELL_M = 5.0
 """The line is remembered in cells of this length (m), counted back from the halt."""
 SLOWEST_CAP_MPS = 20.0 * KMH
@@ -132,6 +135,12 @@ class LineKnowledge:
         object.__setattr__(self, "line_limits_mps", line)
         object.__setattr__(self, "limits_mps", Stretches(start_m=line.start_m, value=allowed))
         object.__setattr__(self, "supply", self.route.supply())
+
+    def planned_braking_mps2(self, wish_mps2: float) -> float:
+        """The deceleration (m/s²) planned for limits and stops: the driver's own, or what suits his train if less."""
+        train = self.train
+        most_mps2 = min(brake_effort(PLANNED_AT_MPS, 1.0, train) / train.inertial_mass_kg, train.max_deceleration_mps2)
+        return min(wish_mps2, PLANNED_RATIO * most_mps2)
 
 
 class _Lists(NamedTuple):

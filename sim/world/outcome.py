@@ -80,8 +80,8 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
     braking = service.scenario.braking.of(service.vehicle)
     if driver is DriverKind.HUMAN:
         braking = ServiceBraking(
-            deceleration_mps2=human.braking_mps2, build_up_s=0.0, reaction_s=0.0, deviation_m=0.0,
-            below_limit_mps=human.below_limit_mps,
+            deceleration_mps2=service.line.planned_braking_mps2(human.braking_mps2), build_up_s=0.0, reaction_s=0.0,
+            deviation_m=0.0, below_limit_mps=human.below_limit_mps,
         )  # fmt: skip
     kept, key = service.braking_fronts, (day.conditions, braking)
     if key not in kept:

@@ -210,7 +210,7 @@ def _after_brake(
 def allowed(
     following: tuple[Instruction, ...], now: Instruction, s_m: float, section: Section
 ) -> tuple[Instruction, ...]:
-    """The announced instructions, with no speed above the limit where it applies, none to hold what is held already.
+    """The announced instructions, with no speed above the limit where it applies, none that repeats the one before it.
 
     The speed of a brake or of coasting applies at its end; any other speed, where the instruction is due.
     """
@@ -223,10 +223,15 @@ def allowed(
         limit_mps = float(section.limit_mps[first : last + 1].max())
         if one.speed_mps > limit_mps:
             one = replace(one, speed_mps=limit_mps)  # noqa: PLW2901
-        held = kept[-1].mode is one.mode is Regime.CRUISE
-        if not (held and abs(kept[-1].speed_mps - one.speed_mps) < SAME_MPS):
+        if not _repeats(one, kept[-1]):
             kept.append(one)
     return tuple(kept[1:])
+
+
+def _repeats(one: Instruction, before: Instruction) -> bool:
+    """Whether an instruction tells a driver nothing new; a traction with another effort does."""
+    same = KIND_OF.get(one.mode) is KIND_OF.get(before.mode) and abs(one.speed_mps - before.speed_mps) < SAME_MPS
+    return same and not (one.mode in TRACTION and one.effort_ratio != before.effort_ratio)
 
 
 def _at_rise(schedule: Schedule, number: int, s_m: float) -> Instruction | None:
