@@ -196,7 +196,7 @@ def journey_text(trip: FeedTrip, placement: Placement, times: TimesRead, route: 
     return "\n".join(_file(trip, placement, times, route, command)) + "\n"
 
 
-def notes(trip: FeedTrip, placement: Placement, times: TimesRead) -> list[str]:
+def notes(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route | None) -> list[str]:
     """What was chosen and assumed, one sentence each: for the file and for the user."""
     inner = [one.stop for one in placement.stops[1:-1] if one.stop.serves]
     without = sum(stop.arrival_s == stop.departure_s for stop in inner)
@@ -211,6 +211,11 @@ def notes(trip: FeedTrip, placement: Placement, times: TimesRead) -> list[str]:
         found.append(f"{minutes}the train may leave up to {rounded_s:g} s after each departure")
     if any(not one.stop.serves for one in placement.stops):
         found.append("where nobody gets on or off, the train passes, and its time there is a wish")
+    if route is not None and trip.time_zone not in ("", route.time_zone):
+        found.append(
+            f"the times are those of {trip.time_zone}, but the time zone of {route.name} is {route.time_zone}: "
+            f'write time_zone = "{trip.time_zone}" into the [route] of its file'
+        )
     return found
 
 
@@ -218,7 +223,7 @@ def _file(trip: FeedTrip, placement: Placement, times: TimesRead, route: Route |
     stops = placement.stops
     first, last = stops[0].stop, stops[-1].stop
     yield f"# Made by: {tidy(command)}"
-    for note in notes(trip, placement, times):
+    for note in notes(trip, placement, times, route):
         yield from (f"# {tidy(line)}" for line in textwrap.wrap(f"{note}.", 110))
     yield "# Times count from midnight of the service day (24:10:00 is ten past midnight)."
     yield "# Keys: docs/reference/file-formats.md. departure: not before; departure_latest and arrival: not after."

@@ -150,10 +150,18 @@ class TripOptions:
 class ReplayOptions:
     """How a trip is replayed; None means: as the recording says, or the default.
 
-    `arrival_s` is the timetable's running time, `delay_s` how late the trip departed.
+    The timetable comes from a journey, or from the running time `arrival_s` and the delay of the departure `delay_s`.
     """
 
     trip: TripOptions = field(default_factory=TripOptions)
+    journey: Annotated[
+        str | None,
+        typer.Option(
+            "--journey",
+            metavar="FILE",
+            help="Timetable of the trip: a bundled journey or a journey file, with times of the line's time zone.",
+        ),
+    ] = None
     arrival_s: Annotated[
         float | None,
         typer.Option("--arrival", metavar="S", help="Timetable's running time in s [default: that of the trip]."),

@@ -300,8 +300,15 @@ class Consequences:
         return Regime.FULL_BRAKE if -force_n >= FULL_RATIO * electric_n else Regime.REDUCED_BRAKE
 
     def unavailable(self, force_n: float, v_mps: float) -> Excess | None:
-        """An excess if the train does not have this force (N) at the speed `v_mps`, so that no driver can apply it."""
-        most_n = self.model.traction_n(v_mps) if force_n > 0 else self.model.most_brake_n(v_mps)
+        """An excess if the train does not have this force (N) at the speed `v_mps`, so that no driver can apply it.
+
+        At a step of an effort curve the train may have the force tabulated for a speed just beside.
+        """
+        of, beside_mps = (
+            (self.model.traction_n if force_n > 0 else self.model.most_brake_n),
+            1.0 / kernels.STEPS_PER_MPS,
+        )
+        most_n = max(of(max(v, 0.0)) for v in (v_mps - beside_mps, v_mps, v_mps + beside_mps))
         return Excess(self.v_mps, math.nan) if abs(force_n) > FORCE_RATIO * most_n + 1.0 else None
 
     def braked_horizon(self, force_n: float, to_mps: float, seconds: int) -> dict[str, tuple[float, ...]]:

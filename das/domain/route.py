@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from enum import StrEnum
 from typing import TypeVar
 from zoneinfo import ZoneInfo
@@ -208,6 +209,15 @@ class Route(Summary):
     def zone(self) -> ZoneInfo:
         """The time zone of the line."""
         return ZoneInfo(self.time_zone)
+
+    def midnight_ns(self, time_ns: int) -> int:
+        """The midnight (ns since 1970) that begins the day of a moment in the line's time zone.
+
+        It is twelve hours before noon: where clocks are set, a timetable's day begins an hour before or after midnight.
+        """
+        day = datetime.fromtimestamp(time_ns // 10**9, self.zone).date()
+        noon = datetime(day.year, day.month, day.day, 12, tzinfo=self.zone)
+        return (round(noon.timestamp()) - 12 * 3600) * 10**9
 
     def quantities(self) -> tuple[tuple[str, Stretches], ...]:
         """Speed limits, gradients, curves and receptivity, each with its name in messages."""

@@ -117,10 +117,11 @@ def import_journey(
     made = journey_of(Fields.of(written.out, tomllib.loads(text)), line)
     way_km = (made.points[-1].position_m - made.points[0].position_m) / KM
     about = f"{made.name}, {len(made.calls)} stops, {way_km:.1f} km"
-    written.write(text, notes(found, placement, times), about)
+    written.write(text, notes(found, placement, times, line), about)
     words = f"{on.route or 'ROUTE'} VEHICLE{' --reverse' if on.reverse else ''}"
     tell(f"plan it: {typed('das-precompute')} journey {written.out} {words}")
-    tell(f"drive it: {typed('das-sim')} run SCENARIO --journey {written.out}")
+    named = f"--route {on.route or 'ROUTE'} --vehicle VEHICLE{' --reverse' if on.reverse else ''}"
+    tell(f"drive it: {typed('das-sim')} make-scenario {named} --journey {written.out} -o day.toml")
 
 
 def show_journey(journey: JourneyArgument, on: OnRoute, files: ShownFiles) -> None:

@@ -180,6 +180,12 @@ ENTRIES: Final = (
         examples=("das-sim example my-line",),
     ),
     Entry(
+        name="make-scenario",
+        where="sim.cli.make_scenario:make_scenario",
+        summary="Write a scenario for a line and a train of your own.",
+        examples=("das-sim make-scenario --route my.toml --vehicle train.toml --journey journey.toml -o my-day.toml",),
+    ),
+    Entry(
         name="make-trip",
         where="sim.cli.trips:make_trip",
         summary="Make a recorded trip by simulation.",

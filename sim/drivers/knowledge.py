@@ -139,8 +139,8 @@ class LineKnowledge:
     def planned_braking_mps2(self, wish_mps2: float) -> float:
         """The deceleration (m/s²) planned for limits and stops: the driver's own, or what suits his train if less."""
         train = self.train
-        most_mps2 = min(brake_effort(PLANNED_AT_MPS, 1.0, train) / train.inertial_mass_kg, train.max_deceleration_mps2)
-        return min(wish_mps2, PLANNED_RATIO * most_mps2)
+        brakes_mps2 = float(brake_effort(PLANNED_AT_MPS, 1.0, train)) / train.inertial_mass_kg
+        return min(wish_mps2, PLANNED_RATIO * min(brakes_mps2, train.max_deceleration_mps2))
 
 
 class _Lists(NamedTuple):

@@ -153,7 +153,12 @@ def load_scenario(name_or_path: str, journey: str | None = None) -> Scenario:
 
 def read_scenario(path: Path) -> Scenario:
     """Read a scenario; raises DasError or InputError (file, key, value, expectation) for anything unusable."""
-    fields = read_toml(path)
+    return scenario_of(read_toml(path))
+
+
+def scenario_of(fields: Fields) -> Scenario:
+    """The scenario of the fields of a file; raises InputError for anything unusable."""
+    path = fields.source
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "scenario", "timetable", "truth", "human", "sensors", "coach", "disturbances"])
     main = fields.table("scenario")

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -147,7 +146,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
         timetables = _timetables(scenario, fronts)
         way = ServedPoints(stops=stops, dwells_s=(scenario.dwell_s,) * len(stops))
     else:
-        zero_ns = _midnight_ns(scenario, route)
+        zero_ns = route.midnight_ns(scenario.departure_ns)
         timetables = _planned_timetables(journey, zero_ns, route, vehicle, level, point_mass=scenario.point_mass)
         way = ServedPoints(
             stops=stops,
@@ -288,14 +287,6 @@ def _journey(scenario: Scenario, route: Route) -> Journey:
     if not 0 <= journey.calls[0].departure.earliest_s <= last_s <= LATEST_TIME_S:
         raise DasError(f"{journey.source}: times: expected times from midnight, 0 to {LATEST_TIME_S / 3600:g} h")
     return journey
-
-
-def _midnight_ns(scenario: Scenario, route: Route) -> int:
-    """The midnight (ns since 1970) that begins the day of the scenario's departure in the line's time zone."""
-    day = datetime.fromtimestamp(scenario.departure_ns // 10**9, route.zone).date()
-    # Twelve hours before noon: where clocks are set, a timetable's day begins an hour before or after midnight.
-    noon = datetime(day.year, day.month, day.day, 12, tzinfo=route.zone)
-    return (round(noon.timestamp()) - 12 * 3600) * 10**9
 
 
 def _planned_timetables(

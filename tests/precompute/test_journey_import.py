@@ -119,9 +119,17 @@ def test_dwell_and_rounding_are_the_users_and_are_said(feed: Path) -> None:
     journey = made(trip, feed_route(), times)
     assert [call.dwell_s for call in journey.calls] == [0, 90, 60, 0], "never longer than the feed's own dwell"
     assert journey.calls[1].departure == Window(earliest_s=16_440)
-    said = notes(trip, placed(trip, None), times)
+    said = notes(trip, placed(trip, None), times, None)
     assert "1 of 2 stops on the way have arrival = departure: assumed dwell 90 s" in said
     assert not any("whole minutes" in note for note in said)
+
+
+@pytest.mark.parametrize("zone", ["UTC", "Europe/Zurich"])
+def test_times_of_another_zone_than_the_lines_are_said(feed: Path, zone: str) -> None:
+    trip, route = trip_of(feed), replace(feed_route(), time_zone=zone)
+    said = [note for note in notes(trip, placed(trip, route), TimesRead(), route) if "time zone" in note]
+    assert (len(said), zone) in {(1, "UTC"), (0, "Europe/Zurich")}
+    assert all('write time_zone = "Europe/Zurich" into the [route]' in note for note in said)
 
 
 def test_where_nobody_gets_on_or_off_the_train_passes_and_its_time_is_a_wish(feed: Path) -> None:

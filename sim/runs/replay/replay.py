@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -24,6 +24,7 @@ from das.bus.topics import LOCATION, LOG, SAVING, TRUTH, check_train_name
 from das.cab.heard import DelayHeard, JourneyHeard, OrderedStop, PositionHeard, RestrictionsHeard
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
+from das.domain.files.load import locate_journey
 from das.domain.units import NS
 from das.estimate.fix import PositionFix, Quality
 from das.solver.front import Front
@@ -36,7 +37,7 @@ from sim.drive.attribution.open_part import open_calls
 from sim.drive.calls import KeptCall, calls_on_the_way, kept_calls
 from sim.options import ReplayOptions, TripOptions, speed_factor
 from sim.recording.inputs import input_files, sha256
-from sim.recording.opening import OWN_TIMETABLE
+from sim.runs.replay.timing import ReplayTiming, check_timing, plan_timing
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.settings import SMOOTHING
@@ -45,25 +46,6 @@ from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location,
 
 TICK_S = 1.0
 DELAY_EVERY_S = 10.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayTiming:
-    """The timetable of the replayed section and the first and last tick of the replay (all in ns since 1970).
-
-    `own`: no timetable was given, and the trip itself stands for it.
-    """
-
-    departure_ns: int
-    arrival_ns: int
-    first_tick_ns: int
-    last_tick_ns: int
-    own: bool
-
-    @property
-    def metadata(self) -> dict[str, str]:
-        """What the recording says of the timetable."""
-        return {OWN_TIMETABLE: "yes"} if self.own else {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,42 +89,14 @@ class ReplayOutcome:
     replay_s: float
 
 
-def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], arrival_s: float | None, delay_s: float | None) -> ReplayTiming:
-    """The timetable of a trip that departed `delay_s` late and was to arrive `arrival_s` after its due departure.
-
-    What is not given comes from the recording's journey. Without one, the trip itself is the timetable: it is on time.
-    """
-    departed_ns, arrived_ns = int(legs[0].motion.time_ns[0]), int(legs[-1].motion.time_ns[-1])
-    departure_ns, arrival_ns = departed_ns, arrived_ns
-    if trip.journey is not None:
-        departure_ns = trip.journey.stops[0].departure_ns or departure_ns
-        arrival_ns = trip.journey.stops[-1].arrival_ns or arrival_ns
-    if delay_s is not None:
-        departure_ns = departed_ns - round(delay_s / NS)
-    if arrival_s is not None:
-        arrival_ns = departure_ns + round(arrival_s / NS)
-    if arrival_ns <= departure_ns:
-        raise DasError(f"the arrival is {(departure_ns - arrival_ns) * NS:.0f} s before the departure")
-    first_ns, last_ns = int(trip.matched.time_ns[0]), int(trip.matched.time_ns[-1])
-    return ReplayTiming(
-        departure_ns=departure_ns,
-        arrival_ns=arrival_ns,
-        first_tick_ns=min(first_ns, departed_ns),
-        last_tick_ns=max(last_ns, arrived_ns),
-        own=trip.journey is None and arrival_s is None and delay_s is None,
-    )
-
-
-LONGEST_S = 86400.0
-"""Running times and delays must be shorter than this (s): a day."""
-
-
 def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) -> ReplayJob:
     """Read trip, route and vehicle, solve the section and estimate the energy as driven.
 
     `command` is what the user typed; the recording keeps it. Raises DasError for anything unusable.
     """
-    _check(options)
+    check_train_name(options.train)
+    speed_factor(options.speed)
+    check_timing(options)
     if out.resolve() == trip_path.resolve():
         raise DasError(f"{out}: the recording to write would replace the trip that is read")
     bus = bus_folder(options.bus, options.insecure_bus, options.train)
@@ -152,14 +106,14 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     warm_up()
     front = solve_front(section)
     legs = driven_legs(trip, trip.run)
-    timing = plan_timing(trip, legs, options.arrival_s, options.delay_s)
+    timing = plan_timing(trip, legs, options)
     processes = Processes(
         train=options.train,
         node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),
         out=out,
         metadata={**_metadata(trip, section, of_trip), **timing.metadata, "command": command, "train": options.train},
         start_ns=timing.first_tick_ns,
-        attachments=tuple(_attachments(of_trip)),
+        attachments=(*_attachments(of_trip), *_journey_file(options)),
         bus=bus,
     )
     run = trip.run
@@ -228,16 +182,6 @@ def stated_parts(trip: Trip, section: Section) -> tuple[SmoothedParts, str]:
     return parts_of(legs), part_between(made[0].start.name, made[-1].end.name)
 
 
-def _check(options: ReplayOptions) -> None:
-    check_train_name(options.train)
-    speed_factor(options.speed)
-    for name, value in (("--arrival", options.arrival_s), ("--delay", options.delay_s)):
-        if value is not None and not 0 <= value < LONGEST_S:
-            raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
-    if options.arrival_s is not None and options.arrival_s <= 0:
-        raise DasError(f"--arrival {options.arrival_s:g}: expected a running time > 0 s")
-
-
 def _node_arguments(options: TripOptions, start: str, end: str) -> tuple[str, ...]:
     arguments = ["--route", str(options.route), "--vehicle", str(options.vehicle), "--from", start, "--to", end]
     if options.reverse:
@@ -255,6 +199,11 @@ def _attachments(options: TripOptions) -> list[Path]:
     """The files that a replay is made from, besides the trip."""
     paths = _input_files(options).values()
     return [*paths, *([options.line] if options.line is not None else [])]
+
+
+def _journey_file(options: ReplayOptions) -> list[Path]:
+    """The file of the journey that times the trip, if one does."""
+    return [] if options.journey is None else [locate_journey(options.journey)]
 
 
 def _input_files(options: TripOptions) -> dict[str, Path]:

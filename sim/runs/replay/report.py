@@ -160,16 +160,18 @@ def _sections(found: TripEnergies) -> list[dict[str, Any]]:
 
 
 def _timetable(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
-    """The trajectory for the arrival that the timetable wants, and how late the trip arrived."""
+    """The trajectory for the arrival by the timetable, and how late the trip was; None if it has no timetable."""
     left_s = (job.timing.arrival_ns - job.departed_ns) * NS
     front = found.legs[0].front if len(found.legs) == 1 else job.front
     wanted = front.trajectory(max(left_s, 1e-3))
+    own, arrived = job.timing.own, bool(job.legs[-1].end.arrived_ns)
     return {
         "timetable_time_left_s": left_s,
         "timetable_fit": str(wanted.fit),
         "timetable_late_s": max(wanted.time_s - left_s, 0.0) if wanted.fit is Fit.LATE else 0.0,
         "timetable_energy_kwh": kwh(wanted.balance.input),
-        "late_s": (job.arrived_ns - job.timing.arrival_ns) * NS if job.legs[-1].end.arrived_ns else None,
+        "departed_late_s": None if own else (job.departed_ns - job.timing.departure_ns) * NS,
+        "late_s": None if own or not arrived else (job.arrived_ns - job.timing.arrival_ns) * NS,
     }
 
 
@@ -228,6 +230,7 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     late = found["optimum_fit"] == Fit.LATE
     return [
         ("trip time", f"{found['trip_time_s']:.0f} s"),
+        *late_rows(found),
         ("least possible time", f"{found['min_time_s']:.0f} s"),
         ("advices sent", f"{found['advices']} ({found['advices_withdrawn']} withdrawn)"),
         ("energy as driven (estimated)", f"{found['energy_kwh']:.1f} kWh"),
@@ -241,6 +244,12 @@ def figure_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("messages recorded / lost", f"{found['messages_recorded']} / {found['messages_lost']}"),
         ("replayed at", f"{found['real_time_factor']:.0f} × real time"),
     ]
+
+
+def late_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """How late the trip departed and arrived, if it had a timetable."""
+    lates = (("departed", found["departed_late_s"]), ("arrived", found["late_s"]))
+    return [(f"{what} late (early < 0)", f"{late_s:.0f} s") for what, late_s in lates if late_s is not None]
 
 
 def section_rows(found: dict[str, Any]) -> list[tuple[str, str]]:

@@ -24,7 +24,7 @@ from das.advice.wording import words
 from das.cab.leg import Leg
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
-from das.domain.effort import EffortEnvelope
+from das.domain.effort import EffortCurve, EffortEnvelope
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.route import Zone
@@ -125,6 +125,20 @@ def test_a_sound_advice_passes_as_it_is(advice: Advice) -> None:
     said, acts = judged(advice)
     assert acts == ()
     assert said is advice
+
+
+def test_full_traction_at_a_step_of_an_effort_curve_is_a_force_that_the_train_has() -> None:
+    """The effort of a diesel train falls by a sixth within 1 km/h where it shifts up."""
+    shifts = EffortCurve(speed_mps=(0.0, 51 * KMH, 52 * KMH, 60.0), force_n=(60e3, 60e3, 50e3, 20e3))
+    train = replace(TRAIN, traction=EffortEnvelope.of_curve(shifts, 60.0))
+    basis = BASIS._replace(vehicle=train)
+    for v_mps in np.arange(50 * KMH, 53 * KMH, 0.013).tolist():
+        force_n = float(train.traction_effort_n(np.array([v_mps]))[0])
+        horizon = {"horizon_speed_mps": tuple(v_mps + 0.3 * k for k in range(1, 31)), "four_mode": Regime.FULL_TRACTION}
+        advice = advice_of(FAST_M, v_mps, Regime.FULL_TRACTION, force_n, **horizon, horizon_force_n=(force_n,) * 30)
+        assert judged(advice, basis=basis)[1] == ()
+        more = replace(advice, advised_force_n=1.25 * force_n)
+        assert [act.part for act in judged(more, basis=basis)[1]] == [Part.EFFORT]
 
 
 def test_no_advice_is_not_judged() -> None:

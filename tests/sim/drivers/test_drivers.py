@@ -25,6 +25,7 @@ from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.trajectory import Trajectory
 from das.domain.units import KMH
+from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution
@@ -56,13 +57,15 @@ STEADY = HumanParameters(
 class Case:
     """A solved section, its train and what its drivers know."""
 
-    def __init__(self, route: str, start_m: float, stop_m: float, buffer_ratio: float) -> None:
+    def __init__(
+        self, route: str, start_m: float, stop_m: float, buffer_ratio: float, vehicle: Vehicle = RE460
+    ) -> None:
         self.route = load_route(route)
-        self.line = LineKnowledge(route=self.route, vehicle=RE460)
-        self.front: Front = solve_front(build_section(self.route, RE460, start_m=start_m, end_m=stop_m))
+        self.line = LineKnowledge(route=self.route, vehicle=vehicle)
+        self.front: Front = solve_front(build_section(self.route, vehicle, start_m=start_m, end_m=stop_m))
         self.time_s = (1 + buffer_ratio) * self.front.fastest().time_s
         self.plan: Solution = self.front.trajectory(self.time_s)
-        self.plant = Plant(self.route, RE460)
+        self.plant = Plant(self.route, vehicle)
         self.leg = Leg(start_m=start_m, stop_m=stop_m, departure_s=0.0, arrival_s=self.time_s)
 
     def advise(self, presentation: Presentation) -> Advise:
@@ -532,6 +535,15 @@ def test_early_braking_begins_earlier_and_a_mark_is_missed_by_as_much_as_set(sho
     assert 1.5 < np.std(off) < 5.0
     exact = short.ride(HumanDriver(short.line, STEADY, seed=0))
     assert exact.states[-1].s_m == pytest.approx(6000.0, abs=0.5)
+
+
+def test_a_driver_of_a_train_that_brakes_little_plans_less_and_stops_at_his_mark(short: Case) -> None:
+    """0.43 m/s² is what a regional train with block brakes has in service; he would plan 0.5."""
+    weak = Case("flat-6km", 0.0, 6000.0, 0.1, replace(RE460, max_deceleration_mps2=0.43))
+    assert short.line.planned_braking_mps2(0.5) == 0.5
+    assert weak.line.planned_braking_mps2(0.5) == pytest.approx(0.8 * 0.43)
+    off_m = [weak.ride(HumanDriver(weak.line, seed=seed)).states[-1].s_m - 6000.0 for seed in range(12)]
+    assert max(map(abs, off_m)) < 10.0
 
 
 def test_learning_improves_towards_what_is_left_of_it() -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from das.bus import codec, das_pb2
 from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from das.domain.route import Stop
-from das.domain.units import KMH
+from das.domain.units import KMH, NS
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
@@ -24,8 +26,9 @@ from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.recording.opening import OWN_TIMETABLE
-from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, plan_timing, prepare
+from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
+from sim.runs.replay.timing import check_timing, plan_timing
 from sim.trips.estimate import estimate_run
 from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip
@@ -43,7 +46,7 @@ def job_of(trip: Trip) -> ReplayJob:
     """The replay of a trip with the train that drove it, of which no process is started."""
     front, run = solve_front(build_section(trip.route, make_train(resistance=(3000.0, 0.0, 12.0)))), trip.run
     legs = driven_legs(trip, run)
-    timing = plan_timing(trip, legs, None, None)
+    timing = plan_timing(trip, legs, ReplayOptions())
     processes = Processes(
         train="train-1", node_arguments=(), out=Path("x.mcap"), metadata={}, start_ns=timing.first_tick_ns
     )
@@ -123,8 +126,54 @@ def test_what_is_recorded_above_the_optimum_is_the_sum_of_its_sections(driven: D
 def test_a_replay_without_a_timetable_says_so_in_its_recording(driven: Driven) -> None:
     job, _, _ = driven
     assert OWN_TIMETABLE in job.timing.metadata
-    for given in ((600.0, None), (None, 5.0)):
-        assert plan_timing(job.trip, job.legs, *given).metadata == {}
+    for given in (ReplayOptions(arrival_s=600.0), ReplayOptions(delay_s=5.0)):
+        assert plan_timing(job.trip, job.legs, given).metadata == {}
+
+
+def timed(folder: Path, trip: Trip, departure: str, arrival: str) -> Path:
+    """A journey from the first to the last stop of a trip."""
+    path = folder / "journey.toml"
+    ends = f'[[stops]]\nstop = "{trip.start.name}"\n{departure}\n[[stops]]\nstop = "{trip.end.name}"\n{arrival}\n'
+    path.write_text(f'schema_version = 1\n[journey]\nid = "j"\nname = "J"\nsource = "s"\n{ends}')
+    return path
+
+
+def clock(time_ns: int, zone: str) -> str:
+    """A moment as a clock shows it in a time zone."""
+    return datetime.fromtimestamp(round(time_ns * NS), ZoneInfo(zone)).strftime("%H:%M:%S")
+
+
+@pytest.mark.parametrize("zone", ["UTC", "Europe/Zurich", "Pacific/Auckland"])
+def test_a_journey_times_a_replay_on_the_day_of_the_trip(driven: Driven, tmp_path: Path, zone: str) -> None:
+    job, _, _ = driven
+    trip = replace(job.trip, route=replace(job.trip.route, time_zone=zone))
+    due = [clock(time_ns, zone) for time_ns in (job.departed_ns - round(40 / NS), job.arrived_ns - round(65 / NS))]
+    path = timed(tmp_path, trip, f'departure = "{due[0]}"', f'arrival = "{due[1]}"')
+    timing = plan_timing(trip, job.legs, ReplayOptions(journey=str(path)))
+    assert (job.departed_ns - timing.departure_ns) * NS == pytest.approx(40.0, abs=1.0)
+    assert (job.arrived_ns - timing.arrival_ns) * NS == pytest.approx(65.0, abs=1.0)
+    assert not timing.own
+
+
+def test_a_train_due_before_midnight_that_departs_after_it_is_late_by_minutes(driven: Driven, tmp_path: Path) -> None:
+    job, _, _ = driven
+    midnight_ns = job.trip.route.midnight_ns(job.departed_ns)
+    legs = [replace(job.legs[0], motion=replace(job.legs[0].motion, time_ns=np.array([midnight_ns + round(120 / NS)])))]
+    path = timed(tmp_path, job.trip, 'departure = "23:59:00"', 'arrival = "24:10:00"')
+    timing = plan_timing(job.trip, legs, ReplayOptions(journey=str(path)))
+    assert (midnight_ns - timing.departure_ns) * NS == pytest.approx(60.0)
+    assert (timing.arrival_ns - timing.departure_ns) * NS == pytest.approx(660.0)
+
+
+def test_a_journey_that_is_not_of_the_trip_is_refused(driven: Driven, tmp_path: Path) -> None:
+    job, _, _ = driven
+    path = timed(tmp_path, job.trip, 'departure = "08:00:00"', 'arrival = "08:10:00"')
+    asked = ReplayOptions(journey=str(path))
+    elsewhere = replace(job.trip, end=Stop(name="M", position_m=MIDDLE_M))
+    with pytest.raises(DasError, match="M: expected a stop there, where the trip begins or ends"):
+        plan_timing(elsewhere, job.legs, asked)
+    with pytest.raises(DasError, match="--delay 5: expected none beside --journey"):
+        check_timing(replace(asked, delay_s=5.0))
 
 
 def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(driven: Driven) -> None:

@@ -1,0 +1,69 @@
+"""A scenario that is written for a line of the user's own can be driven as it stands."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from sim.world.disturbances import DepartureDelay
+from sim.world.scenario import load_scenario
+from sim.world.service import lay_out
+from tests.support.making import REPOSITORY, das_sim
+
+FILES = REPOSITORY / "sim" / "bundled" / "example_files"
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    """A folder with a line, a train and a journey, beside which the scenario is written."""
+    for name in ("route", "vehicle", "journey"):
+        shutil.copy(FILES / f"{name}.toml", tmp_path)
+    return tmp_path
+
+
+def made(folder: Path, *args: str) -> Path:
+    out = folder / "days" / "my day.toml"
+    out.parent.mkdir()
+    done = das_sim("make-scenario", *args, "-o", str(out), cwd=folder)
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, f"drive it: das-sim run {shlex.quote(str(out))}")
+    return out
+
+
+@pytest.mark.parametrize("journey", [[], ["--journey", "journey.toml"]])
+def test_it_names_its_files_from_its_own_folder(own: Path, journey: list[str]) -> None:
+    out = made(own, "--route", "route.toml", "--vehicle", "vehicle.toml", *journey)
+    scenario = load_scenario(str(out))
+    assert scenario.id == "my-day"
+    route, _, stops = lay_out(scenario)
+    assert (stops[0], stops[-1]) == (route.stops[0], route.stops[-1])
+    assert (scenario.journey is None) is (not journey)
+
+
+def test_bundled_names_stay_and_the_direction_is_kept(own: Path) -> None:
+    scenario = load_scenario(str(made(own, "--route", "zurich-luzern", "--vehicle", "re460-ic", "--reverse")))
+    assert (scenario.route, scenario.vehicle, scenario.reverse) == ("zurich-luzern", "re460-ic", True)
+    assert lay_out(scenario)[2][0].name == "Luzern"
+
+
+def test_what_it_proposes_may_happen_can_happen(own: Path) -> None:
+    out = made(own, "--route", "route.toml", "--vehicle", "vehicle.toml")
+    text, proposed = out.read_text().split("# What may happen, a table for each:\n")
+    out.write_text(text + proposed.replace("# ", ""))
+    assert tomllib.loads(out.read_text())["disturbances"]
+    (late,) = load_scenario(str(out)).day(1)
+    assert isinstance(late, DepartureDelay)
+    assert 20.0 <= late.delay_s <= 60.0
+
+
+def test_files_that_do_not_fit_write_nothing(own: Path) -> None:
+    (own / "journey.toml").write_text((own / "journey.toml").read_text().replace("Bedorf", "Nowhere"))
+    args = ("--route", "route.toml", "--vehicle", "vehicle.toml", "--journey", "journey.toml", "-o", "day.toml")
+    done = das_sim("make-scenario", *args, cwd=own)
+    assert done.returncode == 2
+    assert "Nowhere" in done.stderr
+    assert not (own / "day.toml").exists()
+    assert das_sim("make-scenario", *args[:-1], "route.toml", cwd=own).returncode == 2
