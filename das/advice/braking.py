@@ -138,6 +138,10 @@ class BrakingAhead:
             speeds = np.sqrt(np.maximum(v_mps**2 - 2.0 * lost_j / train.inertial_mass_kg, 0.0))
         return speeds
 
+    def gaining_mps(self, s_m: float, v_mps: float) -> Floats:
+        """The highest speeds (m/s) at all nodes ahead of a train that accelerates from here with all its traction."""
+        return self.rolling_mps(s_m, v_mps, -float(traction_limit(max(v_mps, 0.1), self.section.train)))
+
     def ahead_s(self, s_m: float, v_mps: float, speeds_mps: Floats, to_m: float) -> float:
         """The time (s) in which a train that has these speeds at the nodes ahead reaches a place (m)."""
         at_m = np.append(s_m, self.section.node_m[-len(speeds_mps) :])

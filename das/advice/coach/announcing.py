@@ -157,9 +157,11 @@ def in_time(
         speeds_mps = brakes.slowing_mps(now, state, from_m)
     elif now.mode is Regime.COAST:  # A driver who rolls up to a limit is told to hold it.
         speeds_mps = np.minimum(speeds_mps, ahead.section.limit_mps[-len(speeds_mps) :])
-    else:  # A driver who is hardly too fast holds the speed shown from here on.
+    else:  # A driver who is hardly too fast holds the speed shown from here on, or as soon as his train can have it.
         too_fast = v_mps > now.speed_mps + OVERSPEED_MPS
         speeds_mps = np.full(len(speeds_mps), v_mps if too_fast else now.speed_mps)
+        if now.mode in TRACTION:
+            speeds_mps = np.minimum(speeds_mps, ahead.gaining_mps(from_m, v_mps))
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     before_m = state.s_m + following[0].way_m if following else math.inf
     planned = following[0] if following and following[0].mode in BRAKES else None
