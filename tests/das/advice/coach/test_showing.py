@@ -1092,6 +1092,38 @@ def test_a_limit_that_only_a_faster_train_would_brake_for_is_held_and_no_far_bra
     assert slower.mode not in BRAKES
 
 
+def test_a_slow_train_that_accelerates_passes_a_lower_limit_without_a_brake() -> None:
+    """At 40 km/h and 200 m before 125 km/h it once said "accelerate 135 | brake 125 in 0 s"."""
+    here = section_of(("zurich-luzern", 2))
+    begins = [int(np.searchsorted(here.node_m, at)) for at in (46900.0, 56000.0)]
+    phases = (Phase(NotchRegime.TRACTION, 1.0, begins[0], 135 * KMH), Phase(NotchRegime.BRAKE, 0.0, begins[1], 0.0))
+    schedule = Schedule(
+        section=here, phases=phases, known=known_run(here, np.full(len(here.node_m), 30.0)), back_share=0.7
+    )
+    for way_m, told_kmh in ((600.0, 135), (50.0, 125)):
+        shown = Shown(Showing(SETTINGS), schedule).at(0.0, 47596.0 - way_m, 40 * KMH)
+        assert (shown.now.mode, round(shown.now.speed_mps / KMH)) == (Regime.FULL_TRACTION, told_kmh)
+        assert not any(one.mode in BRAKES and one.way_m < way_m for one in shown.following)
+    faster = Shown(Showing(SETTINGS), schedule).at(0.0, 47596.0 - 600.0, 130 * KMH)
+    assert faster.following[0].mode in BRAKES
+    assert faster.following[0].way_m < 600.0
+
+
+def test_no_announced_instruction_repeats_the_one_before_it() -> None:
+    here, coasts = section(), Instruction(mode=Regime.COAST, speed_mps=20.0, effort_ratio=0.0)
+    brakes, harder = (Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=15.0, effort_ratio=-e) for e in (0.2, 0.6))
+    pulls, less = (Instruction(mode=Regime.REDUCED_TRACTION, speed_mps=20.0, effort_ratio=e) for e in (0.6, 0.4))
+    for now, coming, left in (
+        (coasts, (coasts, brakes), (brakes,)),
+        (brakes, (harder, coasts), (coasts,)),
+        (pulls, (less, pulls), (less, pulls)),
+        (coasts, (replace(coasts, speed_mps=15.0),), (replace(coasts, speed_mps=15.0),)),
+    ):
+        placed = tuple(replace(one, way_m=100.0 * (k + 1)) for k, one in enumerate(coming))
+        found = allowed(placed, now, 100.0, here)
+        assert tuple(replace(one, way_m=0.0) for one in found) == left
+
+
 def test_an_acceleration_that_a_limit_soon_brakes_is_not_begun() -> None:
     """The schedule has no phase to brake for it: at 24.5 m/s, 300 m before 25 m/s, the speed is held instead."""
     here = section_of(("zurich-luzern", 2))
