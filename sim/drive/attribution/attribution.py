@@ -226,6 +226,11 @@ class Attribution:
         return _summed([leg.by_cause for leg in self.legs])
 
     @property
+    def beyond_train_ratio(self) -> float:
+        """The share of the driving time in which the drive needs more force than the planned train has."""
+        return sum(one.energies.beyond_s for one in self.legs) / sum(one.leg.trip_s for one in self.legs)
+
+    @property
     def timetable_j(self) -> float | None:
         """Energy of the optimum for the timetable (J); None if a leg has no timetable."""
         known = [leg.timetable_j for leg in self.legs if leg.timetable_j is not None]

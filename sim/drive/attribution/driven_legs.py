@@ -204,6 +204,7 @@ class LegEnergies:
     `balance_j`: as measured, else `blended_j`. `blended_j`: the same motion with the planned train, whose motors and
     friction brake share the braking as recorded. `motors_j`: the same motion with the planned train, whose motors brake
     first; `trajectory` is that motion, and `index[i]` the sample at its node i. `measured`: `balance_j` was measured.
+    `beyond_s` is the time (s) in which the motion needs more force than the planned train has.
     """
 
     balance_j: Floats
@@ -212,6 +213,7 @@ class LegEnergies:
     trajectory: Trajectory
     index: NDArray[np.intp]
     measured: bool
+    beyond_s: float
 
     @property
     def driven_j(self) -> float:
@@ -238,6 +240,7 @@ def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
         trajectory=driven.trajectory,
         index=index,
         measured=measured,
+        beyond_s=float(driven.trajectory.interval_s()[driven.beyond].sum()),
     )
 
 

@@ -31,6 +31,7 @@ from sim.review.report.sentences import (
     where_time_went,
 )
 from sim.trips.estimate import BRAKING
+from sim.trips.settings import ESTIMATE
 
 MOST_FINDINGS: Final = 3
 TOLD_KMH: Final = 3.0
@@ -214,12 +215,16 @@ def _likely(drive: Drive) -> list[str]:
 
 
 def _right_train(drive: Drive) -> str:
-    """A doubt about the assumed train, if the trip was faster than it can go."""
+    """A doubt about the assumed train, if the trip was faster or needed more force than that train can."""
     over_kmh = [one.facts["over_kmh"] for one in drive.events if one.kind is EventKind.BEYOND_TRAIN]
-    if not over_kmh:
+    told = f"was up to {max(over_kmh):.0f} km/h faster than the assumed train can go" if over_kmh else ""
+    short = 0.0 if drive.attribution is None or drive.measured else drive.attribution.beyond_train_ratio
+    if not told and short > ESTIMATE.foreign_ratio:
+        told = f"needs more force than the assumed train has for {100.0 * short:.0f} % of the time"
+    if not told:
         return ""
-    faster = f"The trip was up to {max(over_kmh):.0f} km/h faster than the assumed train can go. {RIGHT_TRAIN}"
-    return faster if drive.not_comparable else f"{faster} If not, energies and findings do not hold."
+    doubt = f"The trip {told}. {RIGHT_TRAIN}"
+    return doubt if drive.not_comparable else f"{doubt} If not, energies and findings do not hold."
 
 
 def _over_limit(drive: Drive) -> PageFigure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import defaultdict
 from dataclasses import replace
 from datetime import datetime
@@ -26,6 +27,7 @@ from sim.drive.drive import Drive
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.recording.opening import OWN_TIMETABLE
+from sim.review.report.first_page import page_dict
 from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.runs.replay.timing import check_timing, plan_timing
@@ -191,6 +193,18 @@ def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(dr
     assert attribution.above.difference_j == pytest.approx(found.above.above_j)
     assert likely is not None
     assert (likely.low_j, likely.high_j) == found.above.likely
+
+
+def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(driven: Driven) -> None:
+    job, found, _ = driven
+    vehicle = job.front.section.vehicle
+    weak = replace(vehicle, traction=replace(vehicle.traction, max_force_n=0.6 * vehicle.traction.max_force_n))
+    said = []
+    for one in (vehicle, weak):
+        given = DriveInputs(route=job.trip.route, vehicle=one, level=job.front.section.level, source="test")
+        said.append(page_dict(Drive(source=recorded(job, found), given=given))["right_train"])
+    assert said[0] == ""
+    assert re.match(r"The trip needs more force than the assumed train has for \d+ % of the time\.", said[1])
 
 
 def test_a_recorded_trip_and_its_replay_are_one_drive(tmp_path: Path) -> None:
