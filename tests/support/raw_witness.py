@@ -42,6 +42,8 @@ class RawTrain:
     resistance: tuple[float, float, float]
     traction_n: float
     traction_w: float
+    effort: tuple[list[float], list[float]]
+    """An effort curve in their place: speeds (m/s) and forces (N), of equal length; empty if there is none."""
     brake_n: float
     brake_w: float
     friction_n: float
@@ -55,6 +57,7 @@ class RawTrain:
         """Read a vehicle's file; plans that may use only the electric brake are judged by that brake."""
         data = tomllib.loads(path.read_text())
         vehicle, held, brake = data["vehicle"], data["resistance"], data["electric_brake"]
+        rows = data["traction"].get("curve", {"rows": []})["rows"]
         blended, friction_n = data["brakes"]["policy"] != "electric", 1000.0 * data["friction_brake"]["max_force_kn"]
         return cls(
             mass_kg=1000.0 * vehicle["mass_t"],
@@ -62,8 +65,9 @@ class RawTrain:
             length_m=vehicle["length_m"],
             top_mps=vehicle["max_speed_kmh"] / 3.6,
             resistance=(1000.0 * held["c0_kn"], 1000.0 * held["c1_kn_per_mps"], 1000.0 * held["c2_kn_per_mps2"]),
-            traction_n=1000.0 * data["traction"]["max_force_kn"],
-            traction_w=1000.0 * data["traction"]["max_power_kw"],
+            traction_n=1000.0 * data["traction"].get("max_force_kn", math.nan),
+            traction_w=1000.0 * data["traction"].get("max_power_kw", math.nan),
+            effort=([kmh / 3.6 for kmh, _ in rows], [1000.0 * kn for _, kn in rows]),
             brake_n=1000.0 * brake["max_force_kn"],
             brake_w=1000.0 * brake["max_power_kw"],
             friction_n=friction_n if blended else 0.0,
@@ -78,6 +82,8 @@ class RawTrain:
 
     def pulling_n(self, speed_mps: float) -> float:
         """The largest traction (N) at a speed."""
+        if self.effort[0]:
+            return float(np.interp(speed_mps, *self.effort))
         return min(self.traction_n, self.traction_w / max(speed_mps, 0.1))
 
     def electric_n(self, speed_mps: float) -> float:
