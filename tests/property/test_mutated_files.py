@@ -2,7 +2,7 @@
 
 A few hundred; `DAS_MUTATED_FILES=100000 pytest tests/property/test_mutated_files.py` reads more (`DAS_MUTATED_FIRST`:
 the number of the first). No mutation may lead to another error than one for the user, take longer than 10 s, or more
-than 2 GB of memory.
+than 1 GB of memory.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from tests.support.small_tables import SETTINGS, line, seal_anew, train
 
 FIRST = int(os.environ.get("DAS_MUTATED_FIRST", "0"))
 LONGEST_S = 10
-MOST_BYTES = 2_000_000_000
+MOST_BYTES = 1_000_000_000
 CATALOGUE = REPOSITORY / "das" / "domain" / "catalogue"
 ROUTE, VEHICLE = load_route("zurich-luzern"), load_vehicle("re460-ic")
 VALUES = (
