@@ -89,9 +89,9 @@ MEANINGS = {
 }
 
 NEXT_TIME: Final = {
-    EnergyCause.TOO_MUCH_EFFORT: "Next time: pull less there.",
+    EnergyCause.TOO_MUCH_EFFORT: "Next time: pull less there; drive as the best run does.",
     EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
-    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, as far as a margin to the limit is kept.",
+    EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, but keep a margin to the limit.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
     EnergyCause.FRICTION: "Next time: brake sooner and less hard, so that the motors can do it alone.",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.trajectory import Trajectory
 from das.domain.units import KM
 from sim.drive.attribution.attribution import Attribution, LegAttribution
 from sim.drive.attribution.causes import EnergyCause
@@ -29,6 +31,17 @@ LARGE_SHARE = 0.2
 """A cause is named if it took at least this share of the energy that all causes took on a stretch."""
 LEAST_PART = 0.2
 """A stretch is named if a cause took at least this part there of what it took on its worst stretch."""
+IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
+"""A run coasts with less than this share of its largest force, and holds its speed if it gains less than this."""
+
+
+class Doing(StrEnum):
+    """What a run does for most of the time on a stretch."""
+
+    ACCELERATING = "accelerating"
+    HOLDING = "holding"
+    COASTING = "coasting"
+    BRAKING = "braking"
 
 
 def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
@@ -49,7 +62,8 @@ def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
 
 class CauseStretch(NamedTuple):
     """A stretch on which a cause took energy: its leg, where (m) and when (ns since 1970) it begins and ends, and the
-    energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`."""
+    energy that the cause took there (J). It lasted `driven_s`, and in the optimum `optimum_s`; `best` is what that does
+    there."""
 
     leg: DrivenLeg
     start_m: float
@@ -59,6 +73,7 @@ class CauseStretch(NamedTuple):
     energy_j: float
     driven_s: float
     optimum_s: float
+    best: Doing
 
 
 def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
@@ -83,7 +98,24 @@ def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> Cau
     ends = np.minimum(np.searchsorted(motion.s_m, (start_m, end_m)), len(motion.s_m) - 1)
     start_ns, end_ns = motion.time_ns[ends].tolist()
     driven_s, optimum_s = (float(one[first : last + 1].sum()) for one in (leg.even.driven_s, leg.even.optimum_s))
-    return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j, driven_s, optimum_s)
+    best = doing(leg.optimum.trajectory, start_m, end_m)
+    return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j, driven_s, optimum_s, best)
+
+
+def doing(run: Trajectory, start_m: float, end_m: float) -> Doing:
+    """What a run does for most of the time between two places (m)."""
+    first, last = np.searchsorted(run.s_m, (start_m, end_m)).clip(1, len(run.s_m) - 1).tolist()
+    part = slice(first - 1, last)
+    force_n, step_s = (run.force_el_n + run.force_friction_n)[part], run.interval_s()[part]
+    idle = np.abs(force_n) < IDLE_RATIO * np.abs(run.force_el_n).max()
+    gains = np.diff(run.v_mps)[part] > HELD_MPS2 * step_s
+    lasts_s = {
+        Doing.ACCELERATING: step_s[~idle & (force_n > 0) & gains],
+        Doing.HOLDING: step_s[~idle & (force_n > 0) & ~gains],
+        Doing.COASTING: step_s[idle],
+        Doing.BRAKING: step_s[~idle & (force_n < 0)],
+    }
+    return max(lasts_s, key=lambda one: float(lasts_s[one].sum()))
 
 
 def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:

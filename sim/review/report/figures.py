@@ -13,7 +13,7 @@ from sim.drive.attribution.causes import OVER_MPS
 from sim.drive.events.event import bookmarks
 from sim.review.canvas import INK, TEXT_POINTS, curve, lane_rows, light_figure, named, page_legend, stops
 from sim.review.lanes import MODE_LANES
-from sim.review.report.first_page import DriveFinding
+from sim.review.report.findings import DriveFinding
 from sim.review.report.sentences import told_causes
 from sim.review.scene import ReviewScene, Trace, meaning_of
 from sim.review.series import QUANTITIES, STYLES

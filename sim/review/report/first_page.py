@@ -7,54 +7,33 @@ them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
-from das.domain.units import KM, kmh, kwh
+from das.domain.units import kmh, kwh
 from sim.drive.above_optimum import NOT_COMPARABLE, energy_words
-from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
-from sim.drive.attribution.worst import CauseStretch, worst_stretches
 from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
-from sim.drive.events.event import DriveEvent, EventKind, lateness_text
-from sim.drive.limits import PassedSignal, signals_passed
-from sim.recording.course import DriveClock
+from sim.drive.events.event import EventKind, lateness_text
 from sim.recording.opening import own_timetable
+from sim.review.report.findings import DriveFinding, findings
 from sim.review.report.sentences import (
     LIMIT_UNKNOWN,
     NAMED_KWH,
     RIGHT_TRAIN,
     came_about,
     ran,
-    told_causes,
     where_time_went,
 )
 from sim.trips.estimate import BRAKING
 from sim.trips.settings import ESTIMATE
 
-MOST_FINDINGS: Final = 3
-TOLD_KMH: Final = 3.0
-"""Mean speeds that differ by less than this (km/h) are not told."""
-MOST_PLACES: Final = 3
-"""A finding names at most this many places."""
-BY_ADVICE: Final = ("hurried by the advice", "The advice aimed at an arrival that the train missed by more than 10 s.")
-"""Label and meaning of `EnergyCause.LATENESS` where advice was shown."""
 NOT_KNOWN: Final = "not known"
-SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
-"""The kinds of events that are findings about safety, each in words."""
-SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
-GAINED: Final = "Next time: keep a margin; a limit holds until the whole train has left it."
-"""What is said of a train that was not braking late, but gained speed while it was above the limit."""
-GAINED_MPS: Final = 0.5
-"""A train gained speed if its highest speed above the limit is more than this (m/s) above its first one."""
 NUMBERS: Final = "The numbers are those of the findings: where each happened, or where its cause took most."
 LOST: Final = "Below: where more was then lost than by the optimum; its cause may lie before."
 OPTIMUM: Final = "The optimum has the same times, and knows of no signals and no temporary restrictions."
 MOST_CHANGES: Final = 2
 """The page tells at most this many changes of the lateness, the largest."""
-SIGNAL_PASSED: Final = "signal-passed"
-"""The code of a finding about a signal that was passed at danger."""
 
 
 class PageFigure(NamedTuple):
@@ -63,88 +42,6 @@ class PageFigure(NamedTuple):
     name: str
     value: str
     beside: str
-
-
-class FoundPlace(NamedTuple):
-    """Where and when a finding happened: its ends (m) and their times (ns since 1970), and the stops before and behind.
-
-    `between` is empty if the place does not lie between two stops. `energy_j` is what the cause took there above the
-    optimum (J); None for a finding about safety, of which no energy is counted. `mean_mps` is the mean speed there, as
-    driven and of the optimum (m/s), for a cause about speed.
-    """
-
-    between: tuple[str, ...]
-    start_m: float
-    end_m: float
-    start_ns: int
-    end_ns: int
-    energy_j: float | None = None
-    mean_mps: tuple[float, float] | None = None
-
-    def words(self, clock: DriveClock, told: tuple[str, ...]) -> str:
-        """Where and when in words; the stops are left out if they were `told`."""
-        start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
-        at = f"km\u00a0{start}" if start == end else f"km\u00a0{start} to {end}"
-        between = "" if not self.between or self.between == told else " between {} and {}".format(*self.between)
-        energy = "" if self.energy_j is None else f", {kwh(self.energy_j):.1f} kWh"
-        return f"{at}{between} ({clock.of_day(self.start_ns)}{energy}{self._speeds})"
-
-    @property
-    def _speeds(self) -> str:
-        """The mean speeds in words, if they differ by enough to be talked about."""
-        driven, best = (0.0, 0.0) if self.mean_mps is None else map(kmh, self.mean_mps)
-        return "" if abs(driven - best) < TOLD_KMH else f", {driven:.0f} instead of {best:.0f} km/h"
-
-    def as_dict(self, clock: DriveClock) -> dict[str, Any]:
-        """The place for programs: times in s on the drive's clock and in ns since 1970, the energy in kWh."""
-        return {
-            "between": list(self.between) or None,
-            "start_m": self.start_m,
-            "end_m": self.end_m,
-            "time_ns": self.start_ns,
-            "time_s": clock.since_s(self.start_ns),
-            "end_s": clock.since_s(self.end_ns),
-            "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
-            "mean_speed_mps": None if self.mean_mps is None else self.mean_mps[0],
-            "mean_speed_optimum_mps": None if self.mean_mps is None else self.mean_mps[1],
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class DriveFinding:
-    """Something for instructor and driver to talk about: its cause, what happened, where, and when.
-
-    `code` names the cause for programs: a cause of the energy attribution, or a kind of event. `label` is it in words.
-    `places` are where it happened or took most, the worst first. `energy_j` is the energy above the optimum of the
-    cause over the whole drive (J), None for a finding about safety. `next_time` says what to do otherwise.
-    """
-
-    code: str
-    label: str
-    text: str
-    places: tuple[FoundPlace, ...]
-    next_time: str = SAFER
-    energy_j: float | None = None
-
-    def where(self, clock: DriveClock) -> str:
-        """The places in words."""
-        told: tuple[str, ...] = ()
-        words = []
-        for place in self.places:
-            words.append(place.words(clock, told))
-            told = place.between
-        return "; ".join(words)
-
-    def as_dict(self, clock: DriveClock) -> dict[str, Any]:
-        """The finding for programs, energies in kWh."""
-        return {
-            "cause": self.code,
-            "label": self.label,
-            "text": self.text,
-            "next_time": self.next_time,
-            "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
-            "places": [one.as_dict(clock) for one in self.places],
-        }
 
 
 def last_arrival(drive: Drive) -> KeptCall | None:
@@ -234,92 +131,6 @@ def _over_limit(drive: Drive) -> PageFigure:
     if not drive.limit_known:
         return PageFigure(name, NOT_KNOWN, "the recording does not bring its line along")
     return PageFigure(name, "0 s", "no limit was exceeded by more than 1 km/h")
-
-
-def findings(drive: Drive) -> tuple[DriveFinding, ...]:
-    """The three findings of the page at most: those about safety first, then the causes that took most energy."""
-    return (*_safety_findings(drive), *_energy_findings(drive))[:MOST_FINDINGS]
-
-
-def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
-    """Signals passed at danger, speeds above the limit and missed stops: one finding for each, about the worst."""
-    passed = sorted(signals_passed(drive.course, drive.signals), key=lambda one: -one.beyond_m)
-    if passed:
-        yield _at_signal(drive, passed[0], len(passed))
-    for kind in SAFETY_LABELS:
-        events = [one for one in drive.events if one.kind is kind]
-        if events:
-            worst = max(events, key=lambda one: float(one.facts.get("over_kmh", 0.0)))
-            yield _of_event(drive, worst, len(events))
-
-
-def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:
-    text = f"The head of the train went {passed.beyond_m:.0f} m beyond it.{_worst_of(count)}"
-    place = FoundPlace(_between(drive, passed.s_m), passed.s_m, passed.s_m, passed.time_ns, passed.time_ns)
-    return DriveFinding(code=SIGNAL_PASSED, label="signal passed at danger", text=text, places=(place,))
-
-
-def _of_event(drive: Drive, event: DriveEvent, count: int) -> DriveFinding:
-    ends = drive.course.time_ns.searchsorted((event.time_ns, event.last_ns))
-    start_m, end_m = drive.course.s_m[ends].tolist()
-    place = FoundPlace(_between(drive, start_m), start_m, end_m, event.time_ns, event.last_ns)
-    text = f"{event.text[0].upper()}{event.text[1:]}.{_worst_of(count)}"
-    speeds_mps = drive.course.speed_mps[ends[0] : ends[1] + 1]
-    gained = event.kind is EventKind.OVERSPEED and speeds_mps.max() > speeds_mps[0] + GAINED_MPS
-    return DriveFinding(
-        code=str(event.kind), label=SAFETY_LABELS[event.kind], text=text, places=(place,),
-        next_time=GAINED if gained else SAFER,
-    )  # fmt: skip
-
-
-def _worst_of(count: int) -> str:
-    return "" if count == 1 else f" This is the worst of {count} times."
-
-
-def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
-    """The stops of the journey before and behind a place; empty if it does not lie between two."""
-    before = [one.name for one in drive.calls if one.s_m <= s_m]
-    behind = [one.name for one in drive.calls if one.s_m > s_m]
-    return (before[-1], behind[0]) if before and behind else ()
-
-
-def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
-    """The causes that took most energy, the largest first; what cannot be told apart is no finding."""
-    attribution = drive.attribution
-    for cause, energy_j in () if attribution is None else told_causes(attribution):
-        assert attribution is not None
-        worst = worst_stretches(attribution, cause, MOST_PLACES)
-        if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or not worst:
-            continue
-        by_advice = cause is EnergyCause.LATENESS and attribution.advice_shown
-        label, text = BY_ADVICE if by_advice else (cause.label, cause.meaning)
-        yield DriveFinding(
-            code=str(cause),
-            label=label,
-            text=text,
-            places=tuple(_found_place(drive, cause, one) for one in worst),
-            energy_j=energy_j,
-            next_time=NOT_THE_DRIVERS if by_advice else cause.next_time,
-        )
-
-
-def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
-    """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
-    way_m, mean_mps = stretch.end_m - stretch.start_m, None
-    if cause in BY_SPEED:
-        mean_mps = (way_m / stretch.driven_s, way_m / stretch.optimum_s)
-    place = FoundPlace(
-        (stretch.leg.start.name, stretch.leg.end.name), stretch.start_m, stretch.end_m, stretch.start_ns,
-        stretch.end_ns, stretch.energy_j, mean_mps,
-    )  # fmt: skip
-    told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
-    if cause is not EnergyCause.RESTRICTION or not told:
-        return place
-    facts = min(told, key=lambda one: abs(one.time_ns - place.start_ns)).facts
-    start_m, end_m = float(facts["start_m"]), float(facts["end_m"])
-    ends = drive.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.course.s_m) - 1)
-    start_ns, end_ns = drive.course.time_ns[ends].tolist()
-    return place._replace(start_m=start_m, end_m=end_m, start_ns=start_ns, end_ns=end_ns)
 
 
 def how_sure(drive: Drive) -> list[str]:

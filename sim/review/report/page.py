@@ -25,7 +25,8 @@ from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
 from sim.review.canvas import as_image, comparison_figure
 from sim.review.report import figures, tables
-from sim.review.report.first_page import findings, first_page_dict, page_dict
+from sim.review.report.findings import findings
+from sim.review.report.first_page import first_page_dict, page_dict
 from sim.review.report.sentences import compliance, paragraph, title, where_time_went
 from sim.review.scene import ReviewScene
 

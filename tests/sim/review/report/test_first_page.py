@@ -27,12 +27,8 @@ from sim.drive.limits import signals_passed
 from sim.drivers.drivers import PerfectDriver
 from sim.recording.opening import OWN_TIMETABLE
 from sim.review.report.figures import first_figure
+from sim.review.report.findings import GAINED, SAFER, DriveFinding, FoundPlace, findings
 from sim.review.report.first_page import (
-    GAINED,
-    SAFER,
-    DriveFinding,
-    FoundPlace,
-    findings,
     first_page_dict,
     how_sure,
     page_figures,
