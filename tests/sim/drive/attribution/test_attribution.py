@@ -12,11 +12,14 @@ import pytest
 from das.bus import das_pb2
 from das.bus.recording import Stamped
 from das.domain.errors import DasError
+from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import kwh
+from das.solver.section import build_section
+from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.attribution import Attribution, as_dict
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.worst import worst_places
+from sim.drive.attribution.worst import Doing, doing, worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
@@ -184,6 +187,20 @@ def test_the_rows_for_programs_have_every_place_and_cause() -> None:
     found_m = [tuple(float(x) for x in one.where[3:].split(" to ")) for one in worst_places(found)]
     assert all(a < b for a, b in found_m)
     assert all(b[1] <= a[0] or a[1] <= b[0] for a, b in combinations(found_m, 2))  # none overlaps another
+
+
+def test_what_the_best_run_does_is_what_it_does_for_most_of_the_time() -> None:
+    """On the level it accelerates, holds its speed, coasts, and brakes to the stop."""
+    front = solve_front(build_section(load_route("flat-6km"), load_vehicle("re460-ic")))
+    run = front.trajectory(1.05 * front.fastest().time_s).trajectory
+    force_n = run.force_el_n + run.force_friction_n
+    coasts_m = run.s_m[:-1][np.abs(force_n) < 1.0]
+    brakes_m = float(run.s_m[:-1][force_n < -1.0].min())
+    assert doing(run, 0.0, 500.0) is Doing.ACCELERATING
+    assert doing(run, float(coasts_m.min()) - 300.0, float(coasts_m.min()) - 50.0) is Doing.HOLDING
+    assert doing(run, float(coasts_m.min()), float(coasts_m.max())) is Doing.COASTING
+    assert doing(run, brakes_m, 6000.0) is Doing.BRAKING
+    assert doing(run, brakes_m - 400.0, brakes_m + 100.0) is Doing.COASTING
 
 
 def test_every_cause_has_its_words() -> None:

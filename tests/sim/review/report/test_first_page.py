@@ -322,3 +322,14 @@ def test_the_first_page_is_one_page_of_a4(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(re.findall(rb"/Type\s*/Page\b", content)) == 1
     (box,) = set(re.findall(rb"/MediaBox\s*\[0 0 ([\d.]+) ([\d.]+)\]", content))
     assert [float(one) for one in box] == pytest.approx([595.0, 842.0], abs=1.0)
+
+
+@pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="needs an installed browser")
+def test_a_long_name_leaves_its_value_room_on_paper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twenty values once took sixteen pages, one letter to a line."""
+    rows = [("said by the recording: above the optimum (estimated), every unknown at its worst", "29 to 97 kWh " * 3)]
+    monkeypatch.setattr("sim.review.report.tables.input_rows", lambda _drive: rows * 20)
+    html = page([fast()], None, "")
+    begin = html.index("What it was made from")
+    write_pdf(f"{html[: html.index('<body')]}<body>{html[begin:]}", tmp_path / "last.pdf")
+    assert len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "last.pdf").read_bytes())) <= 2
