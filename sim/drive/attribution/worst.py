@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,16 +33,28 @@ LARGE_SHARE = 0.2
 LEAST_PART = 0.2
 """A stretch is named if a cause took at least this part there of what it took on its worst stretch."""
 IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
-"""A run coasts with less than this share of its largest force, and holds its speed if it gains less than this."""
+"""A run coasts with less than this share of its largest force; else it holds its speed if that changes by less."""
 
 
-class Doing(StrEnum):
-    """What a run does for most of the time on a stretch."""
+BRIEF_S = 5.0
+"""What a run does for less than this (s) in between does not end what it does around it."""
+
+
+class Action(StrEnum):
+    """What a train does."""
 
     ACCELERATING = "accelerating"
     HOLDING = "holding"
     COASTING = "coasting"
     BRAKING = "braking"
+
+
+class Doing(NamedTuple):
+    """What a run does for most of the time on a stretch, and from where to where it does it without a break (m)."""
+
+    action: Action
+    start_m: float
+    end_m: float
 
 
 def worst_places(attribution: Attribution, most: int = 5) -> list[WorstPlace]:
@@ -104,18 +117,26 @@ def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> Cau
 
 def doing(run: Trajectory, start_m: float, end_m: float) -> Doing:
     """What a run does for most of the time between two places (m)."""
-    first, last = np.searchsorted(run.s_m, (start_m, end_m)).clip(1, len(run.s_m) - 1).tolist()
-    part = slice(first - 1, last)
-    force_n, step_s = (run.force_el_n + run.force_friction_n)[part], run.interval_s()[part]
+    actions, found = _actions(run), []
+    begins = [0]
+    for k in np.flatnonzero(np.diff(actions)) + 1:
+        lasts = int(np.argmax(np.append(actions[k:] != actions[k], True)))
+        if run.t_s[k + lasts] - run.t_s[k] >= BRIEF_S and actions[k] != actions[begins[-1]]:
+            begins.append(int(k))
+    for begin, end in pairwise([*begins, len(actions)]):
+        from_m, to_m = float(run.s_m[begin]), float(run.s_m[end])
+        from_s, to_s = np.interp(np.clip((from_m, to_m), start_m, end_m), run.s_m, run.t_s)
+        found.append((float(to_s - from_s), Doing(tuple(Action)[actions[begin]], from_m, to_m)))
+    return max(found)[1]
+
+
+def _actions(run: Trajectory) -> NDArray[np.intp]:
+    """What a run does in each of its intervals: the number of the action."""
+    force_n, gained_mps = run.force_el_n + run.force_friction_n, np.diff(run.v_mps)
     idle = np.abs(force_n) < IDLE_RATIO * np.abs(run.force_el_n).max()
-    gains = np.diff(run.v_mps)[part] > HELD_MPS2 * step_s
-    lasts_s = {
-        Doing.ACCELERATING: step_s[~idle & (force_n > 0) & gains],
-        Doing.HOLDING: step_s[~idle & (force_n > 0) & ~gains],
-        Doing.COASTING: step_s[idle],
-        Doing.BRAKING: step_s[~idle & (force_n < 0)],
-    }
-    return max(lasts_s, key=lambda one: float(lasts_s[one].sum()))
+    most_mps = HELD_MPS2 * run.interval_s()
+    gains, loses = (force_n > 0) & (gained_mps > most_mps), (force_n < 0) & (gained_mps < -most_mps)
+    return np.select([idle, gains, loses], [2, 0, 3], 1)
 
 
 def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -10,7 +10,7 @@ from das.domain.units import KM, kmh, kwh
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
 from sim.drive.attribution.worst import CauseStretch, Doing, worst_stretches
 from sim.drive.drive import Drive
-from sim.drive.events.event import DriveEvent, EventKind
+from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
 from sim.recording.course import DriveClock
 from sim.review.report.sentences import NAMED_KWH, told_causes
@@ -20,8 +20,8 @@ TOLD_KMH: Final = 3.0
 """Mean speeds that differ by less than this (km/h) are not told."""
 MOST_PLACES: Final = 3
 """A finding names at most this many places."""
-BY_ADVICE: Final = ("hurried by the advice", "The advice aimed at an arrival that the train missed by more than 10 s.")
-"""Label and meaning of `EnergyCause.LATENESS` where advice was shown."""
+BY_ADVICE: Final = "hurried by the advice"
+"""The label of `EnergyCause.LATENESS` where advice was shown."""
 SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED_STOP: "stop missed"}
 """The kinds of events that are findings about safety, each in words."""
 SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
@@ -38,7 +38,8 @@ class FoundPlace(NamedTuple):
 
     `between` is empty if the place does not lie between two stops. `energy_j` is what the cause took there above the
     optimum (J); None for a finding about safety, of which no energy is counted. For a cause about speed, `mean_mps` is
-    the mean speed there, as driven and of the optimum (m/s), and `best` what the optimum does.
+    the mean speed there, as driven and of the optimum (m/s). `best` is what the optimum does there, for a cause about
+    speed or brakes.
     """
 
     between: tuple[str, ...]
@@ -56,17 +57,18 @@ class FoundPlace(NamedTuple):
         at = f"km\u00a0{start}" if start == end else f"km\u00a0{start} to {end}"
         between = "" if not self.between or self.between == told else " between {} and {}".format(*self.between)
         energy = "" if self.energy_j is None else f", {kwh(self.energy_j):.1f} kWh"
-        return f"{at}{between} ({clock.of_day(self.start_ns)}{energy}{self._speeds})"
+        return f"{at}{between} ({clock.of_day(self.start_ns)}{energy}{self._best})"
 
     @property
-    def _speeds(self) -> str:
-        """How the best run goes there, and the mean speeds if they differ by enough to be talked about."""
-        if self.mean_mps is None:
+    def _best(self) -> str:
+        """What the best run does there and from where to where, and the mean speeds if they differ by much."""
+        if self.best is None:
             return ""
-        driven, best = map(kmh, self.mean_mps)
+        span = f"km\u00a0{self.best.start_m / KM:.1f} to {self.best.end_m / KM:.1f}"
+        driven, best = (0.0, 0.0) if self.mean_mps is None else map(kmh, self.mean_mps)
         if abs(driven - best) < TOLD_KMH:
-            return f"; best: {self.best}"
-        return f", {driven:.0f} km/h; best: {self.best}, {best:.0f} km/h"
+            return f"; best: {self.best.action} {span}"
+        return f", {driven:.0f} km/h; best: {self.best.action} {span}, here {best:.0f} km/h"
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
         """The place for programs: times in s on the drive's clock and in ns since 1970, the energy in kWh."""
@@ -80,7 +82,9 @@ class FoundPlace(NamedTuple):
             "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
             "mean_speed_mps": None if self.mean_mps is None else self.mean_mps[0],
             "mean_speed_optimum_mps": None if self.mean_mps is None else self.mean_mps[1],
-            "optimum_does": self.best,
+            "optimum_does": None if self.best is None else self.best.action,
+            "optimum_does_from_m": None if self.best is None else self.best.start_m,
+            "optimum_does_to_m": None if self.best is None else self.best.end_m,
         }
 
 
@@ -177,7 +181,7 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         if cause is EnergyCause.REST or kwh(energy_j) < NAMED_KWH or not worst:
             continue
         by_advice = cause is EnergyCause.LATENESS and attribution.advice_shown
-        label, text = BY_ADVICE if by_advice else (cause.label, cause.meaning)
+        label, text = (BY_ADVICE, _hurried_for(drive, worst)) if by_advice else (cause.label, cause.meaning)
         yield DriveFinding(
             code=str(cause),
             label=label,
@@ -188,13 +192,20 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         )
 
 
+def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
+    """For which arrivals the advice hurried, and by how much they were missed."""
+    ends = {one.leg.end.name for one in stretches}
+    missed = [f"{one.name} ({lateness_text(one.arrived_late_s)})" for one in drive.calls[1:] if one.name in ends]
+    return f"The advice aimed at arrivals that were missed all the same: {', '.join(missed)}."
+
+
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
     """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED
     place = FoundPlace(
         (stretch.leg.start.name, stretch.leg.end.name), stretch.start_m, stretch.end_m, stretch.start_ns,
         stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
-        stretch.best if speeds else None,
+        stretch.best if speeds or cause is EnergyCause.FRICTION else None,
     )  # fmt: skip
     told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
     if cause is not EnergyCause.RESTRICTION or not told:

@@ -19,7 +19,7 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.attribution import Attribution, as_dict
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.worst import Doing, doing, worst_places
+from sim.drive.attribution.worst import Action, doing, worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
@@ -194,13 +194,23 @@ def test_what_the_best_run_does_is_what_it_does_for_most_of_the_time() -> None:
     front = solve_front(build_section(load_route("flat-6km"), load_vehicle("re460-ic")))
     run = front.trajectory(1.05 * front.fastest().time_s).trajectory
     force_n = run.force_el_n + run.force_friction_n
-    coasts_m = run.s_m[:-1][np.abs(force_n) < 1.0]
-    brakes_m = float(run.s_m[:-1][force_n < -1.0].min())
-    assert doing(run, 0.0, 500.0) is Doing.ACCELERATING
-    assert doing(run, float(coasts_m.min()) - 300.0, float(coasts_m.min()) - 50.0) is Doing.HOLDING
-    assert doing(run, float(coasts_m.min()), float(coasts_m.max())) is Doing.COASTING
-    assert doing(run, brakes_m, 6000.0) is Doing.BRAKING
-    assert doing(run, brakes_m - 400.0, brakes_m + 100.0) is Doing.COASTING
+    idle_n = 0.02 * float(np.abs(run.force_el_n).max())
+    coasts_m = run.s_m[:-1][np.abs(force_n) < idle_n]
+    brakes_m = float(run.s_m[:-1][force_n < -idle_n].min())
+    holds_m, coasts_m, ends_m = float(coasts_m.min()) - 300.0, float(coasts_m.min()), float(coasts_m.max())
+    for start_m, end_m, action in (
+        (0.0, 500.0, Action.ACCELERATING),
+        (holds_m, coasts_m - 50.0, Action.HOLDING),
+        (coasts_m, ends_m, Action.COASTING),
+        (brakes_m - 300.0, brakes_m + 50.0, Action.COASTING),
+        (brakes_m, 6000.0, Action.BRAKING),
+    ):
+        found = doing(run, start_m, end_m)
+        assert found.action is action
+        assert found.start_m <= end_m
+        assert found.end_m >= start_m
+    assert doing(run, brakes_m + 50.0, brakes_m + 100.0)[1:] == pytest.approx((brakes_m, 6000.0), abs=60.0)
+    assert doing(run, brakes_m - 300.0, brakes_m - 200.0)[1:] == pytest.approx((coasts_m, brakes_m), abs=60.0)
 
 
 def test_every_cause_has_its_words() -> None:
