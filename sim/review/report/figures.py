@@ -25,7 +25,7 @@ SPEEDS: Final = ("speed/limit", "speed/same_times", "speed/advised", "speed/show
 """The series of the axis of speed, in drawing order."""
 HEIGHTS_IN: Final = {"speed": 3.2, "modes": 0.22, "deviation": 1.0, "apart": 1.1}
 """Heights (in) of the axes over distance by their quantities, and of a lane of modes."""
-FIRST_IN: Final = (7.2, 2.0, 0.55)
+FIRST_IN: Final = (7.2, 1.4, 0.4)
 """Width of the picture on the first page, and heights of its axes (in): as on paper, so that words are readable."""
 NUMBERS_AT: Final = (1.18, 1.12, 1.06)
 """Heights of the numbers of the findings, as multiples of the highest speed."""

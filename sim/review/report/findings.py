@@ -54,21 +54,21 @@ class FoundPlace(NamedTuple):
     def words(self, clock: DriveClock, told: tuple[str, ...]) -> str:
         """Where and when in words; the stops are left out if they were `told`."""
         start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
-        at = f"km\u00a0{start}" if start == end else f"km\u00a0{start} to {end}"
+        at = f"Km\u00a0{start}" if start == end else f"Km\u00a0{start} to {end}"
         between = "" if not self.between or self.between == told else " between {} and {}".format(*self.between)
         energy = "" if self.energy_j is None else f", {kwh(self.energy_j):.1f} kWh"
-        return f"{at}{between} ({clock.of_day(self.start_ns)}{energy}{self._best})"
+        return f"{at}{between}, {clock.of_day(self.start_ns)}{energy}{self._best}"
 
     @property
     def _best(self) -> str:
         """What the best run does there and from where to where, and the mean speeds if they differ by much."""
         if self.best is None:
             return ""
-        span = f"km\u00a0{self.best.start_m / KM:.1f} to {self.best.end_m / KM:.1f}"
+        span = f"from km\u00a0{self.best.start_m / KM:.1f} to {self.best.end_m / KM:.1f}"
         driven, best = (0.0, 0.0) if self.mean_mps is None else map(kmh, self.mean_mps)
         if abs(driven - best) < TOLD_KMH:
             return f"; best: {self.best.action} {span}"
-        return f", {driven:.0f} km/h; best: {self.best.action} {span}, here {best:.0f} km/h"
+        return f", at {driven:.0f} km/h; best: at {best:.0f} km/h, {self.best.action} {span}"
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
         """The place for programs: times in s on the drive's clock and in ns since 1970, the energy in kWh."""
@@ -104,14 +104,10 @@ class DriveFinding:
     next_time: str = SAFER
     energy_j: float | None = None
 
-    def where(self, clock: DriveClock) -> str:
-        """The places in words."""
-        told: tuple[str, ...] = ()
-        words = []
-        for place in self.places:
-            words.append(place.words(clock, told))
-            told = place.between
-        return "; ".join(words)
+    def where(self, clock: DriveClock) -> list[str]:
+        """The places in words; stops are named where they change."""
+        told = [(), *(place.between for place in self.places)]
+        return [place.words(clock, before) for place, before in zip(self.places, told, strict=False)]
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
         """The finding for programs, energies in kWh."""
@@ -166,7 +162,9 @@ def _worst_of(count: int) -> str:
 
 
 def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
-    """The stops of the journey before and behind a place; empty if it does not lie between two."""
+    """The stops before and behind a place; empty if it does not lie between two, or if the drive has no others."""
+    if len(drive.calls) == 2:
+        return ()
     before = [one.name for one in drive.calls if one.s_m <= s_m]
     behind = [one.name for one in drive.calls if one.s_m > s_m]
     return (before[-1], behind[0]) if before and behind else ()
@@ -203,7 +201,7 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED
     place = FoundPlace(
-        (stretch.leg.start.name, stretch.leg.end.name), stretch.start_m, stretch.end_m, stretch.start_ns,
+        _between(drive, stretch.start_m), stretch.start_m, stretch.end_m, stretch.start_ns,
         stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
         stretch.best if speeds or cause is EnergyCause.FRICTION else None,
     )  # fmt: skip

@@ -230,13 +230,12 @@ def _caption(drive: Drive, found: Sequence[DriveFinding]) -> str:
     return " ".join(["Speed over distance.", *([NUMBERS] if found else []), *compared])
 
 
-def _row(one: DriveFinding, drive: Drive) -> dict[str, str]:
-    where = one.where(drive.clock)
+def _row(one: DriveFinding, drive: Drive) -> dict[str, Any]:
     return {
         "cause": f"{one.label[0].upper()}{one.label[1:]}",
         "text": one.text,
         "next_time": one.next_time,
-        "where": f"{where[0].upper()}{where[1:]}" if one.energy_j is None else f"Most at {where}",
+        "where": one.where(drive.clock),
         "energy": "safety" if one.energy_j is None else f"{kwh(one.energy_j):.1f} kWh",
     }
 
