@@ -73,7 +73,7 @@ LABELS = {
 }
 
 MEANINGS = {
-    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best from there, for time that was lost later.",
+    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best from there, for time given away elsewhere.",
     EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
     EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than best from there, made up by more later.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
@@ -94,7 +94,7 @@ NEXT_TIME: Final = {
     EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, but keep a margin to the limit.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
-    EnergyCause.FRICTION: "Next time: begin to brake where the best run does, so that the motors can do it alone.",
+    EnergyCause.FRICTION: "Next time: brake with the motors alone, and sooner where the best run does.",
 }
 NOT_THE_DRIVERS: Final = "Nothing for the driver to do otherwise."
 """What is said of a cause that is not in `NEXT_TIME`."""

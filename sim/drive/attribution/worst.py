@@ -106,6 +106,25 @@ def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> 
     return [one for one in found[:most] if one.energy_j >= LEAST_PART * found[0].energy_j]
 
 
+class SlowStretch(NamedTuple):
+    """Where a drive lost most time against the optimum (m), and how much (s)."""
+
+    start_m: float
+    end_m: float
+    lost_s: float
+
+
+def slowest_stretch(attribution: Attribution) -> SlowStretch | None:
+    """The neighbouring places on which a drive lost most time against the optimum; None if it never lost any."""
+    found = [
+        SlowStretch(float(leg.even.start_m[first]), float(leg.even.end_m[last]), float(lost_s[first : last + 1].sum()))
+        for leg in attribution.legs
+        for lost_s in [leg.even.driven_s - leg.even.optimum_s]
+        for first, last in _worst_runs(lost_s, 1)
+    ]
+    return max(found, key=lambda one: one.lost_s, default=None)
+
+
 def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> CauseStretch:
     motion, start_m, end_m = leg.leg.motion, float(leg.even.start_m[first]), float(leg.even.end_m[last])
     ends = np.minimum(np.searchsorted(motion.s_m, (start_m, end_m)), len(motion.s_m) - 1)

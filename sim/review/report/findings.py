@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from das.domain.units import KM, kmh, kwh
+from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
-from sim.drive.attribution.worst import CauseStretch, Doing, worst_stretches
+from sim.drive.attribution.worst import Action, CauseStretch, Doing, slowest_stretch, worst_stretches
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
 from sim.recording.course import DriveClock
-from sim.review.report.sentences import NAMED_KWH, told_causes
+from sim.review.report.sentences import NAMED_KWH, TOLD_S, told_causes
 
 MOST_FINDINGS: Final = 3
 TOLD_KMH: Final = 3.0
@@ -180,6 +181,8 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
             continue
         by_advice = cause is EnergyCause.LATENESS and attribution.advice_shown
         label, text = (BY_ADVICE, _hurried_for(drive, worst)) if by_advice else (cause.label, cause.meaning)
+        if cause is EnergyCause.TOO_MUCH_EFFORT:
+            text += _given_away(attribution)
         yield DriveFinding(
             code=str(cause),
             label=label,
@@ -188,6 +191,15 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
             energy_j=energy_j,
             next_time=NOT_THE_DRIVERS if by_advice else cause.next_time,
         )
+
+
+def _given_away(attribution: Attribution) -> str:
+    """Where the time was given away for which the train had been faster than the best run, in a sentence."""
+    slow = slowest_stretch(attribution)
+    if slow is None or slow.lost_s < TOLD_S:
+        return ""
+    place = f"km\u00a0{slow.start_m / KM:.1f} to {slow.end_m / KM:.1f}"
+    return f" Most time was given away from {place}: {slow.lost_s:.0f} s against the best run."
 
 
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
@@ -203,7 +215,7 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     place = FoundPlace(
         _between(drive, stretch.start_m), stretch.start_m, stretch.end_m, stretch.start_ns,
         stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
-        stretch.best if speeds or cause is EnergyCause.FRICTION else None,
+        stretch.best if speeds or (cause is EnergyCause.FRICTION and _is_sooner(stretch)) else None,
     )  # fmt: skip
     told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
     if cause is not EnergyCause.RESTRICTION or not told:
@@ -213,3 +225,8 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     ends = drive.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.course.s_m) - 1)
     start_ns, end_ns = drive.course.time_ns[ends].tolist()
     return place._replace(start_m=start_m, end_m=end_m, start_ns=start_ns, end_ns=end_ns)
+
+
+def _is_sooner(stretch: CauseStretch) -> bool:
+    """Whether the best run begins to brake before a stretch on which the driver braked."""
+    return stretch.best.action is Action.BRAKING and stretch.best.start_m < stretch.start_m
