@@ -73,7 +73,7 @@ LABELS = {
 }
 
 MEANINGS = {
-    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best from there, for time given away elsewhere.",
+    EnergyCause.TOO_MUCH_EFFORT: "No advice was shown; more effort than best there, for time given away elsewhere.",
     EnergyCause.LATE_COASTING: "The train should have coasted towards a stop or limit, and was still under traction.",
     EnergyCause.TOO_LITTLE_EFFORT: "No advice was shown; less effort than best from there, made up by more later.",
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
