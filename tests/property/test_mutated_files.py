@@ -20,7 +20,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from multiprocessing import get_context
 from pathlib import Path
 from types import FrameType
@@ -108,7 +108,7 @@ def _imported_line(path: Path, folder: Path) -> None:
     maps = path.suffix in (".json", ".geojson")
     heights = path.read_bytes()[:9].startswith(b"latitude")
     order = ImportOrder(start="Adorf", end="Cedorf", flat=maps and not heights, altitudes=path if heights else None)
-    written = folder / "imported.toml"
+    written = folder / "line.toml"
     line = imported([folder / "tracks.geojson" if heights else path], order, Words())
     written.write_text(route_toml(line.route, line.remarks), encoding="utf-8")
     load_route(written)
@@ -339,8 +339,8 @@ def read_mutated(numbers: range, folder: Path) -> tuple[Counter[str], list[Wrong
     counts: Counter[str] = Counter()
     wrong: list[Wrong] = []
     kinds = _kinds(folder, build_section(line(), train()))
-    for kind in kinds:
-        with suppress(DasError):  # of a manifest sealed anew
+    for kind in kinds:  # Each example can be used, except that a manifest sealed anew is refused.
+        with suppress(DasError) if kind.name == "resealed manifest" else nullcontext():
             kind.use(kind.example)
     resource.setrlimit(resource.RLIMIT_DATA, (_peak_bytes() + MOST_BYTES, resource.RLIM_INFINITY))
     for number in numbers:

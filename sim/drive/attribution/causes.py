@@ -81,7 +81,7 @@ MEANINGS = {
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
     EnergyCause.FRICTION: "The friction brake took what the motors could have fed back: by lever, or by brake control.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
-    EnergyCause.RESTRICTION: "From where it was told, even the best run takes this much more than the optimum.",
+    EnergyCause.RESTRICTION: "It cost this much from where it was told; no driver could have avoided that.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",
     EnergyCause.REST: "The driving was nearly the best, or what happened cannot be told apart.",
     EnergyCause.RECOVERED: "The train left late; to arrive by the timetable all the same takes so much more at best.",
@@ -89,12 +89,12 @@ MEANINGS = {
 }
 
 NEXT_TIME: Final = {
-    EnergyCause.TOO_MUCH_EFFORT: "Next time: do there what the best run does.",
+    EnergyCause.TOO_MUCH_EFFORT: "Next time: do at each place what the best run does.",
     EnergyCause.LATE_COASTING: "Next time: begin to coast sooner.",
     EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, but keep a margin to the limit.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
-    EnergyCause.FRICTION: "Next time: brake with the motors alone, and sooner where the best run does.",
+    EnergyCause.FRICTION: "Next time: brake with the motors alone, and begin no later than the best run.",
 }
 NOT_THE_DRIVERS: Final = "Nothing for the driver to do otherwise."
 """What is said of a cause that is not in `NEXT_TIME`."""

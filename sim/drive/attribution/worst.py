@@ -50,7 +50,7 @@ class Action(StrEnum):
 
 
 class Doing(NamedTuple):
-    """What a run does for most of the time on a stretch, and from where to where it does it without a break (m)."""
+    """What a run does on a stretch, and from where to where it does it without a break (m)."""
 
     action: Action
     start_m: float
@@ -86,7 +86,7 @@ class CauseStretch(NamedTuple):
     energy_j: float
     driven_s: float
     optimum_s: float
-    best: Doing
+    best: Doing | None
 
 
 def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
@@ -107,21 +107,25 @@ def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> 
 
 
 class SlowStretch(NamedTuple):
-    """Where a drive lost most time against the optimum (m), and how much (s)."""
+    """Where a drive lost most time against the optimum (m), for how long it drove there (s), how much it lost (s), and
+    what the optimum does there."""
 
     start_m: float
     end_m: float
+    driven_s: float
     lost_s: float
+    best: Doing | None
 
 
 def slowest_stretch(attribution: Attribution) -> SlowStretch | None:
     """The neighbouring places on which a drive lost most time against the optimum; None if it never lost any."""
-    found = [
-        SlowStretch(float(leg.even.start_m[first]), float(leg.even.end_m[last]), float(lost_s[first : last + 1].sum()))
-        for leg in attribution.legs
-        for lost_s in [leg.even.driven_s - leg.even.optimum_s]
-        for first, last in _worst_runs(lost_s, 1)
-    ]
+    found = []
+    for leg in attribution.legs:
+        even, lost_s = leg.even, leg.even.driven_s - leg.even.optimum_s
+        for first, last in _worst_runs(lost_s, 1):
+            part, start_m, end_m = slice(first, last + 1), float(even.start_m[first]), float(even.end_m[last])
+            driven_s, best = float(even.driven_s[part].sum()), doing(leg.optimum.trajectory, start_m, end_m)
+            found.append(SlowStretch(start_m, end_m, driven_s, float(lost_s[part].sum()), best))
     return max(found, key=lambda one: one.lost_s, default=None)
 
 
@@ -134,8 +138,8 @@ def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> Cau
     return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j, driven_s, optimum_s, best)
 
 
-def doing(run: Trajectory, start_m: float, end_m: float) -> Doing:
-    """What a run does for most of the time between two places (m)."""
+def doing(run: Trajectory, start_m: float, end_m: float) -> Doing | None:
+    """What a run does for half of the time between two places (m) or longer; None if it does nothing for so long."""
     actions, found = _actions(run), []
     begins = [0]
     for k in np.flatnonzero(np.diff(actions)) + 1:
@@ -146,7 +150,8 @@ def doing(run: Trajectory, start_m: float, end_m: float) -> Doing:
         from_m, to_m = float(run.s_m[begin]), float(run.s_m[end])
         from_s, to_s = np.interp(np.clip((from_m, to_m), start_m, end_m), run.s_m, run.t_s)
         found.append((float(to_s - from_s), Doing(tuple(Action)[actions[begin]], from_m, to_m)))
-    return max(found)[1]
+    longest_s, best = max(found)
+    return best if longest_s >= 0.5 * sum(lasts_s for lasts_s, _ in found) else None
 
 
 def _actions(run: Trajectory) -> NDArray[np.intp]:

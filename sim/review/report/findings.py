@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from das.domain.units import KM, kmh, kwh
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
-from sim.drive.attribution.worst import Action, CauseStretch, Doing, slowest_stretch, worst_stretches
+from sim.drive.attribution.worst import CauseStretch, Doing, slowest_stretch, worst_stretches
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
@@ -58,18 +58,7 @@ class FoundPlace(NamedTuple):
         at = f"Km\u00a0{start}" if start == end else f"Km\u00a0{start} to {end}"
         between = "" if not self.between or self.between == told else " between {} and {}".format(*self.between)
         energy = "" if self.energy_j is None else f", {kwh(self.energy_j):.1f} kWh"
-        return f"{at}{between}, {clock.of_day(self.start_ns)}{energy}{self._best}"
-
-    @property
-    def _best(self) -> str:
-        """What the best run does there and from where to where, and the mean speeds if they differ by much."""
-        if self.best is None:
-            return ""
-        span = f"from km\u00a0{self.best.start_m / KM:.1f} to {self.best.end_m / KM:.1f}"
-        driven, best = (0.0, 0.0) if self.mean_mps is None else map(kmh, self.mean_mps)
-        if abs(driven - best) < TOLD_KMH:
-            return f"; best: {self.best.action} {span}"
-        return f", at {driven:.0f} km/h; best: at {best:.0f} km/h, {self.best.action} {span}"
+        return f"{at}{between}, {clock.of_day(self.start_ns)}{energy}{best_words(self.best, self.mean_mps)}"
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
         """The place for programs: times in s on the drive's clock and in ns since 1970, the energy in kWh."""
@@ -87,6 +76,15 @@ class FoundPlace(NamedTuple):
             "optimum_does_from_m": None if self.best is None else self.best.start_m,
             "optimum_does_to_m": None if self.best is None else self.best.end_m,
         }
+
+
+def best_words(best: Doing | None, mean_mps: tuple[float, float] | None) -> str:
+    """What the best run does at a place, from where to where, and the mean speeds if they differ by much."""
+    span = "" if best is None else f"{best.action} from km\u00a0{best.start_m / KM:.1f} to {best.end_m / KM:.1f}"
+    driven, optimum = (0.0, 0.0) if mean_mps is None else map(kmh, mean_mps)
+    if abs(driven - optimum) < TOLD_KMH:
+        return f"; best: {span}" if span else ""
+    return f", at {driven:.0f} km/h; best: at {optimum:.0f} km/h{', ' if span else ''}{span}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,8 +196,9 @@ def _given_away(attribution: Attribution) -> str:
     slow = slowest_stretch(attribution)
     if slow is None or slow.lost_s < TOLD_S:
         return ""
-    place = f"km\u00a0{slow.start_m / KM:.1f} to {slow.end_m / KM:.1f}"
-    return f" Most time was given away from {place}: {slow.lost_s:.0f} s against the best run."
+    place, way_m = f"km\u00a0{slow.start_m / KM:.1f} to {slow.end_m / KM:.1f}", slow.end_m - slow.start_m
+    speeds = way_m / slow.driven_s, way_m / (slow.driven_s - slow.lost_s)
+    return f" Most time was given away from {place}: {slow.lost_s:.0f} s{best_words(slow.best, speeds)}."
 
 
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
@@ -215,7 +214,7 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     place = FoundPlace(
         _between(drive, stretch.start_m), stretch.start_m, stretch.end_m, stretch.start_ns,
         stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
-        stretch.best if speeds or (cause is EnergyCause.FRICTION and _is_sooner(stretch)) else None,
+        stretch.best if speeds or cause is EnergyCause.FRICTION else None,
     )  # fmt: skip
     told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
     if cause is not EnergyCause.RESTRICTION or not told:
@@ -225,8 +224,3 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     ends = drive.course.s_m.searchsorted((start_m, end_m)).clip(max=len(drive.course.s_m) - 1)
     start_ns, end_ns = drive.course.time_ns[ends].tolist()
     return place._replace(start_m=start_m, end_m=end_m, start_ns=start_ns, end_ns=end_ns)
-
-
-def _is_sooner(stretch: CauseStretch) -> bool:
-    """Whether the best run begins to brake before a stretch on which the driver braked."""
-    return stretch.best.action is Action.BRAKING and stretch.best.start_m < stretch.start_m
