@@ -362,7 +362,7 @@ def _before_limit(ahead: BrakingAhead, state: TrainState, target: float) -> floa
     """
     if target <= ahead.lowest_mps(state.braked_m):
         return target
-    limit_mps = ahead.needed(state.braked_m, target).target_mps
+    limit_mps = min(ahead.needed(state.braked_m, target).target_mps, target)
     return limit_mps if state.v_mps < limit_mps - SAME_MPS else target
 
 
