@@ -94,7 +94,7 @@ NEXT_TIME: Final = {
     EnergyCause.TOO_LITTLE_EFFORT: "Next time: pull more there, but keep a margin to the limit.",
     EnergyCause.AGAINST_ADVICE: "Next time: drive as shown, or say why that was not possible.",
     EnergyCause.LATENESS: "Next time: do not hurry for an arrival that is out of reach.",
-    EnergyCause.FRICTION: "Next time: brake with the motors alone, and begin no later than the best run.",
+    EnergyCause.FRICTION: "Next time: brake with the motors alone, and be as fast at each place as the best run.",
 }
 NOT_THE_DRIVERS: Final = "Nothing for the driver to do otherwise."
 """What is said of a cause that is not in `NEXT_TIME`."""

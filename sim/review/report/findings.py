@@ -38,9 +38,9 @@ class FoundPlace(NamedTuple):
     """Where and when a finding happened: its ends (m) and their times (ns since 1970), and the stops before and behind.
 
     `between` is empty if the place does not lie between two stops. `energy_j` is what the cause took there above the
-    optimum (J); None for a finding about safety, of which no energy is counted. For a cause about speed, `mean_mps` is
-    the mean speed there, as driven and of the optimum (m/s). `best` is what the optimum does there, for a cause about
-    speed or brakes.
+    optimum (J); None for a finding about safety, of which no energy is counted. For a cause about
+    speed or brakes, `mean_mps` is the mean speed there, as driven and of the optimum (m/s), and `best` what the optimum
+    does there.
     """
 
     between: tuple[str, ...]
@@ -210,11 +210,11 @@ def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
     """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
-    way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED
+    way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
         _between(drive, stretch.start_m), stretch.start_m, stretch.end_m, stretch.start_ns,
         stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
-        stretch.best if speeds or cause is EnergyCause.FRICTION else None,
+        stretch.best if speeds else None,
     )  # fmt: skip
     told = [one for one in drive.events if one.kind is EventKind.RESTRICTION]
     if cause is not EnergyCause.RESTRICTION or not told:

@@ -107,7 +107,7 @@ def test_each_finding_has_a_place_a_time_and_the_energy_of_a_cause(subject: Any)
             assert went.start_ns <= place["time_ns"] <= went.end_ns
             assert (place["between"] is None) == (len(drive.calls) == 2)
             assert f", {drive.clock.of_day(place['time_ns'])}" in line
-            assert (place["mean_speed_mps"] is not None) == (one["cause"] in BY_SPEED)
+            assert (place["mean_speed_mps"] is not None) == (one["cause"] in {*BY_SPEED, EnergyCause.FRICTION})
         if one["above_optimum_kwh"] is None:
             assert one["cause"] == EventKind.OVERSPEED
             continue
