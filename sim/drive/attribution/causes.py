@@ -79,7 +79,7 @@ MEANINGS = {
     EnergyCause.AGAINST_ADVICE: "Advice was shown, and speed or effort were other than advised.",
     EnergyCause.AS_ADVISED: "The advice was followed. To hold and mend it, and to brake as in service, costs energy.",
     EnergyCause.LATENESS: "It was driven, by the advice or not, for an arrival that it missed by more than 10 s.",
-    EnergyCause.FRICTION: "The friction brake took what the motors could have fed back: by lever, or by brake control.",
+    EnergyCause.FRICTION: "The friction brake took what the motors could have fed back.",
     EnergyCause.SIGNAL: "A signal at danger was in sight.",
     EnergyCause.RESTRICTION: "It cost this much from where it was told; no driver could have avoided that.",
     EnergyCause.TRAIN: "Train, wind or rail were not as planned; errors of sampling once a second are in it as well.",

@@ -14,7 +14,7 @@ from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
 from sim.recording.course import DriveClock
-from sim.review.report.sentences import NAMED_KWH, TOLD_S, told_causes
+from sim.review.report.sentences import NAMED_KWH, TOLD_S, friction_chosen_by, told_causes
 
 MOST_FINDINGS: Final = 3
 TOLD_KMH: Final = 3.0
@@ -181,6 +181,8 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         label, text = (BY_ADVICE, _hurried_for(drive, worst)) if by_advice else (cause.label, cause.meaning)
         if cause is EnergyCause.TOO_MUCH_EFFORT:
             text += _given_away(attribution)
+        if cause is EnergyCause.FRICTION:
+            text += f" Who chose it: {friction_chosen_by(drive) or 'driver or brake control, nobody recorded which'}."
         yield DriveFinding(
             code=str(cause),
             label=label,

@@ -44,6 +44,11 @@ DRIVERS: Final[Mapping[str, str]] = {
     External.EXTERNAL: "a driver of its own process",
     External.DESK: "a person at the cab desk",
 }
+FRICTION: Final[Mapping[str, str]] = {
+    FrictionPolicy.AS_MEASURED: "the simulated driver's habit: he brakes a share by friction, whatever is shown",
+    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver brakes by friction only where the motors cannot",
+    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while he follows advice on effort",
+}
 TOLD_S: Final = 3.0
 """The sentences leave out changes of the lateness by less than this (s)."""
 HELD_UP: Final = (EventKind.SIGNAL, EventKind.STAND, EventKind.RESTRICTION)
@@ -155,6 +160,12 @@ def _took(drive: Drive) -> list[str]:
         causes = " and ".join(cause.label for cause in worst[0].causes)
         told.append(f"The most was lost from {worst[0].where}: {kwh(worst[0].more_j):.1f} kWh ({causes}).")
     return told
+
+
+def friction_chosen_by(drive: Drive) -> str:
+    """Who chose the friction brake on a simulated drive; empty where nobody knows."""
+    run = drive.recording.metadata.get("run", {})
+    return FRICTION.get(run.get("friction_policy", ""), "") if run.get("driver") == DriverKind.HUMAN else ""
 
 
 def told_causes(attribution: Attribution) -> list[tuple[EnergyCause, float]]:

@@ -19,9 +19,8 @@ from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, Filter, bookmarks
 from sim.drive.passings import PASSINGS, KeptPassing, as_rows, keep, recorded_passings
-from sim.drivers.kinds import DriverKind, FrictionPolicy
 from sim.recording.course import known, minutes, spell
-from sim.review.report.sentences import compliance, shown_s, told_causes
+from sim.review.report.sentences import compliance, friction_chosen_by, shown_s, told_causes
 from sim.review.words import line_rows, readable
 
 BEFORE_S: Final = 10.0
@@ -35,11 +34,6 @@ TOLD: Final = tuple(
 TOLD_ELSEWHERE: Final = ("drawn", PASSINGS)
 """Keys of the metadata that the page tells in other tables, or not at all."""
 NONE_TOLD: Final = "none (an empty list was told)"
-FRICTION: Final[Mapping[str, str]] = {
-    FrictionPolicy.AS_MEASURED: "the simulated driver's habit: he brakes a share by friction, whatever is shown",
-    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver brakes by friction only where the motors cannot",
-    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while he follows advice on effort",
-}
 LOSSES: Final[Mapping[str, str]] = {
     Level.L0_NOREG: "none, and nothing is fed back (level L0 without regeneration)",
     Level.L0_REG: "none (level L0)",
@@ -127,9 +121,8 @@ def rests_on(drive: Drive) -> list[tuple[str, str]]:
             ("energies", measured),
             ("losses of the optimum", LOSSES.get(attribution.inputs.level, str(attribution.inputs.level))),
         ]
-    friction = FRICTION.get(run.get("friction_policy", ""), "")
-    if friction and run.get("driver") == DriverKind.HUMAN:
-        rows.append(("who chose the friction brake", friction))
+    chosen = friction_chosen_by(drive)
+    rows += [("who chose the friction brake", chosen)] if chosen else []
     known = "as the scenario says" if simulated else "not known"
     return [*rows, ("wind, adhesion, passengers", known), ("times of day", str(drive.zone))]
 
