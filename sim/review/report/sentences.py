@@ -20,7 +20,7 @@ from sim.drive.calls import KeptCall
 from sim.drive.drive import Drive
 from sim.drive.events.chronicle import place_text
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
-from sim.drivers.kinds import DriverKind, External, Presentation
+from sim.drivers.kinds import DriverKind, External, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.recording.course import spell
 from sim.recording.opening import WHAT_IF, own_timetable
