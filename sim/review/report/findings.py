@@ -52,13 +52,12 @@ class FoundPlace(NamedTuple):
     mean_mps: tuple[float, float] | None = None
     best: Doing | None = None
 
-    def words(self, clock: DriveClock, told: tuple[str, ...]) -> str:
-        """Where and when in words; the stops are left out if they were `told`."""
+    def words(self, clock: DriveClock) -> str:
+        """Where and when in words; the picture beside them has the stops."""
         start, end = f"{self.start_m / KM:.1f}", f"{self.end_m / KM:.1f}"
         at = f"Km\u00a0{start}" if start == end else f"Km\u00a0{start} to {end}"
-        between = "" if not self.between or self.between == told else " between {} and {}".format(*self.between)
         energy = "" if self.energy_j is None else f", {kwh(self.energy_j):.1f} kWh"
-        return f"{at}{between}, {clock.of_day(self.start_ns)}{energy}{best_words(self.best, self.mean_mps)}"
+        return f"{at}, {clock.of_day(self.start_ns)}{energy}{best_words(self.best, self.mean_mps)}"
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
         """The place for programs: times in s on the drive's clock and in ns since 1970, the energy in kWh."""
@@ -104,9 +103,8 @@ class DriveFinding:
     energy_j: float | None = None
 
     def where(self, clock: DriveClock) -> list[str]:
-        """The places in words; stops are named where they change."""
-        told = [(), *(place.between for place in self.places)]
-        return [place.words(clock, before) for place, before in zip(self.places, told, strict=False)]
+        """The places in words."""
+        return [place.words(clock) for place in self.places]
 
     def as_dict(self, clock: DriveClock) -> dict[str, Any]:
         """The finding for programs, energies in kWh."""
