@@ -49,7 +49,7 @@ class Action(StrEnum):
     BRAKING = "braking"
 
 
-class Doing(NamedTuple):
+class ActionSpan(NamedTuple):
     """What a run does on a stretch, and from where to where it does it without a break (m)."""
 
     action: Action
@@ -86,7 +86,7 @@ class CauseStretch(NamedTuple):
     energy_j: float
     driven_s: float
     optimum_s: float
-    best: Doing | None
+    best: ActionSpan | None
 
 
 def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
@@ -114,7 +114,7 @@ class SlowStretch(NamedTuple):
     end_m: float
     driven_s: float
     lost_s: float
-    best: Doing | None
+    best: ActionSpan | None
 
 
 def slowest_stretch(attribution: Attribution) -> SlowStretch | None:
@@ -138,7 +138,7 @@ def _stretch(leg: LegAttribution, first: int, last: int, energy_j: float) -> Cau
     return CauseStretch(leg.leg, start_m, end_m, start_ns, end_ns, energy_j, driven_s, optimum_s, best)
 
 
-def doing(run: Trajectory, start_m: float, end_m: float) -> Doing | None:
+def doing(run: Trajectory, start_m: float, end_m: float) -> ActionSpan | None:
     """What a run does for half of the time between two places (m) or longer; None if it does nothing for so long."""
     actions, found = _actions(run), []
     begins = [0]
@@ -149,7 +149,7 @@ def doing(run: Trajectory, start_m: float, end_m: float) -> Doing | None:
     for begin, end in pairwise([*begins, len(actions)]):
         from_m, to_m = float(run.s_m[begin]), float(run.s_m[end])
         from_s, to_s = np.interp(np.clip((from_m, to_m), start_m, end_m), run.s_m, run.t_s)
-        found.append((float(to_s - from_s), Doing(tuple(Action)[actions[begin]], from_m, to_m)))
+        found.append((float(to_s - from_s), ActionSpan(tuple(Action)[actions[begin]], from_m, to_m)))
     longest_s, best = max(found)
     return best if longest_s >= 0.5 * sum(lasts_s for lasts_s, _ in found) else None
 

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from das.domain.units import KM, kmh, kwh
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
-from sim.drive.attribution.worst import CauseStretch, Doing, slowest_stretch, worst_stretches
+from sim.drive.attribution.worst import ActionSpan, CauseStretch, slowest_stretch, worst_stretches
 from sim.drive.drive import Drive
 from sim.drive.events.event import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import PassedSignal, signals_passed
@@ -50,7 +50,7 @@ class FoundPlace(NamedTuple):
     end_ns: int
     energy_j: float | None = None
     mean_mps: tuple[float, float] | None = None
-    best: Doing | None = None
+    best: ActionSpan | None = None
 
     def words(self, clock: DriveClock) -> str:
         """Where and when in words; the picture beside them has the stops."""
@@ -77,7 +77,7 @@ class FoundPlace(NamedTuple):
         }
 
 
-def best_words(best: Doing | None, mean_mps: tuple[float, float] | None) -> str:
+def best_words(best: ActionSpan | None, mean_mps: tuple[float, float] | None) -> str:
     """What the best run does at a place, from where to where, and the mean speeds if they differ by much."""
     span = "" if best is None else f"{best.action} from km\u00a0{best.start_m / KM:.1f} to {best.end_m / KM:.1f}"
     driven, optimum = (0.0, 0.0) if mean_mps is None else map(kmh, mean_mps)
