@@ -175,13 +175,11 @@ def replay(
     vehicle: str | Path | None = None,
     line: str | Path | None = None,
     reverse: bool | None = None,
-    journey: str | Path | None = None,
 ) -> Drive:
     """Replay a recorded trip with the advice node into a recording `out`, and return it as a drive.
 
-    `trip` is a file of positions (.csv, .gpx) or a recording, `line` a file of kilometre posts, and `journey` the
-    timetable of the trip. `reverse` says whether the route is driven from its end. What is None comes from the
-    recording; `das-sim replay` has more options.
+    `trip` is a file of positions (.csv, .gpx) or a recording, `line` a file of kilometre posts. `reverse` says whether
+    the route is driven from its end. What is None comes from the recording; `das-sim replay` has more options.
 
     Raises DasError for a trip that cannot be used, for an `out` that cannot be written or is already there, and if a
     process fails.
@@ -198,8 +196,7 @@ def replay(
         line=None if line is None else Path(line),
         reverse=reverse,
     )
-    asked = ReplayOptions(trip=said, journey=None if journey is None else str(journey))
-    job = prepare(Path(trip), asked, _new(out), "sim.replay")
+    job = prepare(Path(trip), ReplayOptions(trip=said), _new(out), "sim.replay")
     run_replay(job, lambda _done, _all: None, trip_energies(job).above.message)
     return Drive.read(job.processes.out)
 

@@ -145,6 +145,8 @@ def _took(drive: Drive) -> list[str]:
         f"the {best:.1f} kWh of the best possible drive with the same departures and arrivals, which knew of no "
         "signal and no temporary restriction."
     ]
+    if more < 0 and not attribution.above.measured:
+        told.append("Less than the best possible is an error of positions and assumptions, not a saving.")
     if drive.likely is not None:
         band = EnergyBand(drive.likely.low_j, drive.likely.high_j).words
         unknown = "mass, resistance, wind and the motion between positions"
