@@ -90,9 +90,7 @@ class HumanParameters:
     lapse_mean_s: float = _parameter(
         12.0, "s", 0.1, 120.0, "mean duration of a lapse (exponential), ended early by the speed warning"
     )
-    braking_mps2: float = _parameter(
-        0.5, "m/s²", 0.1, 1.5, "deceleration planned for limits and stops, if his train has it"
-    )
+    braking_mps2: float = _parameter(0.5, "m/s²", 0.1, 1.5, "deceleration planned for limits and stops")
     early_braking_s: float = _parameter(2.0, "s", 0.0, 20.0, "begins to brake this much earlier than needed")
     below_limit_mps: float = _parameter(2.0 * KMH, "m/s", 0.0, 10.0, "keeps this much below limits")
     stop_error_m: float = _parameter(2.0, "m", 0.0, 8.0, "stands off the mark by this: standard deviation")
