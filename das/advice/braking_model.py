@@ -75,6 +75,7 @@ class BrakingModel:
             resistance_ratio=min(measured.resistance_ratio, 1.0),
         )
         train, self.end_m = careful.train(basis.vehicle), basis.end_m
+        self.vehicle = train
         self.end_stop = basis.route.stop_name_at(basis.end_m)
         length_m = 0.0 if basis.point_mass else train.train_length_m
         nodes_m = _nodes(basis, length_m)
@@ -302,13 +303,10 @@ class Consequences:
     def unavailable(self, force_n: float, v_mps: float) -> Excess | None:
         """An excess if the train does not have this force (N) at the speed `v_mps`, so that no driver can apply it.
 
-        At a step of an effort curve the train may have the force tabulated for a speed just beside.
+        The forces are those of this very speed: at a step of an effort curve, the table's may be a tenth off.
         """
-        of, beside_mps = (
-            (self.model.traction_n if force_n > 0 else self.model.most_brake_n),
-            1.0 / kernels.STEPS_PER_MPS,
-        )
-        most_n = max(of(max(v, 0.0)) for v in (v_mps - beside_mps, v_mps, v_mps + beside_mps))
+        vehicle = self.model.vehicle
+        most_n = float(vehicle.traction_effort_n(v_mps) if force_n > 0 else vehicle.brake_effort_n(v_mps))
         return Excess(self.v_mps, math.nan) if abs(force_n) > FORCE_RATIO * most_n + 1.0 else None
 
     def braked_horizon(self, force_n: float, to_mps: float, seconds: int) -> dict[str, tuple[float, ...]]:

@@ -193,6 +193,8 @@ class Display:
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = plan.arrival_ns(state.now_ns, place)
         deviation_s = goal.late_s(arrival_ns)
+        # A train whose effort rises with its speed does not have the plan's force yet.
+        force_n = min(self._force_n, planner.section.largest_n(min(state.v_mps, advised))[0])
         return Advice(
             time_ns=state.now_ns,
             position_time_ns=here.fix_time_ns,
@@ -205,8 +207,8 @@ class Display:
             four_mode=four,
             next_four_mode=next_four.mode,
             next_four_change_s=next_four.time_s,
-            advised_force_n=self._force_n,
-            advised_force_ratio=lever_ratio(self._force_n, planner.section.largest_n(place.speed_mps)),
+            advised_force_n=force_n,
+            advised_force_ratio=lever_ratio(force_n, planner.section.largest_n(place.speed_mps)),
             horizon_speed_mps=tuple(speeds.tolist()),
             horizon_force_n=tuple(forces.tolist()),
             next_mode=following.mode,

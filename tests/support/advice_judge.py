@@ -39,10 +39,6 @@ LIED_MPS = 0.5
 """A faulty sensor has misled the cab if the speed in the advice is wrong by more than this."""
 
 
-SHIFT_MPS = 0.3
-"""The effort of a drawn train falls or rises by a fifth within this speed (m/s), 1 km/h, where it shifts gears."""
-
-
 class Problem(NamedTuple):
     """Something that must not happen: its kind, when (s), by how much (in the unit of the kind), and in words."""
 
@@ -259,10 +255,7 @@ class DayJudge:
         """The problem of a force that the train does not have at a speed."""
         train = self.line.train
         low = -FORCE_RATIO * (train.electric_n(speed_mps) + train.service_friction_n) - FORCE_N
-        # Where a train shifts gears, the force is that of a speed just beside.
-        high = (
-            FORCE_RATIO * max(train.pulling_n(max(speed_mps + d, 0.0)) for d in (-SHIFT_MPS, 0.0, SHIFT_MPS)) + FORCE_N
-        )
+        high = FORCE_RATIO * train.pulling_n(speed_mps) + FORCE_N
         if not low <= force_n <= high:
             beyond_n = max(low - force_n, force_n - high)
             text = f"{kind} {force_n / 1e3:.1f} kN, the train has {low / 1e3:.1f} to {high / 1e3:.1f}"
