@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -14,6 +13,7 @@ import numpy as np
 from das.domain.earth import distances_m, nearest_on_line, steps_m
 from das.domain.errors import DasError
 from das.domain.files.routes import TOLERANCE_S
+from das.domain.files.writing import toml_string
 from das.domain.journey import LEAST_SPACING_M, file_clock
 from das.domain.route import Floats, Route, Stop
 from das.domain.units import KM
@@ -282,4 +282,4 @@ def _rounded_s(stops: Sequence[TripStop], times: TimesRead) -> float:
 
 def _quoted(text: str) -> str:
     """A text as a TOML string on one line."""
-    return json.dumps(tidy(text), ensure_ascii=False)
+    return toml_string(tidy(text))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from das.domain.files.routes import SCHEMA_VERSION
+from das.domain.files.writing import toml_string
 from das.domain.route import Route, Stop, Zone
 from das.domain.units import KM, PERMILLE, kmh
 
@@ -53,11 +53,11 @@ def route_toml(route: Route, remarks: Sequence[str] = ()) -> str:
 
 def _head(route: Route) -> Iterator[str]:
     yield "[route]"
-    yield f"id = {_text(route.id)}"
-    yield f"name = {_text(route.name)}"
+    yield f"id = {toml_string(route.id)}"
+    yield f"name = {toml_string(route.name)}"
     for key, text in (("source", route.data_source), ("licence", route.licence)):
         if text:
-            yield f"{key} = {_text(text)}"
+            yield f"{key} = {toml_string(text)}"
     for key, flag in (("illustrative", route.illustrative), ("one_way", route.one_way)):
         if flag:
             yield f"{key} = true"
@@ -65,14 +65,14 @@ def _head(route: Route) -> Iterator[str]:
     if route.altitude_at_start_m:
         yield f"altitude_at_start_m = {_number(route.altitude_at_start_m)}"
     if route.altitudes is not None:
-        yield f"altitudes = {_text(route.altitudes)}"
+        yield f"altitudes = {toml_string(route.altitudes)}"
     if route.time_zone != "UTC":
-        yield f"time_zone = {_text(route.time_zone)}"
+        yield f"time_zone = {toml_string(route.time_zone)}"
 
 
 def _stop(stop: Stop) -> Iterator[str]:
     yield "[[stops]]"
-    yield f"name = {_text(stop.name)}"
+    yield f"name = {toml_string(stop.name)}"
     yield f"position_km = {_number(stop.position_m / KM)}"
     if stop.latitude_deg is not None and stop.longitude_deg is not None:
         yield f"latitude_deg = {_number(stop.latitude_deg)}"
@@ -106,8 +106,3 @@ def _number(value: float) -> str:
     text = f"{value:.7f}".rstrip("0")
     text = text + "0" if text.endswith(".") else text
     return "0.0" if text == "-0.0" else text
-
-
-def _text(text: str) -> str:
-    """A text in quotes: JSON and TOML write it alike, but for the delete character, which names do not have."""
-    return json.dumps(text, ensure_ascii=False)

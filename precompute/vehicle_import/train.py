@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,6 +11,7 @@ import numpy as np
 
 from das.domain.errors import DasError, seen
 from das.domain.files.load import load_vehicle
+from das.domain.files.writing import toml_string
 from das.domain.formulary import largest_power_w
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
@@ -230,7 +230,7 @@ def _efforts(prefix: str, mode: Mode) -> Iterator[str]:
 
 
 def _quoted(text: str) -> str:
-    return json.dumps(seen(text), ensure_ascii=False)
+    return toml_string(seen(text))
 
 
 def _number(value: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -16,7 +15,7 @@ from das.command_line.files import check_outputs, load_route, load_vehicle
 from das.command_line.options import OverwriteOption, ReverseOption, RouteOption, VehicleOption
 from das.command_line.printing import busy, tell, typed
 from das.domain.errors import DasError
-from das.domain.files.writing import write_whole
+from das.domain.files.writing import toml_string, write_whole
 
 _JOURNEY = """\
 [timetable]
@@ -60,7 +59,7 @@ def make_scenario(
         title = f"{load_route(route).name}, {load_vehicle(vehicle).name}"
         text = scenario_text(title, {"route": route, "vehicle": vehicle, "journey": journey}, out, reverse=reverse)
         _, _, stops = lay_out(scenario_of(Fields.of(out, tomllib.loads(text))))
-        write_whole(out, (text + _DISTURBANCE.format(stop=_quoted(stops[0].name))).encode())
+        write_whole(out, (text + _DISTURBANCE.format(stop=toml_string(stops[0].name))).encode())
     tell(f"written: {out}: {title}, {len(stops)} stops from {stops[0].name} to {stops[-1].name}")
     tell(f"drive it: {typed('das-sim')} run {shlex.quote(str(out))}")
 
@@ -72,17 +71,12 @@ def scenario_text(title: str, named: dict[str, str | None], out: Path, *, revers
         "# Made by das-sim make-scenario. All keys: docs/reference/scenarios.md",
         "schema_version = 1\n",
         "[scenario]",
-        f"id = {_quoted(re.sub('[^A-Za-z0-9_.-]', '-', out.stem)[:64].lstrip('.-') or 'day')}",
-        f"title = {_quoted(title)}",
+        f"id = {toml_string(re.sub('[^A-Za-z0-9_.-]', '-', out.stem)[:64].lstrip('.-') or 'day')}",
+        f"title = {toml_string(title)}",
     ]
     for key, name in named.items():
         if name is not None:
             place = os.path.relpath(Path(name).resolve(), folder) if Path(name).suffix else name
-            lines.append(f"{key} = {_quoted(Path(place).as_posix())}")
+            lines.append(f"{key} = {toml_string(Path(place).as_posix())}")
     lines += ["reverse = true"] if reverse else []
     return "\n".join([*lines, "", _BUFFER if named["journey"] is None else _JOURNEY, ""])
-
-
-def _quoted(text: str) -> str:
-    """A text as a TOML string."""
-    return json.dumps(text, ensure_ascii=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import io
+import json
 import os
 import shutil
 import stat
@@ -22,6 +23,11 @@ MOST_OF_A_NAME = 1000
 """Largest number of files whose names differ only in their number."""
 UNFINISHED = ".unfinished-"
 """Beginning of the names of folders that are being written; such a folder remains if its writer is killed."""
+
+
+def toml_string(text: str) -> str:
+    """A text as a TOML string on one line: JSON's way to write it is TOML's, but for the delete character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def check_writable(path: Path, *, overwrite: bool) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from das.advice.regimes import InstructionKind
 from das.domain.trajectory import Trajectory
 from das.domain.units import KM
 from sim.drive.attribution.attribution import Attribution, LegAttribution
@@ -33,26 +33,18 @@ LARGE_SHARE = 0.2
 LEAST_PART = 0.2
 """A stretch is named if a cause took at least this part there of what it took on its worst stretch."""
 IDLE_RATIO, HELD_MPS2 = 0.02, 0.05
-"""A run coasts with less than this share of its largest force; else it holds its speed if that changes by less."""
-
-
+"""A run coasts with less than this share of its largest force; else it holds its speed if that changes by less than
+this (m/s²)."""
 BRIEF_S = 5.0
 """What a run does for less than this (s) in between does not end what it does around it."""
-
-
-class Action(StrEnum):
-    """What a train does."""
-
-    ACCELERATING = "accelerating"
-    HOLDING = "holding"
-    COASTING = "coasting"
-    BRAKING = "braking"
+ACTIONS = (InstructionKind.HOLD, InstructionKind.COAST, InstructionKind.TRACTION, InstructionKind.BRAKE)
+"""What a run can do, by the numbers that `_actions` gives."""
 
 
 class ActionSpan(NamedTuple):
     """What a run does on a stretch, and from where to where it does it without a break (m)."""
 
-    action: Action
+    action: InstructionKind
     start_m: float
     end_m: float
 
@@ -149,18 +141,18 @@ def doing(run: Trajectory, start_m: float, end_m: float) -> ActionSpan | None:
     for begin, end in pairwise([*begins, len(actions)]):
         from_m, to_m = float(run.s_m[begin]), float(run.s_m[end])
         from_s, to_s = np.interp(np.clip((from_m, to_m), start_m, end_m), run.s_m, run.t_s)
-        found.append((float(to_s - from_s), ActionSpan(tuple(Action)[actions[begin]], from_m, to_m)))
+        found.append((float(to_s - from_s), ActionSpan(ACTIONS[actions[begin]], from_m, to_m)))
     longest_s, best = max(found)
     return best if longest_s >= 0.5 * sum(lasts_s for lasts_s, _ in found) else None
 
 
 def _actions(run: Trajectory) -> NDArray[np.intp]:
-    """What a run does in each of its intervals: the number of the action."""
+    """What a run does in each of its intervals, as the number of one of `ACTIONS`."""
     force_n, gained_mps = run.force_el_n + run.force_friction_n, np.diff(run.v_mps)
     idle = np.abs(force_n) < IDLE_RATIO * np.abs(run.force_el_n).max()
     most_mps = HELD_MPS2 * run.interval_s()
     gains, loses = (force_n > 0) & (gained_mps > most_mps), (force_n < 0) & (gained_mps < -most_mps)
-    return np.select([idle, gains, loses], [2, 0, 3], 1)
+    return np.select([idle, gains, loses], [1, 2, 3], 0)
 
 
 def _causes(leg: LegAttribution, start_m: float, end_m: float) -> tuple[EnergyCause, ...]:

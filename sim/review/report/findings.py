@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
+from das.advice.regimes import InstructionKind
 from das.domain.units import KM, kmh, kwh
 from sim.drive.attribution.attribution import Attribution
 from sim.drive.attribution.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
@@ -30,6 +31,13 @@ GAINED: Final = "Next time: keep a margin; a limit holds until the whole train h
 """What is said of a train that was not braking late, but gained speed while it was above the limit."""
 GAINED_MPS: Final = 0.5
 """A train gained speed if its highest speed above the limit is more than this (m/s) above its first one."""
+DOES: Final = {
+    InstructionKind.TRACTION: "accelerating",
+    InstructionKind.HOLD: "holding",
+    InstructionKind.COAST: "coasting",
+    InstructionKind.BRAKE: "braking",
+}
+"""What the best run does, in words."""
 SIGNAL_PASSED: Final = "signal-passed"
 """The code of a finding about a signal that was passed at danger."""
 
@@ -38,9 +46,8 @@ class FoundPlace(NamedTuple):
     """Where and when a finding happened: its ends (m) and their times (ns since 1970), and the stops before and behind.
 
     `between` is empty if the place does not lie between two stops. `energy_j` is what the cause took there above the
-    optimum (J); None for a finding about safety, of which no energy is counted. For a cause about
-    speed or brakes, `mean_mps` is the mean speed there, as driven and of the optimum (m/s), and `best` what the optimum
-    does there.
+    optimum (J); None for a finding about safety, of which no energy is counted. For a cause about speed or brakes,
+    `mean_mps` is the mean speed there, as driven and of the optimum (m/s), and `best` what the optimum does there.
     """
 
     between: tuple[str, ...]
@@ -79,7 +86,7 @@ class FoundPlace(NamedTuple):
 
 def best_words(best: ActionSpan | None, mean_mps: tuple[float, float] | None) -> str:
     """What the best run does at a place, from where to where, and the mean speeds if they differ by much."""
-    span = "" if best is None else f"{best.action} from km\u00a0{best.start_m / KM:.1f} to {best.end_m / KM:.1f}"
+    span = "" if best is None else f"{DOES[best.action]} from km\u00a0{best.start_m / KM:.1f} to {best.end_m / KM:.1f}"
     driven, optimum = (0.0, 0.0) if mean_mps is None else map(kmh, mean_mps)
     if abs(driven - optimum) < TOLD_KMH:
         return f"; best: {span}" if span else ""
@@ -159,9 +166,7 @@ def _worst_of(count: int) -> str:
 
 
 def _between(drive: Drive, s_m: float) -> tuple[str, ...]:
-    """The stops before and behind a place; empty if it does not lie between two, or if the drive has no others."""
-    if len(drive.calls) == 2:
-        return ()
+    """The stops of the journey before and behind a place; empty if it does not lie between two."""
     before = [one.name for one in drive.calls if one.s_m <= s_m]
     behind = [one.name for one in drive.calls if one.s_m > s_m]
     return (before[-1], behind[0]) if before and behind else ()
@@ -180,7 +185,7 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         if cause is EnergyCause.TOO_MUCH_EFFORT:
             text += _given_away(attribution)
         if cause is EnergyCause.FRICTION:
-            text += f" Who chose it: {friction_chosen_by(drive) or 'driver or brake control, nobody recorded which'}."
+            text += f" {_friction_words(drive)}"
         yield DriveFinding(
             code=str(cause),
             label=label,
@@ -201,6 +206,14 @@ def _given_away(attribution: Attribution) -> str:
     return f" Most time was given away from {place}: {slow.lost_s:.0f} s{best_words(slow.best, speeds)}."
 
 
+def _friction_words(drive: Drive) -> str:
+    """In a sentence, what the choice of the friction brake goes back to."""
+    chosen = friction_chosen_by(drive)
+    if not chosen:
+        return "Whether the driver or the brake control chose it was not recorded."
+    return f"It goes back to {chosen}."
+
+
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
     """For which arrivals the advice hurried, and by how much they were missed."""
     ends = {one.leg.end.name for one in stretches}
@@ -212,7 +225,7 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
     """Where a cause took energy. A temporary restriction costs from when it is told, and is found where it holds."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
-        _between(drive, stretch.start_m), stretch.start_m, stretch.end_m, stretch.start_ns,
+        (stretch.leg.start.name, stretch.leg.end.name), stretch.start_m, stretch.end_m, stretch.start_ns,
         stretch.end_ns, stretch.energy_j, (way_m / stretch.driven_s, way_m / stretch.optimum_s) if speeds else None,
         stretch.best if speeds else None,
     )  # fmt: skip

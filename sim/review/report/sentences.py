@@ -45,8 +45,8 @@ DRIVERS: Final[Mapping[str, str]] = {
     External.DESK: "a person at the cab desk",
 }
 FRICTION: Final[Mapping[str, str]] = {
-    FrictionPolicy.AS_MEASURED: "the simulated driver's habit: he brakes a share by friction, whatever is shown",
-    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver brakes by friction only where the motors cannot",
+    FrictionPolicy.AS_MEASURED: "the simulated driver's habit to brake a share by friction, whatever is shown",
+    FrictionPolicy.ELECTRIC_FIRST: "the simulated driver, who brakes by friction only where the motors cannot",
     FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while he follows advice on effort",
 }
 TOLD_S: Final = 3.0
@@ -165,7 +165,7 @@ def _took(drive: Drive) -> list[str]:
 
 
 def friction_chosen_by(drive: Drive) -> str:
-    """Who chose the friction brake on a simulated drive; empty where nobody knows."""
+    """What the choice of the friction brake goes back to on a simulated drive; empty for any other drive."""
     run = drive.recording.metadata.get("run", {})
     return FRICTION.get(run.get("friction_policy", ""), "") if run.get("driver") == DriverKind.HUMAN else ""
 

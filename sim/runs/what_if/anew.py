@@ -14,6 +14,7 @@ import numpy as np
 from das.cab.warm_up import warm_up
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
+from das.domain.files.writing import toml_string
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from das.domain.units import KMH, NS
@@ -124,19 +125,19 @@ def _lines(origin: Origin, options: NodeOptions) -> Iterator[str]:
     yield "# Made from a recording by das-sim what-if. Its timetable is that of the recorded journey."
     yield f"schema_version = {SCHEMA_VERSION}"
     yield "[scenario]"
-    yield f"id = {_quoted(_id(origin))}"
-    yield f"title = {_quoted(f'The day of {origin.path.name}, driven anew')}"
-    yield f"route = {_quoted(_bare(line.route))}"
-    yield f"vehicle = {_quoted(_bare(driven.vehicle))}"
-    yield from [f"load = {_quoted(load)}"] if load else []
-    yield from [f"loss_map = {_quoted(driven.loss_map.name)}"] if driven.loss_map else []
+    yield f"id = {toml_string(_id(origin))}"
+    yield f"title = {toml_string(f'The day of {origin.path.name}, driven anew')}"
+    yield f"route = {toml_string(_bare(line.route))}"
+    yield f"vehicle = {toml_string(_bare(driven.vehicle))}"
+    yield from [f"load = {toml_string(load)}"] if load else []
+    yield from [f"loss_map = {toml_string(driven.loss_map.name)}"] if driven.loss_map else []
     yield from ["point_mass = true"] if driven.point_mass else []
     yield f"reverse = {'true' if journey.reversed else 'false'}"
-    yield f"from = {_quoted(stops[0].name)}"
-    yield f"to = {_quoted(stops[-1].name)}"
-    yield f"calls = [{', '.join(_quoted(stop.name) for stop in stops[1:-1])}]"
+    yield f"from = {toml_string(stops[0].name)}"
+    yield f"to = {toml_string(stops[-1].name)}"
+    yield f"calls = [{', '.join(toml_string(stop.name) for stop in stops[1:-1])}]"
     yield "[timetable]"
-    yield f"departure = {_quoted(departure.isoformat())}"
+    yield f"departure = {toml_string(departure.isoformat())}"
     yield f"dwell_s = {_dwell_s(stops):g}"
     trip = DrivenCourse.of(origin.recording)
     made, dwell_s = calls_of(origin.recording, trip), _dwell_s(stops)
@@ -148,10 +149,6 @@ def _lines(origin: Origin, options: NodeOptions) -> Iterator[str]:
 def _bare(name: str) -> str:
     """A name as it is, or the bare name of a file."""
     return Path(name).name if Path(name).suffix else name
-
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
 
 
 def _dwell_s(stops: Any) -> float:

@@ -1093,7 +1093,7 @@ def test_a_limit_that_only_a_faster_train_would_brake_for_is_held_and_no_far_bra
 
 
 def test_a_slow_train_that_accelerates_passes_a_lower_limit_without_a_brake() -> None:
-    """At 40 km/h and 200 m before 125 km/h it once said "accelerate 135 | brake 125 in 0 s"."""
+    """At 40 km/h, 50 m before a limit of 125 km/h, it was told to accelerate to 135 and to brake to 125 at once."""
     here = section_of(("zurich-luzern", 2))
     begins = [int(np.searchsorted(here.node_m, at)) for at in (46900.0, 56000.0)]
     phases = (Phase(NotchRegime.TRACTION, 1.0, begins[0], 135 * KMH), Phase(NotchRegime.BRAKE, 0.0, begins[1], 0.0))

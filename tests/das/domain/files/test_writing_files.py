@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +18,7 @@ import pytest
 from das.bus.recorder import RecordingFile
 from das.domain.errors import DasError
 from das.domain.files import writing
-from das.domain.files.writing import LOCK, FolderTakenError, folder_held
+from das.domain.files.writing import LOCK, FolderTakenError, folder_held, toml_string
 from sim.recording.opening import whole_recording
 from tests.support.making import REPOSITORY, das_precompute
 
@@ -218,3 +219,8 @@ def test_where_no_folder_can_be_is_said(tmp_path: Path) -> None:
     for place in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(DasError, match="is a file, expected a folder to write to"), folder_held(place, "x"):
             pass
+
+
+@pytest.mark.parametrize("text", ["Zürich HB", 'a "b"', "two\nlines", "\x7f\x00", "\\"])
+def test_any_text_is_read_back_from_its_toml_string(text: str) -> None:
+    assert tomllib.loads(f"a = {toml_string(text)}") == {"a": text}

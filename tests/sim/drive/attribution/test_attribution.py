@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from das.advice.regimes import InstructionKind
 from das.bus import das_pb2
 from das.bus.recording import Stamped
 from das.domain.errors import DasError
@@ -19,7 +20,7 @@ from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
 from sim.drive.attribution.attribution import Attribution, as_dict
 from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
-from sim.drive.attribution.worst import Action, doing, worst_places
+from sim.drive.attribution.worst import doing, worst_places
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
@@ -199,11 +200,11 @@ def test_what_the_best_run_does_is_what_it_does_for_most_of_the_time() -> None:
     brakes_m = float(run.s_m[:-1][force_n < -idle_n].min())
     holds_m, coasts_m, ends_m = float(coasts_m.min()) - 300.0, float(coasts_m.min()), float(coasts_m.max())
     for start_m, end_m, action in (
-        (0.0, 500.0, Action.ACCELERATING),
-        (holds_m, coasts_m - 50.0, Action.HOLDING),
-        (coasts_m, ends_m, Action.COASTING),
-        (brakes_m - 300.0, brakes_m + 50.0, Action.COASTING),
-        (brakes_m, 6000.0, Action.BRAKING),
+        (0.0, 500.0, InstructionKind.TRACTION),
+        (holds_m, coasts_m - 50.0, InstructionKind.HOLD),
+        (coasts_m, ends_m, InstructionKind.COAST),
+        (brakes_m - 300.0, brakes_m + 50.0, InstructionKind.COAST),
+        (brakes_m, 6000.0, InstructionKind.BRAKE),
     ):
         found = doing(run, start_m, end_m)
         assert found is not None

@@ -18,6 +18,7 @@ from das.bus.recording import Recording, Stamped
 from das.domain.errors import DasError
 from das.domain.route import Stop
 from das.domain.units import KMH, NS
+from das.domain.vehicle import Resistance
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
@@ -28,6 +29,7 @@ from sim.options import ReplayOptions, TripOptions
 from sim.recording.inputs import DriveInputs
 from sim.recording.opening import OWN_TIMETABLE
 from sim.review.report.first_page import page_dict
+from sim.review.report.sentences import paragraph
 from sim.runs.replay.replay import ReplayJob, _Feed, _journey, compared_legs, driven_legs, prepare
 from sim.runs.replay.report import TripEnergies, trip_energies
 from sim.runs.replay.timing import check_timing, plan_timing
@@ -174,6 +176,10 @@ def test_a_journey_that_is_not_of_the_trip_is_refused(driven: Driven, tmp_path: 
     elsewhere = replace(job.trip, end=Stop(name="M", position_m=MIDDLE_M))
     with pytest.raises(DasError, match="M: expected a stop there, where the trip begins or ends"):
         plan_timing(elsewhere, job.legs, asked)
+    calls = path.read_text().replace('departure = "08:00:00"', 'departure = "08:00:00"\n[[stops]]\nstop = "M"')
+    path.write_text(calls)
+    with pytest.raises(DasError, match="M: expected a time of arrival"):
+        plan_timing(elsewhere, job.legs, asked)
     with pytest.raises(DasError, match="--delay 5: expected none beside --journey"):
         check_timing(replace(asked, delay_s=5.0))
 
@@ -193,6 +199,18 @@ def test_the_recording_of_a_replay_has_the_legs_and_the_figures_of_the_replay(dr
     assert attribution.above.difference_j == pytest.approx(found.above.above_j)
     assert likely is not None
     assert (likely.low_j, likely.high_j) == found.above.likely
+
+
+def test_less_than_the_best_possible_is_told_to_be_an_error(driven: Driven) -> None:
+    """The best run of a train that is said to be held back more than the true one takes more than was driven."""
+    job, found, _ = driven
+    said = []
+    for c0_n in (3000.0, 5000.0):
+        resistance = Resistance(c0_n=c0_n, c1_n_per_mps=0.0, c2_n_per_mps2=12.0)
+        vehicle = replace(job.front.section.vehicle, resistance=resistance)
+        given = DriveInputs(route=job.trip.route, vehicle=vehicle, level=job.front.section.level, source="test")
+        said.append("is an error of positions" in paragraph(Drive(source=recorded(job, found), given=given)))
+    assert said == [False, True]
 
 
 def test_a_trip_that_needs_more_force_than_its_train_has_is_doubted_on_page_one(driven: Driven) -> None:
