@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import shlex
 import tempfile
+from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from das.command_line.printing import busy, paragraph, progress_bar, tell, typed
+from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from das.domain.units import KM, NS, PERCENT, kwh
 from sim.cli.options import naming_recorded, new_recording, removed_if_unused
-from sim.cli.trips import bundled_recording, replayed
+from sim.cli.trips import bundled_recording, load_solver, replayed
 from sim.drivers.kinds import Presentation
 from sim.options import ReplayOptions
 
@@ -27,36 +29,76 @@ HANGS_ON: Final = (
     "who keep time by themselves save less (docs/explanation/coach.md)."
 )
 """What the figures of the result hang on, as the end of its sentence."""
+LOOK_AGAIN_S: Final = 0.2
+"""How often the progress of the drive with the coach is shown (s)."""
 
 
 def first_minute() -> None:
-    """Replay the bundled recording, drive its trip anew with the coach, and print what came of both."""
+    """Replay the bundled recording while its trip is driven anew with the coach, and print what came of both."""
     trip = bundled_recording()
     recorded = new_recording("replay", "start das-sim in a folder where it can write")
     with removed_if_unused(recorded):
-        replayed(trip, ReplayOptions(), recorded)
+        load_solver()
     coached = new_file(recorded.with_name(f"{recorded.stem}-coach.mcap"))
-    with removed_if_unused(coached), naming_recorded(recorded, coached):
-        found = _with_coach(recorded, coached)
+    with removed_if_unused(recorded), removed_if_unused(coached), naming_recorded(coached):
+        with _Coached(trip, coached) as drive:
+            replayed(trip, ReplayOptions(), recorded)
+            with naming_recorded(recorded):
+                drive.finish()
+        found = _compared(recorded, coached)
     _print(found)
     files = f"{shlex.quote(str(coached))} --beside {shlex.quote(str(recorded))}"
     tell(f"See it: {typed('das-sim')} view {files}")
 
 
-def _with_coach(recorded: Path, coached: Path) -> AlignedDrives:
-    """Drive a replayed trip anew by the same driver with the coach, and put the two drives beside each other."""
+class _Coached:
+    """A recorded trip driven anew by the same driver with the coach, in a thread; use with `with`.
+
+    Each drive mostly waits for a node of its own, so that two at a time take little longer than one. If the block ends
+    early, the drive does too.
+    """
+
+    def __init__(self, trip: Path, out: Path) -> None:
+        self._trip, self._out = trip, out
+        self._pool = ThreadPoolExecutor(1, "coached")
+        self._done_m, self._whole_m, self._ended = 0.0, 0.0, False
+
+    def __enter__(self) -> _Coached:
+        self._drive = self._pool.submit(self._run)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended = True
+        self._pool.shutdown(wait=True)
+
+    def finish(self) -> None:
+        """Show how far the drive is until it has ended; raises what ended it early."""
+        if not self._drive.done():
+            with progress_bar("driving the trip with the coach", "under way", "m") as progress:
+                while wait([self._drive], LOOK_AGAIN_S).not_done:
+                    if self._whole_m:
+                        progress(self._done_m, self._whole_m)
+        self._drive.result()
+
+    def _run(self) -> None:
+        from sim.runs.what_if.anew import day_again, drive_again
+        from sim.runs.what_if.origin import Origin
+        from sim.runs.what_if.otherwise import DrivenOtherwise, Otherwise
+
+        new = Otherwise(driven=DrivenOtherwise(driver=DRIVER, advice=Presentation.COACH))
+        with tempfile.TemporaryDirectory(prefix="das-first-minute-") as folder:
+            drive_again(day_again(Origin.read(self._trip, None, Path(folder)), new), self._out, self._progress)
+
+    def _progress(self, done_m: float, whole_m: float) -> None:
+        if self._ended:
+            raise DasError("the drive with the coach was ended early")
+        self._done_m, self._whole_m = done_m, whole_m
+
+
+def _compared(recorded: Path, coached: Path) -> AlignedDrives:
     from sim.drive.comparison import AlignedDrives, drives_on_track
     from sim.drive.drive import Drive
-    from sim.runs.what_if.anew import day_again, drive_again
-    from sim.runs.what_if.origin import Origin
-    from sim.runs.what_if.otherwise import DrivenOtherwise, Otherwise
 
-    new = Otherwise(driven=DrivenOtherwise(driver=DRIVER, advice=Presentation.COACH))
-    with tempfile.TemporaryDirectory(prefix="das-first-minute-") as folder:
-        with busy("reading the recorded day …"):
-            again = day_again(Origin.read(recorded, None, Path(folder)), new)
-        with progress_bar("driving the trip with the coach", "starting node and recorder", "m") as progress:
-            drive_again(again, coached, progress)
     with busy("comparing …"):
         return AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(coached)]))
 

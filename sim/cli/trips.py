@@ -128,6 +128,7 @@ def replay(
         check_writable(out, overwrite=overwrite)
     reserved = new_recording("replay") if out is None else None
     with removed_if_unused(reserved):
+        load_solver()
         found = replayed(trip, options, out or reserved or trip)
     if as_json:
         print(json.dumps(found))
@@ -138,14 +139,11 @@ def replay(
 
 
 def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
-    """Replay a trip into a recording; the figures of the replay."""
-    with loading_solver(LATE_KERNELS):
-        from das.cab.warm_up import warm_up
-        from sim.runs.replay.replay import prepare
-        from sim.runs.replay.replay import replay as run_replay
-        from sim.runs.replay.report import result, trip_energies
+    """Replay a trip into a recording, with a solver that is loaded; the figures of the replay."""
+    from sim.runs.replay.replay import prepare
+    from sim.runs.replay.replay import replay as run_replay
+    from sim.runs.replay.report import result, trip_energies
 
-        warm_up()
     with busy("reading the trip and solving its section …"):
         job = prepare(trip, options, out, typed_command())
     with busy("estimating the energy of the trip, and how well it is known …"):
@@ -157,6 +155,14 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
     ):
         outcome = run_replay(job, progress, energies.above.message)
     return result(job, outcome, energies)
+
+
+def load_solver() -> None:
+    """Load the compiled solver, or compile it. A signal ends the process at once, so nothing may be open yet."""
+    with loading_solver(LATE_KERNELS):
+        from das.cab.warm_up import warm_up
+
+        warm_up()
 
 
 def bundled_recording() -> Path:
