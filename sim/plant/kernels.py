@@ -307,10 +307,14 @@ def _built_up(before, target, waited, dead, rise, fall, dt):
 
 @kernel
 def _shared(asked, friction_ratio, v, rail, supply, p):
-    """Magnitudes (N) of traction, electric brake and friction brake that share a force: electric brake first."""
+    """Magnitudes (N) of traction, electric brake and friction brake that share a force.
+
+    The electric brake comes first, up to its share, and beyond it where the friction brake cannot give the rest.
+    """
     pulls = min(max(asked, 0.0), 0.0 if supply == NEUTRAL else traction_effort(v, rail, p))
     brakes = min(max(-asked, 0.0), brake_effort(v, rail, p))
-    electric = min((1.0 - friction_ratio) * brakes, electric_effort(v, rail, p) if supply >= 0.0 else 0.0)
+    its_share = max((1.0 - friction_ratio) * brakes, brakes - p.friction_force_n)
+    electric = min(its_share, electric_effort(v, rail, p) if supply >= 0.0 else 0.0)
     return pulls, electric, min(brakes - electric, p.friction_force_n)
 
 

@@ -288,6 +288,15 @@ def test_motors_brake_first_and_friction_fills_what_they_cannot() -> None:
     assert all(s.force_friction_n == 0 for s in states if s.time_s < 0.5)  # its dead time
 
 
+@pytest.mark.parametrize(("friction_n", "motors_n"), [(0.0, 6e4), (1e4, 5e4), (2.4e4, 3.6e4), (8e4, 3.6e4)])
+def test_motors_give_what_is_asked_of_a_friction_brake_that_cannot(friction_n: float, motors_n: float) -> None:
+    """A driver who asks 40 % of the friction brake brakes as hard as he asks with a train that has none, too."""
+    plant = Plant(flat(60_000.0), replace(make_train(), friction_brake_force_n=friction_n))
+    after = plant.advance(plant.at(0.0, 25.0), force(-6e4, friction_ratio=0.4), 8.0)
+    assert after.force_el_n == pytest.approx(-motors_n)
+    assert after.force_friction_n == pytest.approx(motors_n - 6e4)
+
+
 def test_a_neutral_section_has_no_force_and_a_no_regeneration_zone_no_electric_brake() -> None:
     route = replace(
         flat(9000.0),
