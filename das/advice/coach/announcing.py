@@ -87,26 +87,29 @@ class Announcing:
 
         An acceleration that a limit interrupts goes on where the limit rises; this is an instruction of its own.
         """
-        rise, phases = _at_rise(schedule, number, s_m), schedule.phases
-        found = [] if rise is None else [replace(rise, in_s=foreseen.time_s(s_m + rise.way_m))]
-        if found and foreseen.time_s(schedule.begin_m(number + 1)) - found[0].in_s < LEAST_RISE_S:
-            found = []
-        for k in range(number + 1, len(phases)):
-            if len(found) == self._ahead:
+        found = _rises(schedule, number, foreseen, s_m, s_m)
+        for k in range(number + 1, len(schedule.phases)):
+            if len(found) >= self._ahead:
                 break
-            one, before, begins_m = phases[k], phases[k - 1], schedule.begin_m(k)
-            same = abs(one.target_mps - before.target_mps) < SAME_MPS
-            if one.kind is NotchRegime.HOLD and before.kind is NotchRegime.TRACTION and same:
-                continue
-            if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
-                continue  # The train is slower than the schedule.
-            shown = replace(self.announced(schedule, k), way_m=begins_m - s_m)
-            if one.kind is NotchRegime.TRACTION and before.kind in (NotchRegime.HOLD, NotchRegime.TRACTION):
-                nearly = foreseen.speed_mps(begins_m) > shown.speed_mps - HARDLY_MPS
-                # At its limit, the train accelerates only where the limit rises.
-                shown = (_at_rise(schedule, k, s_m) if nearly else None) or shown
-            found.append(replace(shown, in_s=foreseen.time_s(s_m + shown.way_m)))
-        return tuple(found)
+            begun = self._beginning(schedule, k, s_m, foreseen)
+            if begun is not None:
+                found += [begun, *_rises(schedule, k, foreseen, s_m, s_m + begun.way_m)]
+        return tuple(found[: self._ahead])
+
+    def _beginning(self, schedule: Schedule, k: int, s_m: float, foreseen: Foreseen) -> Instruction | None:
+        """The instruction with which phase `k` begins; None if it tells nothing new."""
+        one, before, begins_m = schedule.phases[k], schedule.phases[k - 1], schedule.begin_m(k)
+        same = abs(one.target_mps - before.target_mps) < SAME_MPS
+        if one.kind is NotchRegime.HOLD and before.kind is NotchRegime.TRACTION and same:
+            return None
+        if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
+            return None  # The train is slower than the schedule.
+        shown = replace(self.announced(schedule, k), way_m=begins_m - s_m)
+        if one.kind is NotchRegime.TRACTION and before.kind in (NotchRegime.HOLD, NotchRegime.TRACTION):
+            nearly = foreseen.speed_mps(begins_m) > shown.speed_mps - HARDLY_MPS
+            # At its limit, the train accelerates only where the limit rises.
+            shown = (_at_rise(schedule, k, s_m) if nearly else None) or shown
+        return replace(shown, in_s=foreseen.time_s(s_m + shown.way_m))
 
     def announced(self, schedule: Schedule, number: int) -> Instruction:
         """The instruction of phase `number` as shown before it is due; it depends only on the schedule."""
@@ -234,6 +237,15 @@ def _repeats(one: Instruction, before: Instruction) -> bool:
     """Whether an instruction tells a driver nothing new; a traction with another effort does."""
     same = KIND_OF.get(one.mode) is KIND_OF.get(before.mode) and abs(one.speed_mps - before.speed_mps) < SAME_MPS
     return same and not (one.mode in TRACTION and one.effort_ratio != before.effort_ratio)
+
+
+def _rises(schedule: Schedule, number: int, foreseen: Foreseen, s_m: float, from_m: float) -> list[Instruction]:
+    """The accelerations of a phase behind `from_m`, one where each limit rises; `s_m` is where the train is."""
+    ends_s, found = foreseen.time_s(schedule.begin_m(number + 1)), []
+    while (rise := _at_rise(schedule, number, from_m)) is not None:
+        from_m += rise.way_m
+        found.append(replace(rise, way_m=from_m - s_m, in_s=foreseen.time_s(from_m)))
+    return [one for one in found if ends_s - one.in_s >= LEAST_RISE_S]
 
 
 def _at_rise(schedule: Schedule, number: int, s_m: float) -> Instruction | None:

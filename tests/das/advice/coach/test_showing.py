@@ -799,16 +799,19 @@ BELOW_RISE = SpeedsAllowed(80 * KMH, 80 * KMH)
 
 
 def test_an_acceleration_that_its_limit_does_not_allow_yet_is_announced_where_the_limit_rises() -> None:
-    """A train at its limit is not told to accelerate to that limit; a slower one is."""
+    """A train at its limit is not told to accelerate to that limit; a slower one is, and to both speeds in turn."""
     rises = at_rising_limit((NotchRegime.HOLD, 29000.0, 80), (NotchRegime.TRACTION, RISES_M - 200.0, 100))
-    for v_kmh, told_kmh, ahead_m in ((79, 100, 400.0), (70, 80, 200.0)):
+    for v_kmh, told in ((79, [(100, 400.0)]), (70, [(80, 200.0), (100, 400.0)])):
         times_s = np.array([0.0, 1000.0 / (v_kmh * KMH)])
         at_m = RISES_M - 400.0 + np.array([0.0, 1000.0])
         foreseen = Foreseen(times_s, at_m, np.full(2, v_kmh * KMH), as_shown=True)
-        first = Announcing(2).following(rises.schedule, 0, RISES_M - 400.0, foreseen)[0]
-        assert first.mode in TRACTION
-        assert first.speed_mps == pytest.approx(told_kmh * KMH)
-        assert first.way_m == pytest.approx(ahead_m, abs=60.0)
+        following = Announcing(2).following(rises.schedule, 0, RISES_M - 400.0, foreseen)
+        assert len(following) == len(told)
+        for one, (told_kmh, ahead_m) in zip(following, told, strict=True):
+            assert one.mode in TRACTION
+            assert one.speed_mps == pytest.approx(told_kmh * KMH)
+            assert one.way_m == pytest.approx(ahead_m, abs=60.0)
+            assert one.in_s == pytest.approx(one.way_m / (v_kmh * KMH))
 
 
 def test_an_acceleration_goes_on_where_the_next_one_follows_within_8_s() -> None:
