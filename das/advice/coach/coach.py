@@ -15,7 +15,7 @@ from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import OVERSPEED_MPS, Goal, TrainState
+from das.advice.goal import OVERSPEED_ENDS_MPS, OVERSPEED_MPS, Goal, TrainState
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
 from das.advice.shown import SPEED_STEP_MPS, TARGET_STEP_MPS, as_read
@@ -66,7 +66,7 @@ class Coach:
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
         self._news: tuple[Restriction, ...] = ()
         self._lost = False
-        self._said_late_s = 0.0
+        self._said_late_s, self._said_too_fast = 0.0, False
         self._reasoned: tuple[Instruction, Reason] = Instruction(), NO_REASON
 
     def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
@@ -173,7 +173,8 @@ class Coach:
     def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
         """What the instruction does not say: what it is for, and when the train arrives if that is late or early."""
         excess_mps = state.v_mps - place.allowed_mps
-        if excess_mps > OVERSPEED_MPS:
+        self._said_too_fast = excess_mps > (OVERSPEED_ENDS_MPS if self._said_too_fast else OVERSPEED_MPS)
+        if self._said_too_fast:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
         ahead = self._standing_reason(shown.now, self._ahead(kept, shown, state), state)
         if not ahead and self._is_slowed_for_point(kept, state, goal):
