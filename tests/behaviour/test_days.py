@@ -12,8 +12,10 @@ import pytest
 from das.advice.advice import Advice
 from das.cab.heard import DelayHeard
 from das.domain.errors import DasError
-from sim.drivers.cab import AT_STOP_M
+from sim.drivers.cab import AT_STOP_M, CabView
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.plant.kernels import Command
+from sim.plant.plant import lever
 from sim.world.loop import InProcess, Tick, World
 from sim.world.service import Service, make_day
 from tests.support.crossing import few
@@ -42,6 +44,21 @@ def test_a_driver_who_never_gets_there_ends_the_run(flat: Callable[[str], Path])
     path = flat("[[disturbances]]\nkind = 'signal-stop'\nat_km = 3\nseen_m = 1500\nclears_after_s = 86400")
     with pytest.raises(DasError, match=r"did not arrive within .* s \(it is at 30\d\d m|at 299\d m"):
         states_of(path, "perfect", "vector", 1)
+
+
+class Asleep:
+    """A driver who leaves the lever at full power, as somebody may who walks away from a desk."""
+
+    def command(self, _cab: CabView) -> Command:
+        """Full power."""
+        return lever(1.0)
+
+
+def test_a_train_that_does_not_stop_ends_the_run_2_km_behind_its_stop(flat: Callable[[str], Path]) -> None:
+    day = make_day(service_of(flat("")), 1)
+    link = InProcess(day.service)
+    with pytest.raises(DasError, match=r"did not stop where it should \(it is at 80\d\d m, the next stop at 6000 m"):
+        World(day, Asleep(), Presentation.NONE, link).run()
 
 
 def test_the_follower_drives_on_after_a_signal_short_of_the_stop(flat: Callable[[str], Path]) -> None:
