@@ -56,12 +56,11 @@ def hello_of(
 
 
 def _line(route: Route, stops: Sequence[Stop]) -> dict[str, Any]:
-    """The line for the way ahead: limits, gradients, tunnels and stops, positions in m."""
+    """The line for the way ahead: limits, gradients and stops, positions in m."""
     return {
         "length_m": route.length_m,
         "limits": _pairs(route.limits_mps),
         "gradients": _pairs(route.gradients_ratio),
-        "tunnels": [[one.start_m, one.length_m] for one in route.tunnels],
         "stops": [[one.position_m, one.name] for one in stops],
     }
 

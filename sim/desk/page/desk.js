@@ -212,12 +212,11 @@ function advised() {
 function write() {
   const advice = advised(), braked = cab.interlock === SILENCE, was = card;
   card = show.write(cab, advice, wasBraked && !braked && phase === "driving");
-  const unit = card.speed == null ? "" : " km/h";
-  card.now = `${card.do} ${card.speed == null ? "" : kmh(card.speed)}`;
+  card.now = card.speed == null ? card.do : `${card.do} ${kmh(card.speed)} km/h`;
   if (!was || was.now === card.now || !(advice || braked)) return;
   $("advice").classList.add("fresh");
   requestAnimationFrame(() => setTimeout(() => $("advice").classList.remove("fresh"), 300));
-  fill($("say"), `${card.now}${unit}. ${card.why}`);
+  fill($("say"), card.why ? `${card.now}. ${card.why}` : card.now);
   if (sound) beep(braked ? BRAKED : CHANGED);
 }
 
@@ -290,18 +289,10 @@ function view(left) {
   return Math.min(ahead, near || ahead);
 }
 
-// The speed after the next change, where the dial shows it: within a minute, and unlike the advised one.
-function reach(changes, advice) {
-  const next = changes.find((one) => !one.second);
-  if (!next || next.time >= 60 || !["brake", "hold", "traction"].includes(next.mode)) return null;
-  const speed = cab.next_speed_mps, other = advice?.speed ?? -Infinity;
-  return Math.abs(speed - other) > 8 / draw.KMH ? speed : null;
-}
-
 function paint() {
   const { v, rolled } = moved(), s = cab.s_m + rolled, left = cab.stop_m - s;
   const advice = advised(), changes = show.changes(cab, advice), limit = show.limit(cab);
-  const { gradients, tunnels, stops } = hello.line;
+  const { gradients, stops } = hello.line;
   draw.dial($("dial"), {
     v,
     limit,
@@ -309,7 +300,6 @@ function paint() {
     shown: kmh(cab.speed_mps),
     top: hello.train.top_mps,
     advice: advice?.speed,
-    reach: reach(changes, advice),
     left: left < 300 && left > -200 ? left : null,
     missed: left < -hello.at_stop_m,
   });
@@ -326,7 +316,6 @@ function paint() {
     s,
     v,
     gradients,
-    tunnels,
     stops,
     lang,
     ahead: view(left),

@@ -71,11 +71,6 @@ function circle(g, x, y, r) {
   g.arc(x, y, r, 0, TURN);
 }
 
-function ring(g, x, y, r, color, width) {
-  circle(g, x, y, r);
-  stroke(g, color, width);
-}
-
 function disc(g, x, y, r, color) {
   circle(g, x, y, r);
   g.fillStyle = color;
@@ -84,7 +79,7 @@ function disc(g, x, y, r, color) {
 
 // The dial: 288 degrees. The limit is white, the speed grey; above the limit, band and needle are red.
 // Advice is violet, and always a triangle.
-export function dial(canvas, { v, shown, limit, top, advice, reach, left, missed, words }) {
+export function dial(canvas, { v, shown, limit, top, advice, left, missed, words }) {
   const [g, w, h] = surface(canvas);
   const x = w / 2, y = h / 2 + 14, r = Math.min(w / 2 - 22, h / 2 - 22);
   const most = Math.ceil(top * KMH / 20) * 20 / KMH, over = v > limit + 0.5 / KMH;
@@ -112,7 +107,6 @@ export function dial(canvas, { v, shown, limit, top, advice, reach, left, missed
     polygon(g, [polar(r - 9, a), polar(r + 16, a - 0.058), polar(r + 16, a + 0.058)], C.advice);
     stroke(g, C.panel, 2);
   }
-  if (reach != null) ring(g, ...dot(r + 10, reach), 4.5, C.advice, 2.5);
   needle(g, x, y, r, angle(v), over ? C.over : C.grey);
   const size = r * (shown.length > 2 ? 0.234 : 0.27);
   text(g, shown, x, y + 2, size, over ? C.onred : C.ground, "center", 700);
@@ -152,13 +146,14 @@ export function lever(canvas, { ratio, advised, notches, most, given, braked, wo
     g.globalAlpha = 0.3;
     box(g, x - 12, y(-motors), 24, end + 6 - y(-motors), [0, 0, 12, 12], C.air);
     g.globalAlpha = 1;
+    text(g, words.friction, x + 16, end, 12, C.air);
   }
   const acts = braked ? -1 : ratio;
   box(g, x - 12, Math.min(y(acts), mid), 24, Math.abs(y(acts) - mid), 0, braked ? C.over : C.pull);
   scale(g, x, y, notches, h);
   text(g, words.pwr, w / 2, 24, 13, C.soft, "center");
   text(g, words.brk, w / 2, h - 24, 13, C.soft, "center");
-  if (given) efforts(g, y, given, most, words);
+  if (given) efforts(g, y, given, most);
   if (advised != null) {
     const at = y(clamp(advised, -1, 1));
     polygon(g, [[x + 16, at], [x + 34, at - 10], [x + 34, at + 10]], C.advice);
@@ -172,13 +167,14 @@ function scale(g, x, y, notches, height) {
   for (let i = -steps; i <= steps; i++) {
     const at = y(i / steps), long = i === 0 || Math.abs(i) === steps;
     line(g, [[x - (long ? 26 : 21), at], [x - 15, at]], i === 0 ? C.text : C.quiet, i === 0 ? 2.5 : 1.2);
-    if (i && i % every === 0) text(g, `${Math.abs(notches ? i : i * 10)}`, x - 30, at, 13, C.soft, "right");
+    const percent = Math.round(100 * Math.abs(i) / steps);
+    if (i && i % every === 0) text(g, `${percent}`, x - 30, at, 13, C.soft, "right");
   }
   text(g, "0", x - 30, y(0), 16, C.text, "right", 700);
 }
 
 // What the train gives, as shares of the most that it can: traction grey, electric brake blue, friction brake orange.
-function efforts(g, y, [motors, friction], [traction, , brakes], words) {
+function efforts(g, y, [motors, friction], [traction, , brakes]) {
   const bar = (from, to, color) => line(g, [[14, y(from)], [14, y(to)]], color, 6);
   bar(1, -1, C.faint);
   if (motors > 0 && traction > 0) bar(0, Math.min(motors / traction, 1), C.pull);
@@ -187,7 +183,6 @@ function efforts(g, y, [motors, friction], [traction, , brakes], words) {
   if (electric < 0) bar(0, electric, C.electric);
   if (friction / brakes > -0.005) return;
   bar(electric, Math.max(electric + friction / brakes, -1), C.air);
-  text(g, words.friction, 6, y(-1) + 14, 12, C.air);
 }
 
 // The way ahead: the train at the left, limits in white, gradients below; restrictions, stops, signals, and the next
@@ -207,15 +202,9 @@ export function way(canvas, o) {
     parts.forEach((part) => part(place, o));
     g.restore();
   };
-  inside(tunnels);
   grid(place, o);
   inside(limits, restrictions, changes, stops, signal, gradients);
   polygon(g, [[left + 13, y(o.v)], [left - 3, y(o.v) - 8], [left - 3, y(o.v) + 8]], C.grey);
-}
-
-function tunnels({ g, top, base, x }, o) {
-  g.fillStyle = C.tunnel;
-  for (const [from, length] of o.tunnels) g.fillRect(x(from), top, x(from + length) - x(from), base - top);
 }
 
 function grid({ g, left, right, top, base, most, x, y }, o) {
