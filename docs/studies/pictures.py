@@ -23,7 +23,7 @@ def review(folder: Path) -> None:
     """The first minute: what it prints, its two drives beside each other, and all about the one with the coach."""
     said = das_sim(folder=folder).splitlines()[:-1]  # The last line names the recordings.
     write_table(DOCS / "tutorials" / "first-replay.md", "first-minute", ("```text", *said, "```"))
-    recorded, coached = (folder / f"{name}.mcap" for name in ("as-recorded", "with-the-coach"))
+    recorded, coached = (folder / f"{name}.mcap" for name in ("as recorded", "with the coach"))
     (made,) = (folder / "recordings").glob("*-coach.mcap")
     made.with_name(made.name.replace("-coach", "")).rename(recorded)
     made.rename(coached)

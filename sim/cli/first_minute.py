@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
 """The driver of the bundled recording, who can be shown the coach."""
 HANGS_ON: Final = (
-    "he is simulated, watches no clock when alone, does what the coach says, and brakes with the motors first: drivers "
-    "who keep time by themselves save less (docs/explanation/coach.md)."
+    "he watches no clock when alone, does what the coach says, and brakes with the motors first: drivers who keep time "
+    "by themselves save less (docs/explanation/coach.md)."
 )
 """What the figures of the result hang on, as the end of its sentence."""
 LOOK_AGAIN_S: Final = 0.2
@@ -115,7 +115,8 @@ def _print(found: AlignedDrives) -> None:
         ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(coached_j):.0f} kWh"),
         ("instructions in the cab", "none", f"{after.instructions.changes}"),
     )
-    tell(f"A late train from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km; the same driver twice:")
+    way = f"from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km"
+    tell(f"A late train {way}; the same simulated driver twice:")
     width = max(len(name) for name, _, _ in rows)
     for name, one, other in rows:
         tell(f"{name:<{width}}  {one:>12}  {other:>14}")

@@ -105,14 +105,15 @@ class JourneyPlan(Summary):
     priced: PricedTimeline
 
     def facts(self) -> dict[str, str]:
-        """The journey, its train, the planned departures and the last arrival, and what the plan needs."""
-        last = self.sections[-1]
-        departs = {f"{one.start.name} departs": clock(one.departure.time_s) for one in self.sections}
+        """The journey, its train, the planned departures and arrivals, and what the plan needs."""
+        calls = {}
+        for one in self.sections:
+            calls[f"{one.start.name} departs"] = clock(one.departure.time_s)
+            calls[f"{one.end.name} arrives"] = clock(one.arrival.time_s)
         return {
             "journey": self.journey.name,
             "train": self._whole.vehicle.name,
-            **departs,
-            f"{last.end.name} arrives": clock(last.arrival.time_s),
+            **calls,
             "needs": needs(self.time_s, self.input_j),
         }
 

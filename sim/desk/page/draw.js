@@ -175,7 +175,7 @@ function scale(g, x, y, notches, height) {
 
 // What the train gives, as shares of the most that it can: traction grey, electric brake blue, friction brake orange.
 function efforts(g, y, [motors, friction], [traction, , brakes]) {
-  const bar = (from, to, color) => line(g, [[14, y(from)], [14, y(to)]], color, 6);
+  const bar = (from, to, color) => line(g, [[9, y(from)], [9, y(to)]], color, 6);
   bar(1, -1, C.faint);
   if (motors > 0 && traction > 0) bar(0, Math.min(motors / traction, 1), C.pull);
   if (brakes <= 0) return;

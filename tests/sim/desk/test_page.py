@@ -81,6 +81,11 @@ CONTRASTS = """() => {
 """The contrast of every text on the page with what is behind it, by WCAG 2."""
 
 
+Served = tuple[Visitor, MadeUpBus]
+Cabs = Callable[[Presentation], list[Any]]
+"""A function that drives the day with a presentation, and returns the cabs."""
+
+
 class Watched:
     """A driver who remembers the cabs that another one saw, as the messages that a desk would be sent."""
 
@@ -105,8 +110,7 @@ def day(tmp_path_factory: pytest.TempPathFactory) -> Day:
 
 
 @pytest.fixture(scope="module")
-def cabs(day: Day) -> Callable[[Presentation], list[Any]]:
-    """A function that drives the day with a presentation, and returns the cabs."""
+def cabs(day: Day) -> Cabs:
     kept: dict[Presentation, list[Any]] = {}
 
     def driven(shown: Presentation) -> list[Any]:
@@ -120,7 +124,7 @@ def cabs(day: Day) -> Callable[[Presentation], list[Any]]:
 
 
 @pytest.fixture
-def desk(day: Day) -> Iterator[tuple[Visitor, MadeUpBus]]:
+def desk(day: Day) -> Iterator[Served]:
     with desk_server(day.service.scenario.title, (day.service.route, day.service.vehicle, day.service.stops)) as found:
         yield found
 
@@ -174,9 +178,7 @@ MOMENTS: dict[str, Callable[[Any], bool]] = {
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_words_of_every_moment_and_language_fit(
-    browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]], size: str
-) -> None:
+def test_the_words_of_every_moment_and_language_fit(browser: Any, desk: Served, cabs: Cabs, size: str) -> None:
     visitor, bus = desk
     page, found = opened(browser, visitor, SIZES[size]), {}
     for language in LANGUAGES:
@@ -186,14 +188,8 @@ def test_the_words_of_every_moment_and_language_fit(
             show(page, bus, first(cabs(Presentation.COACH), fits), interlock=0)
             found[language, moment] = page.page.evaluate(OVERFLOWING)
             picture(page, f"{size}-{language}-{moment}")
-        show(
-            page,
-            bus,
-            first(cabs(Presentation.COACH), MOMENTS["accelerating"]),
-            interlock=1,
-            presentation=0,
-            lever_ratio=-1,
-        )
+        gone = first(cabs(Presentation.COACH), MOMENTS["accelerating"])
+        show(page, bus, gone, interlock=1, presentation=0, lever_ratio=-1)
         found[language, "braked"] = page.page.evaluate(OVERFLOWING)
         picture(page, f"{size}-{language}-braked")
         page.page.keyboard.press("ArrowUp")  # who moves the lever has read that the desk was away
@@ -203,7 +199,7 @@ def test_the_words_of_every_moment_and_language_fit(
 
 
 def test_an_acceleration_that_only_changes_its_effort_is_announced_with_the_new_one(
-    browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]]
+    browser: Any, desk: Served, cabs: Cabs
 ) -> None:
     visitor, bus = desk
     page, cab = opened(browser, visitor), first(cabs(Presentation.COACH), MOMENTS["accelerating"])
@@ -215,7 +211,7 @@ def test_an_acceleration_that_only_changes_its_effort_is_announced_with_the_new_
 
 @pytest.mark.parametrize("shown", list(Presentation))
 def test_every_presentation_is_shown_as_its_cab_says(
-    browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]], shown: Presentation
+    browser: Any, desk: Served, cabs: Cabs, shown: Presentation
 ) -> None:
     visitor, bus = desk
     page = opened(browser, visitor)
@@ -241,9 +237,7 @@ def test_every_presentation_is_shown_as_its_cab_says(
     assert page.errors == []
 
 
-def test_contrast_is_at_least_that_of_wcag_aa(
-    browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]]
-) -> None:
+def test_contrast_is_at_least_that_of_wcag_aa(browser: Any, desk: Served, cabs: Cabs) -> None:
     """4.5 : 1 for every text, measured on the page."""
     visitor, bus = desk
     page = opened(browser, visitor)
@@ -255,9 +249,7 @@ def test_contrast_is_at_least_that_of_wcag_aa(
     assert {words: round(ratio, 1) for words, ratio in measured.items() if ratio < 4.5} == {}
 
 
-def test_the_keyboard_alone_is_enough_and_a_screen_reader_is_told(
-    browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]]
-) -> None:
+def test_the_keyboard_alone_is_enough_and_a_screen_reader_is_told(browser: Any, desk: Served, cabs: Cabs) -> None:
     visitor, bus = desk
     page = opened(browser, visitor, reduced_motion="reduce")
     drive = cabs(Presentation.COACH)
@@ -289,9 +281,7 @@ def test_the_keyboard_alone_is_enough_and_a_screen_reader_is_told(
     assert "km/h" in str(page.page.get_attribute("#dial", "aria-label"))
 
 
-def test_mouse_touch_wheel_and_gamepad_move_the_same_lever(
-    browser: Any, desk: tuple[Visitor, MadeUpBus], cabs: Callable[[Presentation], list[Any]]
-) -> None:
+def test_mouse_touch_wheel_and_gamepad_move_the_same_lever(browser: Any, desk: Served, cabs: Cabs) -> None:
     visitor, bus = desk
     page = opened(browser, visitor, has_touch=True)
     show(page, bus, first(cabs(Presentation.COACH), MOMENTS["accelerating"]), interlock=0)
@@ -322,9 +312,7 @@ def test_mouse_touch_wheel_and_gamepad_move_the_same_lever(
     assert page.errors == []
 
 
-def test_markup_in_names_is_text_and_is_clipped(
-    day: Day, browser: Any, cabs: Callable[[Presentation], list[Any]]
-) -> None:
+def test_markup_in_names_is_text_and_is_clipped(day: Day, browser: Any, cabs: Cabs) -> None:
     stops = tuple(Stop(name=MARKUP * 2, position_m=one.position_m) for one in day.service.stops)
     cab = first(cabs(Presentation.COACH), MOMENTS["arriving"])
     with desk_server(MARKUP, (day.service.route, day.service.vehicle, stops)) as (visitor, bus):
@@ -340,9 +328,7 @@ def test_markup_in_names_is_text_and_is_clipped(
         assert page.errors == []
 
 
-def test_a_page_without_its_server_says_so_and_shows_no_advice(
-    browser: Any, cabs: Callable[[Presentation], list[Any]]
-) -> None:
+def test_a_page_without_its_server_says_so_and_shows_no_advice(browser: Any, cabs: Cabs) -> None:
     """Stalled: lost, and found again. A newer page: taken. Told to stop: ended."""
     cab = first(cabs(Presentation.COACH), MOMENTS["accelerating"])
     with desk_server("A day") as (visitor, bus):

@@ -25,17 +25,18 @@ from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, TAKEN, Allowance, O
 from sim.world.lockstep import Process
 from tests.support.desk_server import TOKEN, MadeUpBus, Visitor, desk_server, next_of, say, until
 
+Served = tuple[Visitor, MadeUpBus]
 MARKUP = "<img src=x onerror=alert(1)>"
 
 
 @pytest.fixture(scope="module")
-def served() -> Iterator[tuple[Visitor, MadeUpBus]]:
+def served() -> Iterator[Served]:
     with desk_server() as found:
         yield found
 
 
 @pytest.fixture
-def fresh() -> Iterator[tuple[Visitor, MadeUpBus]]:
+def fresh() -> Iterator[Served]:
     with desk_server(MARKUP) as found:
         yield found
 
@@ -59,7 +60,7 @@ def closed_with(socket: ClientConnection) -> int:
     return socket.close_code
 
 
-def test_the_token_of_the_address_becomes_a_cookie_and_leaves_the_address(served: tuple[Visitor, MadeUpBus]) -> None:
+def test_the_token_of_the_address_becomes_a_cookie_and_leaves_the_address(served: Served) -> None:
     visitor, _ = served
     entered = visitor.ask(f"/?token={TOKEN}")
     assert (entered.status, entered.headers["Location"]) == (303, "/")
@@ -75,7 +76,7 @@ def test_the_token_of_the_address_becomes_a_cookie_and_leaves_the_address(served
 
 
 @pytest.mark.parametrize("name", sorted(FILES))
-def test_every_file_of_the_page_is_served_with_a_strict_policy(served: tuple[Visitor, MadeUpBus], name: str) -> None:
+def test_every_file_of_the_page_is_served_with_a_strict_policy(served: Served, name: str) -> None:
     answer = served[0].ask(f"/{name}", Cookie=served[0].cookie)
     assert (answer.status, answer.headers["X-Content-Type-Options"]) == (200, "nosniff")
     assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
@@ -96,13 +97,13 @@ def test_every_file_of_the_page_is_served_with_a_strict_policy(served: tuple[Vis
     ],
 )
 def test_whoever_has_no_token_or_comes_from_elsewhere_gets_an_empty_403(
-    served: tuple[Visitor, MadeUpBus], path: str, headers: dict[str, str]
+    served: Served, path: str, headers: dict[str, str]
 ) -> None:
     answer = served[0].ask(path, **headers)
     assert (answer.status, answer.read()) == (403, b"")
 
 
-def test_nothing_but_reading_and_no_other_file_is_allowed(served: tuple[Visitor, MadeUpBus]) -> None:
+def test_nothing_but_reading_and_no_other_file_is_allowed(served: Served) -> None:
     visitor, cookie = served[0], served[0].cookie
     assert visitor.ask("/", "POST", Cookie=cookie).status == 403
     for path in ("/server.py", "/../server.py", "/%2e%2e/server.py", "/page/desk.js"):
@@ -113,9 +114,7 @@ def test_nothing_but_reading_and_no_other_file_is_allowed(served: tuple[Visitor,
     "headers",
     [{"Cookie": ""}, {"Cookie": "desk=x"}, {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": None}],
 )
-def test_a_socket_without_the_cookie_or_from_another_page_is_refused(
-    served: tuple[Visitor, MadeUpBus], headers: dict[str, str]
-) -> None:
+def test_a_socket_without_the_cookie_or_from_another_page_is_refused(served: Served, headers: dict[str, str]) -> None:
     with pytest.raises(InvalidStatus) as raised, served[0].open(**headers):
         pass
     assert raised.value.response.status_code == 403
@@ -128,14 +127,14 @@ def test_a_socket_without_the_cookie_or_from_another_page_is_refused(
      '{"t":"lever","k":1,"ratio":"1","at":1,"by":"key"}', '{"t":"drawn","look":1e30}', "[" * 4000,
      '{"t":"drawn","look":1,"x":' + "[" * 1900 + "]" * 1900 + "}x"],
 )  # fmt: skip
-def test_what_is_no_message_of_the_page_is_refused(served: tuple[Visitor, MadeUpBus], text: str) -> None:
+def test_what_is_no_message_of_the_page_is_refused(served: Served, text: str) -> None:
     assert heard(text) is None
     with served[0].open() as socket:
         socket.send(text)
         assert closed_with(socket) == BAD
 
 
-def test_a_message_that_is_too_large_closes_the_socket(served: tuple[Visitor, MadeUpBus]) -> None:
+def test_a_message_that_is_too_large_closes_the_socket(served: Served) -> None:
     with served[0].open() as socket:
         socket.send("x" * (LARGEST_BYTES + 1))
         assert closed_with(socket) == 1009
@@ -145,7 +144,7 @@ def test_numbers_that_json_has_no_word_for_become_null() -> None:
     assert json.loads(encoded({"a": float("nan"), "b": [float("inf"), 1.5]})) == {"a": None, "b": [None, 1.5]}
 
 
-def test_a_page_that_says_more_than_a_hand_can_is_cut_off(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_a_page_that_says_more_than_a_hand_can_is_cut_off(fresh: Served) -> None:
     visitor, bus = fresh
     with driving(visitor, bus) as socket:
         with suppress(ConnectionClosed):
@@ -165,7 +164,7 @@ def test_an_allowance_fills_up_with_time() -> None:
     assert allowance.spend(1.0)
 
 
-def test_names_reach_the_page_as_text(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_names_reach_the_page_as_text(fresh: Served) -> None:
     """The page sets every name as text; no file of the page makes markup of a string."""
     with fresh[0].open() as socket:
         assert next_of(socket, "hello")["title"] == MARKUP
@@ -173,7 +172,7 @@ def test_names_reach_the_page_as_text(fresh: tuple[Visitor, MadeUpBus]) -> None:
     assert not [word for word in ("innerHTML", "outerHTML", "insertAdjacent", "document.write") if word in scripts]
 
 
-def test_the_run_begins_when_the_person_is_ready(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_the_run_begins_when_the_person_is_ready(fresh: Served) -> None:
     visitor, bus = fresh
     with visitor.open() as socket:
         assert next_of(socket, "hello")["phase"] == "welcome"
@@ -187,7 +186,7 @@ def test_the_run_begins_when_the_person_is_ready(fresh: tuple[Visitor, MadeUpBus
         assert next_of(socket, "phase")["phase"] == "over"
 
 
-def test_a_setting_is_on_the_bus_with_its_three_clocks(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_a_setting_is_on_the_bus_with_its_three_clocks(fresh: Served) -> None:
     visitor, bus = fresh
     with driving(visitor, bus) as socket:
         at_ms = time.time() * 1000
@@ -210,7 +209,7 @@ def test_a_setting_is_on_the_bus_with_its_three_clocks(fresh: tuple[Visitor, Mad
         assert len(bus.of("action")) == 1
 
 
-def test_a_page_that_draws_nothing_answers_no_look(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_a_page_that_draws_nothing_answers_no_look(fresh: Served) -> None:
     """A covered or sleeping page keeps its socket; after 1 s without a frame the run's dead-man brake takes over."""
     visitor, bus = fresh
     with driving(visitor, bus) as socket:
@@ -224,7 +223,7 @@ def test_a_page_that_draws_nothing_answers_no_look(fresh: tuple[Visitor, MadeUpB
         until(lambda: look in [one.look for one in bus.of("controls")], "the answer")
 
 
-def test_over_a_slow_line_the_person_drives_and_the_times_say_so(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_over_a_slow_line_the_person_drives_and_the_times_say_so(fresh: Served) -> None:
     """250 ms from the cab to the page and from the page to the desk: every look is answered, nobody is away."""
     visitor, bus = fresh
     with driving(visitor, bus) as socket:
@@ -241,7 +240,7 @@ def test_over_a_slow_line_the_person_drives_and_the_times_say_so(fresh: tuple[Vi
         assert das_pb2.Mark.KIND_AWAY not in [one.kind for one in bus.of("mark")]
 
 
-def test_the_newer_page_drives_and_the_older_says_so(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_the_newer_page_drives_and_the_older_says_so(fresh: Served) -> None:
     visitor, bus = fresh
     with driving(visitor, bus) as old, ExitStack() as later:
         say(old, "lever", k=1, ratio=0.4, at=1.0, by="key")
@@ -255,7 +254,7 @@ def test_the_newer_page_drives_and_the_older_says_so(fresh: tuple[Visitor, MadeU
         until(lambda: [one.number for one in bus.of("action")] == [1, 2], "the new page's action")
 
 
-def test_a_page_that_comes_back_after_a_second_finds_the_lever_at_0(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_a_page_that_comes_back_after_a_second_finds_the_lever_at_0(fresh: Served) -> None:
     visitor, bus = fresh
     with driving(visitor, bus) as socket:
         say(socket, "lever", k=1, ratio=1.0, at=1.0, by="key")
@@ -269,7 +268,7 @@ def test_a_page_that_comes_back_after_a_second_finds_the_lever_at_0(fresh: tuple
         assert (action.lever_ratio, action.device) == (0.0, das_pb2.Action.DEVICE_DESK)
 
 
-def test_a_cab_goes_to_the_page_exactly_as_it_is_recorded(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_a_cab_goes_to_the_page_exactly_as_it_is_recorded(fresh: Served) -> None:
     visitor, bus = fresh
     with visitor.open() as socket:
         bus.cab(speed_mps=1 / 3, presentation=4, mode=1, advised_speed_mps=0.1 + 0.2, valid_until_s=9.0,
@@ -324,7 +323,7 @@ def test_a_server_that_cannot_join_the_bus_ends_and_says_why(tmp_path: Path) -> 
     assert lost in str(raised.value)
 
 
-def test_settings_within_10_ms_are_published_as_the_last_of_them(fresh: tuple[Visitor, MadeUpBus]) -> None:
+def test_settings_within_10_ms_are_published_as_the_last_of_them(fresh: Served) -> None:
     visitor, bus = fresh
     with driving(visitor, bus) as socket:
         for k in range(1, 101):

@@ -14,7 +14,6 @@ from das.advice.goal import Goal, PassingTarget, TrainState
 from das.advice.reason import Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime
 from das.advice.settings import AdviceSettings
-from das.advice.wording import words
 from das.cab.fronts import Fronts
 from das.cab.leg import Leg
 from das.cab.preparation import Preparation
