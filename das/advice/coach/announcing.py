@@ -99,8 +99,7 @@ class Announcing:
     def _beginning(self, schedule: Schedule, k: int, s_m: float, foreseen: Foreseen) -> Instruction | None:
         """The instruction with which phase `k` begins; None if it tells nothing new."""
         one, before, begins_m = schedule.phases[k], schedule.phases[k - 1], schedule.begin_m(k)
-        same = abs(one.target_mps - before.target_mps) < SAME_MPS
-        if one.kind is NotchRegime.HOLD and before.kind is NotchRegime.TRACTION and same:
+        if _goes_on(schedule, k):
             return None
         if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
             return None  # The train is slower than the schedule.
@@ -239,9 +238,22 @@ def _repeats(one: Instruction, before: Instruction) -> bool:
     return same and not (one.mode in TRACTION and one.effort_ratio != before.effort_ratio)
 
 
+def _goes_on(schedule: Schedule, number: int) -> bool:
+    """Whether a phase only holds the speed to which the one before it accelerates."""
+    if number >= len(schedule.phases) or schedule.phases[number].kind is not NotchRegime.HOLD:
+        return False
+    before = schedule.phases[number - 1]
+    same = abs(schedule.phases[number].target_mps - before.target_mps) < SAME_MPS
+    return before.kind is NotchRegime.TRACTION and same
+
+
 def _rises(schedule: Schedule, number: int, foreseen: Foreseen, s_m: float, from_m: float) -> list[Instruction]:
-    """The accelerations of a phase behind `from_m`, one where each limit rises; `s_m` is where the train is."""
-    ends_s, found = foreseen.time_s(schedule.begin_m(number + 1)), []
+    """The accelerations of a phase behind `from_m`, one where each limit rises; `s_m` is where the train is.
+
+    A train slower than its schedule still accelerates where its phase has ended, to the speed that is then held.
+    """
+    after = number + 2 if _goes_on(schedule, number + 1) else number + 1
+    ends_s, found = foreseen.time_s(schedule.begin_m(after)), []
     while (rise := _at_rise(schedule, number, from_m)) is not None:
         from_m += rise.way_m
         found.append(replace(rise, way_m=from_m - s_m, in_s=foreseen.time_s(from_m)))

@@ -814,6 +814,21 @@ def test_an_acceleration_that_its_limit_does_not_allow_yet_is_announced_where_th
             assert one.in_s == pytest.approx(one.way_m / (v_kmh * KMH))
 
 
+def test_an_acceleration_stays_announced_though_the_schedule_holds_its_speed_soon_after_the_board() -> None:
+    """The schedule accelerates before the board and holds 100 km/h 60 m behind it; this train is still at 79 km/h."""
+    rises = at_rising_limit(
+        (NotchRegime.HOLD, 29000.0, 80),
+        (NotchRegime.TRACTION, RISES_M - 200.0, 100),
+        (NotchRegime.HOLD, RISES_M + 60.0, 100),
+    )
+    at_m = RISES_M - 150.0 + np.array([0.0, 2000.0])
+    foreseen = Foreseen(np.array([0.0, 90.0]), at_m, np.full(2, 79 * KMH), as_shown=True)
+    (first,) = Announcing(2).following(rises.schedule, 1, RISES_M - 150.0, foreseen)
+    assert first.mode in TRACTION
+    assert first.speed_mps == pytest.approx(100 * KMH)
+    assert first.way_m == pytest.approx(150.0, abs=60.0)
+
+
 def test_an_acceleration_goes_on_where_the_next_one_follows_within_8_s() -> None:
     """Otherwise its speed would have to be held for 8 s, and the train would accelerate too late behind the board."""
     for left_s, mode in ((4.0, Regime.FULL_TRACTION), (20.0, Regime.CRUISE)):
