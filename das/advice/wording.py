@@ -120,7 +120,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
-            ReasonCode.TOO_FAST: "too fast, slow down",
+            ReasonCode.TOO_FAST: "too fast",
             ReasonCode.LIMIT: "{kmh} km/h from km {km}",
             ReasonCode.RESTRICTION: "restriction to {kmh} km/h from km {km}",
             ReasonCode.STOP: "stop{at_stop}",
@@ -168,7 +168,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
-            ReasonCode.TOO_FAST: "zu schnell, verlangsamen",
+            ReasonCode.TOO_FAST: "zu schnell",
             ReasonCode.LIMIT: "{kmh} km/h ab km {km}",
             ReasonCode.RESTRICTION: "Langsamfahrstelle {kmh} km/h ab km {km}",
             ReasonCode.STOP: "Halt{at_stop}",
@@ -216,7 +216,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
-            ReasonCode.TOO_FAST: "trop vite, ralentir",
+            ReasonCode.TOO_FAST: "trop vite",
             ReasonCode.LIMIT: "{kmh} km/h dès le km {km}",
             ReasonCode.RESTRICTION: "ralentissement à {kmh} km/h dès le km {km}",
             ReasonCode.STOP: "arrêt{at_stop}",

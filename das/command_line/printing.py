@@ -194,14 +194,15 @@ def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
 
 
 def _lines(title: str, first: str, unit: str) -> Progressed:
-    """Progress as lines on standard error."""
-    said = time.monotonic()
+    """Progress as lines on standard error, none of them twice in a row."""
+    said, said_s = "", time.monotonic()
 
     def line(done: float, whole: float) -> None:
-        nonlocal said
-        if time.monotonic() - said > SAID_EVERY_S or done == whole:
-            print(f"{title}: {done:.0f} of {whole:.0f} {unit}", file=sys.stderr)
-            said = time.monotonic()
+        nonlocal said, said_s
+        text = f"{title}: {done:.0f} of {whole:.0f} {unit}"
+        if text != said and (time.monotonic() - said_s > SAID_EVERY_S or done == whole):
+            print(text, file=sys.stderr)
+            said, said_s = text, time.monotonic()
 
     print(f"{title}: {first}", file=sys.stderr)
     return line
