@@ -44,6 +44,12 @@ function send(message) {
   if (socket?.readyState === WebSocket.OPEN && phase !== "taken") socket.send(JSON.stringify(message));
 }
 
+// Lets a part of the page light up for a moment.
+function flash(id) {
+  $(id).classList.add("fresh");
+  requestAnimationFrame(() => setTimeout(() => $(id).classList.remove("fresh"), 300));
+}
+
 function mark(stamp, text) {
   send({ t: "mark", at: wall(stamp), look: cab?.look ?? 0, text });
 }
@@ -63,6 +69,7 @@ function speak() {
   show.speak(words, lang);
   replay?.speak(words);
   veil();
+  card = null; // other words are no other advice
   if (cab) write();
 }
 
@@ -214,8 +221,7 @@ function write() {
   card = show.write(cab, advice, wasBraked && !braked && phase === "driving");
   card.now = card.speed == null ? card.do : `${card.do} ${kmh(card.speed)} km/h`;
   if (!was || was.now === card.now || !(advice || braked)) return;
-  $("advice").classList.add("fresh");
-  requestAnimationFrame(() => setTimeout(() => $("advice").classList.remove("fresh"), 300));
+  flash("advice");
   fill($("say"), card.why ? `${card.now}. ${card.why}` : card.now);
   if (sound) beep(braked ? BRAKED : CHANGED);
 }
@@ -325,7 +331,7 @@ function paint() {
     path: horizon(advice),
     changes: changes.filter((one) => one.way != null).map((one) => ({ ...one, way: one.way - rolled })),
   });
-  draw.sign($("sign"), card.mode);
+  draw.sign($("sign"), card.sign ?? card.mode);
   draw.lamp($("lamp"), cab.signal_m == null && (cab.may_depart || cab.speed_mps > 0.05));
   if (performance.now() - named < 1000) return;
   named = performance.now();
@@ -364,8 +370,10 @@ function key(e) {
   else if (e.repeat) return false;
   else if (e.code === "KeyM") switchSound();
   else if (e.code === "KeyL") nextLanguage();
-  else if (e.code === "KeyB" && phase === "driving") mark(e.timeStamp, "");
-  else return false;
+  else if (e.code === "KeyB" && phase === "driving") {
+    mark(e.timeStamp, "");
+    flash("clock");
+  } else return false;
   return true;
 }
 

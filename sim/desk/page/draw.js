@@ -252,7 +252,7 @@ function changes({ g, left, right, top, base, x, y }, o) {
   line(g, o.path.map(([s, v]) => [x(s), y(v)]), C.advice, 3);
   for (const { way, mode, second } of o.changes) {
     const at = x(o.s + way);
-    if (at > right - 4 || at < left + 18) continue;
+    if (at > right - 4 || at < left) continue;
     line(g, [[at, top + 4], [at, base]], C.advice, second ? 1 : 1.8, [3, 5]);
     disc(g, at, top, second ? 13 : 16, C.panel);
     stroke(g, C.advice, second ? 1.2 : 2);

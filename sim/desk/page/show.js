@@ -2,6 +2,8 @@
 import { KMH } from "./draw.js";
 
 export const SILENCE = 1; // Cab.INTERLOCK_SILENCE: the dead-man brake
+const TOO_FAST = 2; // ReasonCode.TOO_FAST
+const SAME_PLACE_M = 30; // a change so near to a limit or a stop is said to be there
 export const $ = (id) => document.getElementById(id);
 export const fill = (node, words) => {
   if (node.textContent !== words) node.textContent = words;
@@ -72,10 +74,11 @@ export class Shown {
     let speed = cab.display_speed_mps ?? cab.advised_speed_mps;
     if (stands) speed = kind === "depart" ? cab.next_speed_mps : null;
     const effort = stands || kind === "coast" || kind === "hold" ? null : cab.advised_lever_ratio;
-    const top = presentation.highest && !stands;
+    const top = presentation.highest && !stands, slower = kind === "hold" && cab.reason.code === TOO_FAST;
     return {
       mode: top ? "top" : kind,
-      do: top ? this.words.at_most : this.modeWords(cab, cab.mode),
+      sign: slower ? "brake" : top ? "top" : kind,
+      do: top ? this.words.at_most : slower ? this.words.slow_to : this.modeWords(cab, cab.mode),
       why: [this.effort(effort), why?.[this.lang]].filter(Boolean).join(" · "),
       speed: speed > 0.5 ? speed : null,
       effort: kind === "coast" ? 0 : effort,
@@ -207,8 +210,9 @@ export class Shown {
     if (wasBraked) return [words.was_braked, words.was_braked_why];
     if (waits) return [words.wait, `${words.wait_why} ${this.clock(cab, cab.departure_s)}`];
     if (cab.signal_m != null && signal_m > 0) return [words.signal, `${words.soon} ${distance(signal_m, this.lang)}`];
-    if (!stands) return [words.clear, ""];
-    return before ? [words.depart, words.depart_why] : [words.stopped, ""];
+    if (stands && !before) return [words.stopped, ""];
+    const called = this.hello.line.stops.some(([s]) => Math.abs(s - cab.s_m) <= this.hello.at_stop_m);
+    return stands && called ? [words.depart, words.depart_why] : [words.clear, ""];
   }
 
   // What comes up, the nearest first: its distance (m), its words, whether the distance is said, and for advice the
@@ -225,6 +229,8 @@ export class Shown {
     if (next) add(next[0], `${this.words.limit} ${kmh(next[1])}`);
     add(cab.signal_m ?? -Infinity, this.words.signal);
     add(cab.stop_m, `${this.words.stop} ${this.stopName(cab)}`);
+    const places = rows.filter((row) => row.time == null);
+    for (const row of rows) row.at = places.find(({ at }) => Math.abs(at - row.at) < SAME_PLACE_M)?.at ?? row.at;
     return rows.sort((a, b) => a.at - b.at);
   }
 
@@ -241,7 +247,7 @@ export class Shown {
       list.children[i].className = time == null ? "" : "advised";
       fill(name, words);
       fill(way, said ? distance(at, this.lang) : "");
-      fill(when, time == null ? "" : span(time));
+      fill(when, time == null ? "" : minutes(time));
     });
   }
 }

@@ -21,6 +21,7 @@ const ROWS = {
   power: ["power", "Zugkraft", "traction"],
   brake: ["brake", "Bremse", "frein"],
   at_most: ["Drive at most", "Höchstens fahren", "Rouler au plus à"],
+  slow_to: ["Slow down to", "Verlangsamen auf", "Ralentir à"],
   soon: ["in", "in", "dans"],
   to_stop: ["to the stop", "bis zum Halt", "jusqu’à l’arrêt"],
   beyond: ["beyond the stop", "hinter dem Halt", "après l’arrêt"],

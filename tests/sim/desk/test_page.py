@@ -209,6 +209,22 @@ def test_an_acceleration_that_only_changes_its_effort_is_announced_with_the_new_
         assert ("· 40 %" in page.text("coming")) is with_effort
 
 
+def test_no_train_is_told_to_hold_and_to_slow_down_or_to_depart_where_it_has_no_stop(
+    browser: Any, desk: Served, cabs: Cabs
+) -> None:
+    visitor, bus = desk
+    page, cab = opened(browser, visitor), das_pb2.Cab()
+    cab.CopyFrom(first(cabs(Presentation.COACH), lambda cab: cab.mode == das_pb2.MODE_CRUISE))
+    for code, said in ((das_pb2.REASON_NONE, "Hold"), (das_pb2.REASON_TOO_FAST, "Slow down to")):
+        cab.reason.code = code
+        show(page, bus, cab)
+        assert page.text("do") == said
+    show(page, bus, cab, speed_mps=0.0)
+    assert page.text("may") == "Line clear"
+    show(page, bus, cab, speed_mps=0.0, s_m=cab.stop_m)
+    assert page.text("may") == "Stopped"
+
+
 @pytest.mark.parametrize("shown", list(Presentation))
 def test_every_presentation_is_shown_as_its_cab_says(
     browser: Any, desk: Served, cabs: Cabs, shown: Presentation
