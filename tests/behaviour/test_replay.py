@@ -77,7 +77,9 @@ def test_das_sim_alone_compares_the_bundled_trip_with_the_coach(
     assert len(lines) <= 11  # the last one is longer than 80 columns
     assert lines[-1].endswith(f"das-sim view recordings/{coached.name} --beside recordings/{replayed.name}")
     said = " ".join(lines[:-1])
-    assert all(words in said for words in ("as recorded", "with the coach", "at the same arrival time", "is simulated"))
+    assert all(
+        words in said for words in ("as recorded", "with the coach", "at the same arrival time", "simulated driver")
+    )
 
 
 def test_the_drive_with_the_coach_is_of_the_same_driver_train_and_brakes(

@@ -3,6 +3,7 @@ import { KMH } from "./draw.js";
 
 export const SILENCE = 1; // Cab.INTERLOCK_SILENCE: the dead-man brake
 const TOO_FAST = 2; // ReasonCode.TOO_FAST
+const OVER_MPS = 1; // faster than the limit by more than this, a person is warned, with advice or without
 const SAME_PLACE_M = 30; // a change so near to a limit or a stop is said to be there
 export const $ = (id) => document.getElementById(id);
 export const fill = (node, words) => {
@@ -143,6 +144,11 @@ export class Shown {
     return Math.min(cab.limit_mps, ...under.map(([, , v]) => v));
   }
 
+  // Whether the train is clearly faster than its limit.
+  isOver(cab) {
+    return cab.speed_mps > this.limit(cab) + OVER_MPS;
+  }
+
   efforts(v) {
     const { efforts_n: rows, step_mps: step } = this.hello.train;
     return rows[Math.min(Math.round(v / step), rows.length - 1)];
@@ -170,6 +176,7 @@ export class Shown {
       advice: advice?.speed == null ? "" : kmh(advice.speed),
       mode: card.mode,
       braked,
+      over: this.isOver(cab),
       effort: advice?.effort == null ? "" : advice.effort.toFixed(3),
       way: (cab.stop_m - cab.s_m).toFixed(1),
       due: card.due.toFixed(1),
@@ -209,6 +216,7 @@ export class Shown {
     if (braked) return [words.braked, ""];
     if (wasBraked) return [words.was_braked, words.was_braked_why];
     if (waits) return [words.wait, `${words.wait_why} ${this.clock(cab, cab.departure_s)}`];
+    if (this.isOver(cab)) return [words.too_fast, `${words.limit} ${kmh(this.limit(cab))} km/h`];
     if (cab.signal_m != null && signal_m > 0) return [words.signal, `${words.soon} ${distance(signal_m, this.lang)}`];
     if (stands && !before) return [words.stopped, ""];
     const called = this.hello.line.stops.some(([s]) => Math.abs(s - cab.s_m) <= this.hello.at_stop_m);

@@ -30,6 +30,7 @@ const ROWS = {
   signal: ["Signal at stop", "Signal auf Halt", "Signal fermé"],
   wait: ["Wait", "Warten", "Attendre"],
   wait_why: ["No power before", "Keine Zugkraft vor", "Pas de traction avant"],
+  too_fast: ["Too fast", "Zu schnell", "Trop vite"],
   depart: ["Depart", "Abfahren", "Partir"],
   depart_why: ["Doors closed, signal clear", "Türen zu, Signal offen", "Portes fermées, signal ouvert"],
   clear: ["Line clear", "Fahrt frei", "Voie libre"],
@@ -51,17 +52,19 @@ const ROWS = {
   brk: ["BRAKE", "BREMSE", "FREIN"],
   friction: ["air", "Luft", "air"],
   welcome: [
-    "You drive this train to its next stops, on time. Stay below the white limit. Stop within {m} m of the mark.\n" +
-    "Violet is advice that saves energy; it never allows more than the limit. Without violet, drive by the " +
-    "limits and the timetable.",
-    "Sie fahren diesen Zug pünktlich zu seinen nächsten Halten. Bleiben Sie unter der weissen " +
-    "Höchstgeschwindigkeit. Halten Sie auf {m} m genau an der Marke.\n" +
-    "Violett ist eine Empfehlung, die Energie spart; sie erlaubt nie mehr als die Höchstgeschwindigkeit. " +
-    "Ohne Violett fahren Sie nach Geschwindigkeit und Fahrplan.",
-    "Vous conduisez ce train à ses prochains arrêts, à l’heure. Restez sous la limite blanche. Arrêtez-vous " +
-    "à moins de {m} m du repère.\n" +
-    "Le violet est un conseil qui économise l’énergie ; il ne permet jamais plus que la limite. Sans " +
-    "violet, suivez les limites et l’horaire.",
+    "You drive this train to its next stops, on time. Stay below the limit, which is white. Before a stop the metres " +
+    "count down: stand within {m} m of 0.\n" +
+    "Violet is advice that saves energy: its triangles mark a speed and a place of the lever. It never allows more " +
+    "than the limit. Without violet, drive by the limits and the timetable.",
+    "Sie fahren diesen Zug pünktlich zu seinen nächsten Halten. Bleiben Sie unter der Höchstgeschwindigkeit, sie ist " +
+    "weiss. Vor einem Halt zählen die Meter herunter: Halten Sie auf {m} m genau bei 0.\n" +
+    "Violett ist eine Empfehlung, die Energie spart: Ihre Dreiecke zeigen eine Geschwindigkeit und eine Stellung des " +
+    "Hebels. Sie erlaubt nie mehr als die Höchstgeschwindigkeit. Ohne Violett fahren Sie nach Geschwindigkeit und " +
+    "Fahrplan.",
+    "Vous conduisez ce train à ses prochains arrêts, à l’heure. Restez sous la limite, qui est blanche. Avant un " +
+    "arrêt, un compte à rebours donne les mètres : arrêtez-vous à moins de {m} m de 0.\n" +
+    "Le violet est un conseil qui économise l’énergie : ses triangles indiquent une vitesse et une position du " +
+    "manipulateur. Il ne permet jamais plus que la limite. Sans violet, suivez les limites et l’horaire.",
   ],
   ready: ["I am ready", "Ich bin bereit", "Je suis prêt"],
   preparing: ["The train is being prepared …", "Der Zug wird vorbereitet …", "Le train se prépare …"],

@@ -95,7 +95,6 @@ def test_colours_of_the_viewer_are_readable_on_its_dark_and_its_light_ground(gro
     [
         (4.5, "panel", "text soft quiet limit air over"),
         (4.5, "slope", "soft"),
-        (4.5, "tunnel", "limit text"),
         (4.5, "grey", "ground"),
         (4.5, "over", "onred"),
         (4.5, "text", "ground"),

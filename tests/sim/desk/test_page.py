@@ -221,6 +221,8 @@ def test_no_train_is_told_to_hold_and_to_slow_down_or_to_depart_where_it_has_no_
         assert page.text("do") == said
     show(page, bus, cab, speed_mps=0.0)
     assert page.text("may") == "Line clear"
+    show(page, bus, cab, speed_mps=cab.limit_mps + 1.1)
+    assert page.text("may") == "Too fast"
     show(page, bus, cab, speed_mps=0.0, s_m=cab.stop_m)
     assert page.text("may") == "Stopped"
 
