@@ -74,6 +74,7 @@ class Coach:
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
         found._showing, found._said_late_s = self._showing, self._said_late_s
+        found._said_too_fast = self._said_too_fast
         known = self._section.route.restrictions
         found._news = tuple(one for one in section.route.restrictions if one not in known) or self._news
         return found
@@ -82,7 +83,7 @@ class Coach:
         """Drop the reference and all that was shown."""
         self._keeper.forget()
         self._showing.forget()
-        self._said_late_s = 0.0
+        self._said_late_s, self._said_too_fast = 0.0, False
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
