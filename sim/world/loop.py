@@ -82,7 +82,7 @@ TICK_S = 1.0
 LOOK_S = 0.2
 """A driver looks and acts at this interval (s)."""
 PASSED_M = 2000.0
-"""A train that is further (m) behind its stop does not call there any more, and its run ends."""
+"""The run ends when the train is further (m) behind the stop that it still has to make."""
 BEFORE_S, AFTER_S = 10.0, 10.0
 """A run begins this long (s) before the timetable's departure and ends this long after the arrival."""
 LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
@@ -182,11 +182,11 @@ class World:
             # The time is set exactly, because a sum of steps is not exact.
             state = self._second(tick, state)._replace(time_s=tick * TICK_S - BEFORE_S)
             states.append(state)
-            at = f"it is at {state.s_m:.0f} m, the next stop at {calls.stop_m:.0f} m"
-            if state.time_s > latest_s:
-                raise DasError(f"the simulated train did not arrive within {latest_s:.0f} s ({at})")
-            if state.s_m > calls.stop_m + PASSED_M:
-                raise DasError(f"the simulated train did not stop where it should ({at})")
+            past = state.s_m > calls.stop_m + PASSED_M
+            if past or state.time_s > latest_s:
+                failed = "drove past its stop" if past else f"did not arrive within {latest_s:.0f} s"
+                at = f"it is at {state.s_m:.0f} m, the next stop at {calls.stop_m:.0f} m"
+                raise DasError(f"the simulated train {failed} ({at})")
             if progress is not None:
                 progress(state.s_m - first_m, last_m - first_m)
         legs = zip(calls.departures, calls.arrivals, strict=True)

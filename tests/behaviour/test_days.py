@@ -57,7 +57,7 @@ class Asleep:
 def test_a_train_that_does_not_stop_ends_the_run_2_km_behind_its_stop(flat: Callable[[str], Path]) -> None:
     day = make_day(service_of(flat("")), 1)
     link = InProcess(day.service)
-    with pytest.raises(DasError, match=r"did not stop where it should \(it is at 80\d\d m, the next stop at 6000 m"):
+    with pytest.raises(DasError, match=r"drove past its stop \(it is at 80\d\d m, the next stop at 6000 m"):
         World(day, Asleep(), Presentation.NONE, link).run()
 
 

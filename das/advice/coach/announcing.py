@@ -29,7 +29,7 @@ SAME_CHANGE_S = 10.0
 DUE_S = 2.0
 """An announcement that ends this long (s) before it is due, or less, has not been dropped: its change comes now."""
 LEAST_RISE_S = 8.0
-"""An acceleration behind a limit is announced unless its phase ends within this time (s) of it."""
+"""An acceleration behind a limit is announced unless something else than holding its speed follows within this (s)."""
 ROLLS_SOONER = 0.97
 """A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
 
@@ -99,7 +99,7 @@ class Announcing:
     def _beginning(self, schedule: Schedule, k: int, s_m: float, foreseen: Foreseen) -> Instruction | None:
         """The instruction with which phase `k` begins; None if it tells nothing new."""
         one, before, begins_m = schedule.phases[k], schedule.phases[k - 1], schedule.begin_m(k)
-        if _goes_on(schedule, k):
+        if _only_holds(schedule, k):
             return None
         if one.kind is NotchRegime.BRAKE and foreseen.speed_mps(begins_m) < one.target_mps + SAME_MPS:
             return None  # The train is slower than the schedule.
@@ -238,7 +238,7 @@ def _repeats(one: Instruction, before: Instruction) -> bool:
     return same and not (one.mode in TRACTION and one.effort_ratio != before.effort_ratio)
 
 
-def _goes_on(schedule: Schedule, number: int) -> bool:
+def _only_holds(schedule: Schedule, number: int) -> bool:
     """Whether a phase only holds the speed to which the one before it accelerates."""
     if number >= len(schedule.phases) or schedule.phases[number].kind is not NotchRegime.HOLD:
         return False
@@ -250,9 +250,9 @@ def _goes_on(schedule: Schedule, number: int) -> bool:
 def _rises(schedule: Schedule, number: int, foreseen: Foreseen, s_m: float, from_m: float) -> list[Instruction]:
     """The accelerations of a phase behind `from_m`, one where each limit rises; `s_m` is where the train is.
 
-    A train slower than its schedule still accelerates where its phase has ended, to the speed that is then held.
+    A train that is slower than its schedule accelerates to the speed that is then held, however soon it is held.
     """
-    after = number + 2 if _goes_on(schedule, number + 1) else number + 1
+    after = number + 2 if _only_holds(schedule, number + 1) else number + 1
     ends_s, found = foreseen.time_s(schedule.begin_m(after)), []
     while (rise := _at_rise(schedule, number, from_m)) is not None:
         from_m += rise.way_m

@@ -97,6 +97,7 @@ class Coach:
     def show(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
         """What the driver should do now and next; None if there is no reference."""
         if kept is None:
+            self._said_too_fast = False
             return self._creeping(state, place) if self._lost else None
         shown = self._showing.show(kept, state, place)
         found = Coaching(
@@ -136,6 +137,7 @@ class Coach:
     def hush(self) -> None:
         """Take note that the instruction of this moment is not shown; the reference goes on."""
         self._showing.forget()
+        self._said_too_fast = False
 
     @property
     def shown_effort(self) -> float:

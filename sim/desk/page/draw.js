@@ -146,7 +146,7 @@ export function lever(canvas, { ratio, advised, notches, most, given, braked, wo
     g.globalAlpha = 0.3;
     box(g, x - 12, y(-motors), 24, end + 6 - y(-motors), [0, 0, 12, 12], C.air);
     g.globalAlpha = 1;
-    text(g, words.friction, x + 16, end, 12, C.air);
+    text(g, words.friction, x + 16, end + 16, 12, C.air);
   }
   const acts = braked ? -1 : ratio;
   box(g, x - 12, Math.min(y(acts), mid), 24, Math.abs(y(acts) - mid), 0, braked ? C.over : C.pull);
@@ -254,9 +254,10 @@ function changes({ g, left, right, top, base, x, y }, o) {
     const at = x(o.s + way);
     if (at > right - 4 || at < left) continue;
     line(g, [[at, top + 4], [at, base]], C.advice, second ? 1 : 1.8, [3, 5]);
-    disc(g, at, top, second ? 13 : 16, C.panel);
+    const middle = Math.max(at, left + 18);
+    disc(g, middle, top, second ? 13 : 16, C.panel);
     stroke(g, C.advice, second ? 1.2 : 2);
-    glyph(g, mode, at, top, second ? 14 : 18, C.advice);
+    glyph(g, mode, middle, top, second ? 14 : 18, C.advice);
   }
 }
 

@@ -3,7 +3,6 @@ import { KMH } from "./draw.js";
 
 export const SILENCE = 1; // Cab.INTERLOCK_SILENCE: the dead-man brake
 const TOO_FAST = 2; // ReasonCode.TOO_FAST
-const OVER_MPS = 1; // faster than the limit by more than this, a person is warned, with advice or without
 const SAME_PLACE_M = 30; // a change so near to a limit or a stop is said to be there
 export const $ = (id) => document.getElementById(id);
 export const fill = (node, words) => {
@@ -78,7 +77,7 @@ export class Shown {
     const top = presentation.highest && !stands, slower = kind === "hold" && cab.reason.code === TOO_FAST;
     return {
       mode: top ? "top" : kind,
-      sign: slower ? "brake" : top ? "top" : kind,
+      sign: slower ? "brake" : null,
       do: top ? this.words.at_most : slower ? this.words.slow_to : this.modeWords(cab, cab.mode),
       why: [this.effort(effort), why?.[this.lang]].filter(Boolean).join(" · "),
       speed: speed > 0.5 ? speed : null,
@@ -144,9 +143,11 @@ export class Shown {
     return Math.min(cab.limit_mps, ...under.map(([, , v]) => v));
   }
 
-  // Whether the train is clearly faster than its limit.
-  isOver(cab) {
-    return cab.speed_mps > this.limit(cab) + OVER_MPS;
+  // Whether the train is too fast for the limit: from the first excess on, until it is no more than the second.
+  tooFast(cab) {
+    const [begins_mps, ends_mps] = this.hello.too_fast_mps;
+    this.over = cab.speed_mps - this.limit(cab) > (this.over ? ends_mps : begins_mps);
+    return this.over;
   }
 
   efforts(v) {
@@ -156,7 +157,7 @@ export class Shown {
 
   // Writes the header, the card, what comes up, and the order to drive; returns what is on the card.
   write(cab, advice, wasBraked) {
-    const braked = cab.interlock === SILENCE, card = this.card(advice, braked);
+    const braked = cab.interlock === SILENCE, card = this.card(advice, braked), over = this.tooFast(cab);
     this.header(cab);
     $("advice").dataset.mode = card.mode;
     $("advice").dataset.due = card.due > 0.5;
@@ -176,7 +177,7 @@ export class Shown {
       advice: advice?.speed == null ? "" : kmh(advice.speed),
       mode: card.mode,
       braked,
-      over: this.isOver(cab),
+      over,
       effort: advice?.effort == null ? "" : advice.effort.toFixed(3),
       way: (cab.stop_m - cab.s_m).toFixed(1),
       due: card.due.toFixed(1),
@@ -216,10 +217,11 @@ export class Shown {
     if (braked) return [words.braked, ""];
     if (wasBraked) return [words.was_braked, words.was_braked_why];
     if (waits) return [words.wait, `${words.wait_why} ${this.clock(cab, cab.departure_s)}`];
-    if (this.isOver(cab)) return [words.too_fast, `${words.limit} ${kmh(this.limit(cab))} km/h`];
     if (cab.signal_m != null && signal_m > 0) return [words.signal, `${words.soon} ${distance(signal_m, this.lang)}`];
+    if (this.over) return [words.too_fast, `${words.limit} ${kmh(this.limit(cab))} km/h`];
     if (stands && !before) return [words.stopped, ""];
-    const called = this.hello.line.stops.some(([s]) => Math.abs(s - cab.s_m) <= this.hello.at_stop_m);
+    const { at_stop_m, line, train } = this.hello;
+    const called = line.stops.some(([s]) => s - at_stop_m <= cab.s_m && cab.s_m < s + train.length_m);
     return stands && called ? [words.depart, words.depart_why] : [words.clear, ""];
   }
 
@@ -237,8 +239,11 @@ export class Shown {
     if (next) add(next[0], `${this.words.limit} ${kmh(next[1])}`);
     add(cab.signal_m ?? -Infinity, this.words.signal);
     add(cab.stop_m, `${this.words.stop} ${this.stopName(cab)}`);
-    const places = rows.filter((row) => row.time == null);
-    for (const row of rows) row.at = places.find(({ at }) => Math.abs(at - row.at) < SAME_PLACE_M)?.at ?? row.at;
+    const [changes, places] = [rows.filter((row) => row.time != null), rows.filter((row) => row.time == null)];
+    for (const row of changes) {
+      const away = (place) => Math.abs(place.at - row.at), near = places.filter((place) => away(place) < SAME_PLACE_M);
+      row.at = near.sort((a, b) => away(a) - away(b))[0]?.at ?? row.at;
+    }
     return rows.sort((a, b) => a.at - b.at);
   }
 

@@ -209,22 +209,36 @@ def test_an_acceleration_that_only_changes_its_effort_is_announced_with_the_new_
         assert ("· 40 %" in page.text("coming")) is with_effort
 
 
-def test_no_train_is_told_to_hold_and_to_slow_down_or_to_depart_where_it_has_no_stop(
+def test_what_the_card_and_the_order_say_never_contradicts_speed_limit_and_place(
     browser: Any, desk: Served, cabs: Cabs
 ) -> None:
     visitor, bus = desk
-    page, cab = opened(browser, visitor), das_pb2.Cab()
-    cab.CopyFrom(first(cabs(Presentation.COACH), lambda cab: cab.mode == das_pb2.MODE_CRUISE))
+    page, cab, drive = opened(browser, visitor), das_pb2.Cab(), cabs(Presentation.COACH)
+    cab.CopyFrom(first(drive, lambda cab: cab.mode == das_pb2.MODE_CRUISE))
     for code, said in ((das_pb2.REASON_NONE, "Hold"), (das_pb2.REASON_TOO_FAST, "Slow down to")):
         cab.reason.code = code
         show(page, bus, cab)
         assert page.text("do") == said
-    show(page, bus, cab, speed_mps=0.0)
-    assert page.text("may") == "Line clear"
-    show(page, bus, cab, speed_mps=cab.limit_mps + 1.1)
-    assert page.text("may") == "Too fast"
-    show(page, bus, cab, speed_mps=0.0, s_m=cab.stop_m)
-    assert page.text("may") == "Stopped"
+    for over_mps, said in ((0.4, "Line clear"), (0.6, "Too fast"), (0.3, "Too fast"), (0.1, "Line clear")):
+        show(page, bus, cab, speed_mps=cab.limit_mps + over_mps)
+        assert (page.text("may"), page.state["over"]) == (said, f"{said == 'Too fast'}".lower())
+    show(page, bus, cab, speed_mps=cab.limit_mps + 5.0, signal_m=cab.s_m + 300.0)
+    assert (page.text("may"), page.state["over"]) == ("Signal at stop", "true")
+    from_m = drive[0].s_m
+    for s_m, said in ((cab.s_m, "Line clear"), (cab.stop_m, "Stopped"), (from_m, "Depart"), (from_m + 25.0, "Depart")):
+        show(page, bus, cab, speed_mps=0.0, s_m=s_m)
+        assert page.text("may") == said
+
+
+def test_a_change_at_a_limit_has_its_distance(browser: Any, desk: Served, cabs: Cabs) -> None:
+    visitor, bus = desk
+    page, cab = opened(browser, visitor), first(cabs(Presentation.COACH), MOMENTS["accelerating"])
+    limit_m = next(one.s_m for one in cab.limits_ahead if one.s_m > cab.s_m and one.limit_mps != cab.limit_mps)
+    told = "[...document.querySelectorAll('#coming li')].map((one) => one.children[1].textContent)"
+    for beside_m, places in ((20.0, 1), (200.0, 2)):
+        change_m = limit_m - cab.s_m + beside_m
+        show(page, bus, cab, advice_s=cab.clock_s, second_mode=0, next_change_m=change_m, next_change_s=30.0)
+        assert len(set(page.page.evaluate(told)[:2])) == places
 
 
 @pytest.mark.parametrize("shown", list(Presentation))

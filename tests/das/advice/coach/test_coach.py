@@ -85,6 +85,9 @@ def test_a_train_that_is_too_fast_is_told_so_until_it_hardly_is() -> None:
     for by_mps, told in ((0.3, True), (0.1, False), (0.4, False), (0.6, True)):
         later = said(coach, state, SpeedsAllowed(state.v_mps - by_mps, 60.0))
         assert (later.reason.code is ReasonCode.TOO_FAST) is told
+    coach.hush()
+    hushed = said(coach, state, SpeedsAllowed(state.v_mps - 0.3, 60.0))
+    assert hushed.reason.code is not ReasonCode.TOO_FAST
     assert coaching.now.mode in BRAKES
     assert coaching.now.effort_ratio <= -1.0
 
