@@ -161,7 +161,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         },
         kinds={
             InstructionKind.TRACTION: "beschleunigen",
-            InstructionKind.HOLD: "halten",
+            InstructionKind.HOLD: "Tempo halten",
             InstructionKind.COAST: "ausrollen",
             InstructionKind.BRAKE: "bremsen",
         },

@@ -14,60 +14,63 @@ const ROWS = {
   unconnected: ["not connected", "nicht verbunden", "déconnecté"],
   limit_is: ["limit", "Höchstgeschwindigkeit", "limite"],
   no_advice_why: [
-    "Drive by the limits and the timetable",
-    "Nach Geschwindigkeit und Fahrplan fahren",
-    "Suivre les limites et l’horaire",
+    "Keep to the limits and the timetable",
+    "Höchstgeschwindigkeit und Fahrplan beachten",
+    "Respecter les limites et l’horaire",
   ],
   power: ["power", "Zugkraft", "traction"],
   brake: ["brake", "Bremse", "frein"],
-  at_most: ["Drive at most", "Höchstens fahren", "Rouler au plus à"],
-  slow_to: ["Slow down to", "Verlangsamen auf", "Ralentir à"],
+  at_most: ["Drive at most", "Höchstens", "Ne pas dépasser"],
+  slow_to: ["Slow down to", "Reduzieren auf", "Ralentir à"],
   soon: ["in", "in", "dans"],
   to_stop: ["to the stop", "bis zum Halt", "jusqu’à l’arrêt"],
   beyond: ["beyond the stop", "hinter dem Halt", "après l’arrêt"],
   limit: ["Limit", "Vmax", "Limite"],
   stop: ["Stop", "Halt", "Arrêt"],
-  signal: ["Signal at stop", "Signal auf Halt", "Signal fermé"],
+  signal: ["Signal at danger", "Signal auf Halt", "Signal fermé"],
   wait: ["Wait", "Warten", "Attendre"],
   wait_why: ["No power before", "Keine Zugkraft vor", "Pas de traction avant"],
   too_fast: ["Too fast", "Zu schnell", "Trop vite"],
   depart: ["Depart", "Abfahren", "Partir"],
-  depart_why: ["Doors closed, signal clear", "Türen zu, Signal offen", "Portes fermées, signal ouvert"],
-  clear: ["Line clear", "Fahrt frei", "Voie libre"],
+  depart_why: ["Doors closed, signal clear", "Türen geschlossen, Signal auf Fahrt", "Portes fermées, signal ouvert"],
+  clear: ["Line clear", "Freie Fahrt", "Voie libre"],
   stopped: ["Stopped", "Steht", "À l’arrêt"],
-  braked: ["Braked", "Gebremst", "Freiné"],
+  braked: ["Braked", "Zwangsbremsung", "Train freiné"],
   braked_why: [
     "The connection was lost. When the train stands and the lever is at 0, you may drive on.",
-    "Die Verbindung war weg. Wenn der Zug steht und der Hebel auf 0 ist, dürfen Sie weiterfahren.",
-    "La connexion était perdue. À l’arrêt, manipulateur à 0, vous pourrez repartir.",
+    "Die Verbindung war unterbrochen. Wenn der Zug steht und der Hebel auf 0 ist, dürfen Sie weiterfahren.",
+    "La connexion a été perdue. Quand le train est arrêté et le manipulateur à 0, vous pouvez repartir.",
   ],
-  was_braked: ["You were braked", "Sie wurden gebremst", "Vous avez été freiné"],
+  was_braked: ["The train was braked", "Der Zug wurde gebremst", "Le train a été freiné"],
   was_braked_why: [
     "The connection was lost. You may drive on.",
-    "Die Verbindung war weg. Sie dürfen weiterfahren.",
-    "La connexion était perdue. Vous pouvez repartir.",
+    "Die Verbindung war unterbrochen. Sie dürfen weiterfahren.",
+    "La connexion a été perdue. Vous pouvez repartir.",
   ],
   lever: ["Lever for power and brake", "Hebel für Zugkraft und Bremse", "Manipulateur de traction et de frein"],
-  pwr: ["POWER", "KRAFT", "TRACTION"],
+  pwr: ["POWER", "ZUGKRAFT", "TRACTION"],
   brk: ["BRAKE", "BREMSE", "FREIN"],
   friction: ["air", "Luft", "air"],
   welcome: [
-    "You drive this train to its next stops, on time. Stay below the limit, which is white. Before a stop the metres " +
-    "count down: stand within {m} m of 0.\n" +
-    "Violet is advice that saves energy: its triangles mark a speed and a place of the lever. It never allows more " +
-    "than the limit. Without violet, drive by the limits and the timetable.",
-    "Sie fahren diesen Zug pünktlich zu seinen nächsten Halten. Bleiben Sie unter der Höchstgeschwindigkeit, sie ist " +
-    "weiss. Vor einem Halt zählen die Meter herunter: Halten Sie auf {m} m genau bei 0.\n" +
-    "Violett ist eine Empfehlung, die Energie spart: Ihre Dreiecke zeigen eine Geschwindigkeit und eine Stellung des " +
-    "Hebels. Sie erlaubt nie mehr als die Höchstgeschwindigkeit. Ohne Violett fahren Sie nach Geschwindigkeit und " +
-    "Fahrplan.",
-    "Vous conduisez ce train à ses prochains arrêts, à l’heure. Restez sous la limite, qui est blanche. Avant un " +
-    "arrêt, un compte à rebours donne les mètres : arrêtez-vous à moins de {m} m de 0.\n" +
-    "Le violet est un conseil qui économise l’énergie : ses triangles indiquent une vitesse et une position du " +
-    "manipulateur. Il ne permet jamais plus que la limite. Sans violet, suivez les limites et l’horaire.",
+    "Drive this train, and arrive on time at each stop. Never exceed the limit: it is the white line. Before a stop " +
+    "the metres count down to 0. Stop no more than {m} m before or beyond it.\n" +
+    "Advice is violet and saves energy. Violet triangles show the advised speed and the advised place of the lever. " +
+    "Advice never exceeds the limit. Without advice, keep to the limits and the timetable.",
+    "Sie fahren diesen Zug und sollen an jedem Halt pünktlich ankommen. Überschreiten Sie nie die " +
+    "Höchstgeschwindigkeit (Vmax): Sie ist die weisse Linie. Vor einem Halt zählt die Anzeige die Meter bis 0 " +
+    "herunter. Halten Sie höchstens {m} m vor oder hinter diesem Punkt an.\n" +
+    "Empfehlungen sind violett und sparen Energie. Violette Dreiecke zeigen die empfohlene Geschwindigkeit und die " +
+    "empfohlene Stellung des Hebels. Eine Empfehlung liegt nie über der Höchstgeschwindigkeit. Ohne Empfehlung " +
+    "beachten Sie Höchstgeschwindigkeit und Fahrplan.",
+    "Vous conduisez ce train. Arrivez à l’heure à chaque arrêt. Ne dépassez jamais la vitesse limite : c’est la ligne " +
+    "blanche. Avant un arrêt, les mètres sont décomptés jusqu’à 0. Arrêtez-vous au plus {m} m avant ou après ce " +
+    "point.\n" +
+    "Les conseils sont en violet et font économiser de l’énergie. Les triangles violets indiquent la vitesse " +
+    "conseillée et la position conseillée du manipulateur. Un conseil ne dépasse jamais la vitesse limite. Sans " +
+    "conseil, respectez les limites et l’horaire.",
   ],
-  ready: ["I am ready", "Ich bin bereit", "Je suis prêt"],
-  preparing: ["The train is being prepared …", "Der Zug wird vorbereitet …", "Le train se prépare …"],
+  ready: ["I am ready", "Ich bin bereit", "Commencer"],
+  preparing: ["The train is being prepared …", "Der Zug wird vorbereitet …", "Préparation du train …"],
   over: ["Arrived", "Angekommen", "Arrivé"],
   over_why: [
     "Thank you. The drive is recorded.",
@@ -75,26 +78,26 @@ const ROWS = {
     "Merci. Le trajet est enregistré.",
   ],
   stood_before: [
-    "You stopped {m} m before the mark.",
-    "Sie hielten {m} m vor der Marke.",
-    "Arrêt {m} m avant le repère.",
+    "You stopped {m} m before the stopping point.",
+    "Sie haben {m} m vor dem Halteort angehalten.",
+    "Arrêt {m} m avant le point d’arrêt.",
   ],
   stood_beyond: [
-    "You stopped {m} m beyond the mark.",
-    "Sie hielten {m} m hinter der Marke.",
-    "Arrêt {m} m après le repère.",
+    "You stopped {m} m beyond the stopping point.",
+    "Sie haben {m} m hinter dem Halteort angehalten.",
+    "Arrêt {m} m après le point d’arrêt.",
   ],
   broken: ["The drive was ended", "Die Fahrt wurde beendet", "Le trajet a été interrompu"],
   broken_why: [
-    "The recording up to here is kept. Please ask whoever started it.",
-    "Die Aufzeichnung bis hierher bleibt. Bitte fragen Sie, wer sie gestartet hat.",
-    "L’enregistrement jusqu’ici est conservé. Demandez à qui l’a lancé.",
+    "The recording up to here is kept. Please ask the person who started the drive.",
+    "Die Aufzeichnung bis hierher bleibt. Bitte wenden Sie sich an die Person, die die Fahrt gestartet hat.",
+    "L’enregistrement jusqu’ici est conservé. Adressez-vous à la personne qui a lancé le trajet.",
   ],
   lost: ["Connection lost", "Verbindung verloren", "Connexion perdue"],
   lost_why: [
-    "Trying again … The train is braked until the desk is back.",
-    "Neuer Versuch … Der Zug wird gebremst, bis das Pult zurück ist.",
-    "Nouvel essai … Le train est freiné jusqu’au retour du pupitre.",
+    "Trying again … The train is braked until the desk is connected again.",
+    "Neuer Versuch … Der Zug wird gebremst, bis das Pult wieder verbunden ist.",
+    "Nouvel essai … Le train est freiné jusqu’à ce que le pupitre soit reconnecté.",
   ],
   connecting: ["Connecting …", "Verbindung wird aufgebaut …", "Connexion …"],
   taken: [
@@ -104,21 +107,25 @@ const ROWS = {
   ],
   taken_why: [
     "Drive there, or reload this page to drive here.",
-    "Fahren Sie dort, oder laden Sie diese Seite neu.",
-    "Conduisez là-bas, ou rechargez cette page.",
+    "Fahren Sie dort, oder laden Sie diese Seite neu, um hier zu fahren.",
+    "Conduisez là-bas, ou rechargez cette page pour conduire ici.",
   ],
-  k_up: ["more power, less brake", "mehr Kraft, weniger Bremse", "plus de traction, moins de frein"],
-  k_down: ["more brake, less power", "mehr Bremse, weniger Kraft", "plus de frein, moins de traction"],
-  k_zero: ["no power, no brake", "weder Kraft noch Bremse", "ni traction ni frein"],
-  k_full: ["full brake", "voll bremsen", "frein à fond"],
-  k_zoom: ["see nearer / further", "näher / weiter sehen", "voir plus près / loin"],
+  k_up: ["more power, less brake", "mehr Zugkraft, weniger Bremse", "plus de traction, moins de frein"],
+  k_down: ["more brake, less power", "mehr Bremse, weniger Zugkraft", "plus de frein, moins de traction"],
+  k_zero: ["no power, no brake", "weder Zugkraft noch Bremse", "ni traction ni frein"],
+  k_full: ["full brake", "Vollbremsung", "freinage maximal"],
+  k_zoom: ["show less / more of the way", "kürzere / längere Strecke zeigen", "voir moins / plus loin"],
   k_sound: ["sound", "Ton", "son"],
   k_language: ["language", "Sprache", "langue"],
-  k_mark: ["mark this moment", "diesen Moment merken", "noter ce moment"],
-  k_pointer: ["drag the lever, or use a gamepad", "Hebel ziehen, oder Gamepad", "tirer le manipulateur, ou manette"],
-  play: ["Play", "Abspielen", "Lire"],
-  pause: ["Pause", "Anhalten", "Pause"],
-  before: ["Bookmark before", "Lesezeichen davor", "Signet précédent"],
+  k_mark: ["mark this moment", "diesen Moment markieren", "marquer ce moment"],
+  k_pointer: [
+    "drag the lever, or use a gamepad",
+    "Hebel ziehen oder Gamepad benutzen",
+    "faire glisser le manipulateur ou manette",
+  ],
+  play: ["Play", "Abspielen", "Lecture"],
+  pause: ["Pause", "Pause", "Pause"],
+  before: ["Previous bookmark", "Vorheriges Lesezeichen", "Signet précédent"],
   after: ["Next bookmark", "Nächstes Lesezeichen", "Signet suivant"],
   pace: ["Speed of the replay", "Tempo der Wiedergabe", "Vitesse de lecture"],
   place: ["Moment of the drive", "Moment der Fahrt", "Moment du trajet"],

@@ -59,12 +59,12 @@ def test_whatever_goes_wrong_the_train_is_braked_and_the_recording_is_whole(tmp_
             second.until(lambda state: state.get("braked") == "true", "the dead-man brake")
             assert second.text("do") == "Braked"
             second.until(lambda state: state["braked"] == "false" and state["speed"] == "0", "the release at a stand")
-            assert second.text("may") == "You were braked"
+            assert second.text("may") == "The train was braked"
             assert second.state["lever"] == "0"
             second.lever = 0
             second.set(5)
             second.until(lambda state: float(state["speed"]) > 10, "speed after the stand")
-            assert second.text("may") != "You were braked"
+            assert second.text("may") != "The train was braked"
 
             # Covered: a page that is drawn no more still says that it is visible, and hears everything.
             second.page.evaluate("window.requestAnimationFrame = () => 0")

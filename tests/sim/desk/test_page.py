@@ -223,7 +223,7 @@ def test_what_the_card_and_the_order_say_never_contradicts_speed_limit_and_place
         show(page, bus, cab, speed_mps=cab.limit_mps + over_mps)
         assert (page.text("may"), page.state["over"]) == (said, f"{said == 'Too fast'}".lower())
     show(page, bus, cab, speed_mps=cab.limit_mps + 5.0, signal_m=cab.s_m + 300.0)
-    assert (page.text("may"), page.state["over"]) == ("Signal at stop", "true")
+    assert (page.text("may"), page.state["over"]) == ("Signal at danger", "true")
     from_m = drive[0].s_m
     for s_m, said in ((cab.s_m, "Line clear"), (cab.stop_m, "Stopped"), (from_m, "Depart"), (from_m + 25.0, "Depart")):
         show(page, bus, cab, speed_mps=0.0, s_m=s_m)
