@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Final
 
 from das.advice.advice import Timetable
 from das.domain.restriction import Restriction
@@ -12,6 +13,9 @@ from sim.drive.limits import BEYOND_M, OVER_MPS, Violations
 from sim.drivers.cab import AT_STOP_M
 from sim.plant.kernels import PlantState
 from sim.world.service import Day
+
+PASSED_M: Final = 2000.0
+"""A train that is further (m) behind a stop than this has missed it."""
 
 
 class Calls:
@@ -35,6 +39,12 @@ class Calls:
     def stop_m(self) -> float:
         """Position (m) of the next stop."""
         return self._service.stops[self.section + 1].position_m
+
+    @property
+    def missed_m(self) -> float:
+        """Beyond this position (m) the train has missed its next stop: far behind it, or at the stop after it."""
+        after = self._service.stops[self.section + 2 :][:1]
+        return min([self.stop_m + PASSED_M, *(stop.position_m - AT_STOP_M for stop in after)])
 
     @property
     def finished(self) -> bool:

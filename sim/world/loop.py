@@ -81,8 +81,6 @@ class Link(Protocol):
 TICK_S = 1.0
 LOOK_S = 0.2
 """A driver looks and acts at this interval (s)."""
-PASSED_M = 2000.0
-"""The run ends when the train is further (m) behind the stop that it still has to make."""
 BEFORE_S, AFTER_S = 10.0, 10.0
 """A run begins this long (s) before the timetable's departure and ends this long after the arrival."""
 LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
@@ -182,7 +180,7 @@ class World:
             # The time is set exactly, because a sum of steps is not exact.
             state = self._second(tick, state)._replace(time_s=tick * TICK_S - BEFORE_S)
             states.append(state)
-            past = state.s_m > calls.stop_m + PASSED_M
+            past = state.s_m > calls.missed_m
             if past or state.time_s > latest_s:
                 failed = "drove past its stop" if past else f"did not arrive within {latest_s:.0f} s"
                 at = f"it is at {state.s_m:.0f} m, the next stop at {calls.stop_m:.0f} m"

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from das.domain.restriction import Restriction
+from das.domain.route import Stop
 from das.domain.units import KMH
 from sim.drive.limits import Violations
 from sim.plant.kernels import PlantState
-from sim.world.calls import Watch
-from tests.support.flat_days import run_of, signal_at
+from sim.world.calls import Calls, Watch
+from tests.support.flat_days import flat_day, run_of, signal_at
 from tests.support.making import das_sim
 
 LATE_TOLD = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 2\nto_km = 3\nspeed_kmh = 40\nannounced_m = 50\n"
@@ -30,6 +32,14 @@ def test_a_signal_passed_is_counted_once_and_measured() -> None:
     ]
     assert said == [[], [], ["signal at km 1.0 passed at danger"], []]
     assert watch.found == Violations(signals_passed=1, beyond_signal_m=40.0)
+
+
+def test_a_stop_is_missed_far_behind_it_or_at_the_stop_after_it() -> None:
+    day = flat_day()
+    for stops_m, missed_m in (((0.0, 6000.0), 8000.0), ((0.0, 2000.0, 3200.0), 3190.0), ((0.0, 2000.0, 6000.0), 4000.0)):
+        stops = tuple(Stop(name=f"{at_m:.0f}", position_m=at_m) for at_m in stops_m)
+        service = replace(day.service, way=replace(day.service.way, stops=stops))
+        assert Calls(replace(day, service=service)).missed_m == missed_m
 
 
 def test_the_lowest_limit_over_the_whole_train_counts() -> None:
