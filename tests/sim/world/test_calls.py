@@ -36,7 +36,11 @@ def test_a_signal_passed_is_counted_once_and_measured() -> None:
 
 def test_a_stop_is_missed_far_behind_it_or_at_the_stop_after_it() -> None:
     day = flat_day()
-    for stops_m, missed_m in (((0.0, 6000.0), 8000.0), ((0.0, 2000.0, 3200.0), 3190.0), ((0.0, 2000.0, 6000.0), 4000.0)):
+    for stops_m, missed_m in (
+        ((0.0, 6000.0), 8000.0),
+        ((0.0, 2000.0, 3200.0), 3190.0),
+        ((0.0, 2000.0, 6000.0), 4000.0),
+    ):
         stops = tuple(Stop(name=f"{at_m:.0f}", position_m=at_m) for at_m in stops_m)
         service = replace(day.service, way=replace(day.service.way, stops=stops))
         assert Calls(replace(day, service=service)).missed_m == missed_m
