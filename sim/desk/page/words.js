@@ -35,7 +35,7 @@ const ROWS = {
   depart_why: ["Doors closed, signal clear", "Türen geschlossen, Signal auf Fahrt", "Portes fermées, signal ouvert"],
   clear: ["Line clear", "Freie Fahrt", "Voie libre"],
   stopped: ["Stopped", "Steht", "À l’arrêt"],
-  braked: ["Braked", "Zwangsbremsung", "Train freiné"],
+  braked: ["Braked", "Zwangs\u00adbremsung", "Train freiné"],
   braked_why: [
     "The connection was lost. When the train stands and the lever is at 0, you may drive on.",
     "Die Verbindung war unterbrochen. Wenn der Zug steht und der Hebel auf 0 ist, dürfen Sie weiterfahren.",
