@@ -11,7 +11,7 @@ from das.domain.units import NS
 OVERSPEED_MPS: Final = 0.5
 """A train faster than allowed by more than this counts as too fast, and its driver is told so."""
 OVERSPEED_ENDS_MPS: Final = 0.15
-"""He is told so until it is faster by no more than this."""
+"""The driver of a train that was too fast is told so until it is faster than allowed by no more than this."""
 COASTS_IN_S: Final = 5.0
 """Above a limit, the driver is told to coast if that reaches it in this time (s), else to hold the limit or brake."""
 UNHURRIED_S: Final = 0.5

@@ -29,7 +29,7 @@ SAME_CHANGE_S = 10.0
 DUE_S = 2.0
 """An announcement that ends this long (s) before it is due, or less, has not been dropped: its change comes now."""
 LEAST_RISE_S = 8.0
-"""An acceleration behind a limit is announced unless something else than holding its speed follows within this (s)."""
+"""An acceleration behind a limit is announced unless a phase that does not hold its speed follows within this (s)."""
 ROLLS_SOONER = 0.97
 """A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
 

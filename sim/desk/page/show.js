@@ -143,7 +143,7 @@ export class Shown {
     return Math.min(cab.limit_mps, ...under.map(([, , v]) => v));
   }
 
-  // Whether the train is too fast for the limit: from the first excess on, until it is no more than the second.
+  // Whether the train is too fast for the limit; asked of each Cab once, because it depends on the one before.
   tooFast(cab) {
     const [begins_mps, ends_mps] = this.hello.too_fast_mps;
     this.over = cab.speed_mps - this.limit(cab) > (this.over ? ends_mps : begins_mps);
