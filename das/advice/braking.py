@@ -41,7 +41,8 @@ AT_MARK_M = 10.0
 ALIKE = 0.9
 """Of several places to brake for, those that need at least this share of the largest effort count as equal."""
 RIVALS = 0.8
-"""The effort is computed only for those places ahead that need at least this share of the largest deceleration."""
+"""The effort is computed only for those places ahead that need at least this share of the largest deceleration, where
+the way counts on which the train has a brake."""
 
 
 def braking_mode(effort: float) -> Regime:
@@ -77,6 +78,8 @@ class BrakingAhead:
         self._falls = np.append(envelope[1:] < envelope[:-1] - LEVEL_MPS, False)
         feet = np.flatnonzero(np.append(False, self._falls[:-1]) & ~self._falls)
         self._foot_m, self._foot_mps = section.node_m[feet], envelope[feet]
+        brakes = np.array([self._most_n(i, 1.0) > 0.0 for i in range(len(section.step_m))])
+        self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes))
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will be above a braking curve within a time (s).
@@ -142,6 +145,12 @@ class BrakingAhead:
         """The highest speeds (m/s) at all nodes ahead of a train that accelerates from here with all its traction."""
         return self.rolling_mps(s_m, v_mps, -float(traction_limit(max(v_mps, 0.1), self.section.train)))
 
+    def rolls_to_brakes_mps(self, s_m: float, v_mps: float) -> float:
+        """The speed (m/s) with which a coasting train reaches the next place where it has a brake."""
+        here = self._interval(s_m) + 1
+        behind = np.flatnonzero(np.diff(self._braked_m[here:]) > 0.0)
+        return float(self.rolling_mps(s_m, v_mps)[behind[0] if behind.size else -1])
+
     def ahead_s(self, s_m: float, v_mps: float, speeds_mps: Floats, to_m: float) -> float:
         """The time (s) in which a train that has these speeds at the nodes ahead reaches a place (m)."""
         at_m = np.append(s_m, self.section.node_m[-len(speeds_mps) :])
@@ -153,7 +162,8 @@ class BrakingAhead:
         """The least braking from here that keeps every limit and the stop ahead; the largest if none is enough."""
         ahead = (self._foot_m > s_m) & (self._foot_mps < v_mps - SPEED_SLACK_MPS)
         place_m, speed_mps = self._foot_m[ahead], self._foot_mps[ahead]
-        rate_mps2 = (v_mps**2 - speed_mps**2) / (2.0 * np.maximum(place_m - s_m, 1.0))
+        here_m, *ways_m = np.interp([s_m, *place_m], self.section.node_m, self._braked_m).tolist()
+        rate_mps2 = (v_mps**2 - speed_mps**2) / (2.0 * np.maximum(np.array(ways_m) - here_m, 1.0))
         largest = float(rate_mps2.max(initial=0.0))
         if largest < LEAST_MPS2:
             return NOTHING
@@ -173,7 +183,7 @@ class BrakingAhead:
         to_m = to_m + STOP_SLACK_M if stops else to_m
         target_mps = 0.0 if stops else target_mps + SPEED_SLACK_MPS
         if to_m <= s_m:
-            return self.largest(v_mps)
+            return self.largest(s_m, v_mps)
         last = len(section.step_m) - 1
         first = min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), last)
         final = min(max(int(np.searchsorted(section.node_m, to_m)) - 1, first), last)
@@ -183,9 +193,15 @@ class BrakingAhead:
             )
         )
 
-    def largest(self, v_mps: float) -> float:
-        """The effort of all brakes of the train together at a speed."""
-        return float(kernels.largest_effort(max(v_mps, 0.1), self._train))
+    def largest(self, s_m: float, v_mps: float) -> float:
+        """The effort of all brakes that the train has here, at a speed; 0 if it has none here."""
+        v = max(v_mps, 0.1)
+        full_n = float(kernels.full_effort(v, self._train))
+        return self._most_n(self._interval(s_m), v) / full_n if full_n > 0.0 else 0.0
+
+    def stop_is_next(self, s_m: float, v_mps: float) -> bool:
+        """Whether a train has nothing but the stop left to brake for: no limit below its speed lies before it."""
+        return not ((self._foot_m > s_m) & (self._foot_m < self.section.end_m) & (self._foot_mps < v_mps)).any()
 
     def full(self, s_m: float, v_mps: float) -> float:
         """The effort of full braking here, as used for the curve of the highest allowed speeds."""
@@ -193,13 +209,12 @@ class BrakingAhead:
         here = on_supply(section.train, section.supply[self._interval(s_m)])
         slowed_n = here.max_deceleration_mps2 * here.inertial_mass_kg - section.resistance_n(s_m, v)
         full_n = min(float(brake_limit(v, here, here.friction_force_n)), max(slowed_n, 0.0))
-        return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(v)))
+        return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(s_m, v)))
 
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
         """The wheel force (N, <= 0) of a braking effort here, at most what the brakes give."""
         v = max(v_mps, 0.1)
-        here = on_supply(self._train, self.section.supply[self._interval(s_m)])
-        most_n = float(brake_limit(v, here, here.friction_force_n))
+        most_n = self._most_n(self._interval(s_m), v)
         return -min(effort * float(kernels.full_effort(v, self._train)), most_n)
 
     def effort_of(self, rate_mps2: float, s_m: float, v_mps: float) -> float:
@@ -207,7 +222,7 @@ class BrakingAhead:
         section, v = self.section, max(v_mps, 0.1)
         force_n = section.train.inertial_mass_kg * rate_mps2 - section.resistance_n(s_m, v)
         full_n = float(kernels.full_effort(v, self._train))
-        return min(max(force_n / full_n, 0.0), self.largest(v)) if full_n > 0.0 else 0.0
+        return min(max(force_n / full_n, 0.0), self.largest(s_m, v)) if full_n > 0.0 else 0.0
 
     def back_under(self, s_m: float, v_mps: float, limit_mps: float) -> NeededBrake:
         """The braking that brings a train above a limit back to it within `BACK_IN_S`; effort 0 if it is not above."""
@@ -224,6 +239,11 @@ class BrakingAhead:
         train = self.section.train
         gained = share * float(traction_limit(max(v_mps, 0.1), train)) / train.inertial_mass_kg
         return gained + self.rolls_mps2(s_m, v_mps)
+
+    def _most_n(self, interval: int, v_mps: float) -> float:
+        """The force (N) of all brakes that the train has in an interval of the section, at a speed."""
+        here = on_supply(self._train, self.section.supply[interval])
+        return float(brake_limit(v_mps, here, here.friction_force_n))
 
     def _interval(self, s_m: float) -> int:
         section = self.section

@@ -291,6 +291,13 @@ class Consequences:
         doing = Doing(math.inf, force_n, needed.speed_mps)
         return (force_n if self.excess([doing], self.valid_s) is None else -most_n), needed
 
+    def by_eye_n(self) -> float:
+        """The wheel force (N, <= 0) of a driver who sees nothing but his mark and brakes evenly to it."""
+        model, v_mps = self.model, self.v_mps
+        way_m = max(model.end_m - self.ahead_m, 0.5)
+        wanted_n = model.mass_kg * v_mps**2 / (2.0 * way_m) - model.resisting_n(self.ahead_m, v_mps)
+        return -min(max(wanted_n, 0.0), model.most_brake_n(v_mps))
+
     def mode_of(self, force_n: float) -> Regime:
         """The mode of a braking force (N, <= 0) here; the friction brake if the electric brake is not enough."""
         electric_n = self.model.electric_n(self.v_mps) if self.model.has_motors(self.ahead_m) else 0.0

@@ -186,7 +186,7 @@ class _Judgement:
             advised_force_ratio=force_n / most_n if most_n > 0 else 0.0,
             **self._train.braked_horizon(force_n, needed.speed_mps, seconds),
             source=Source.FALLBACK,
-            reason=self._reason(needed),
+            reason=self._reason(needed) if force_n < 0 else NO_REASON,
         )
 
     def _reason(self, needed: Needed) -> Reason:
@@ -269,17 +269,21 @@ class _Judgement:
             return
         excess = self._excess_of(coach)
         if excess is not None:
-            coach = self._braked_coach(coach)
+            coach = self._safe_coach(coach)
             self._replace(Act(Part.COACH, *excess, instead_n=coach.force_n), coach=coach)
         self._judge_speed_of(coach.now)
         self._judge_following()
 
     def _excess_of(self, coach: Coaching) -> Excess | None:
-        """The excess of a driver who does what the coach says, with the force shown or with the reference's, if any."""
+        """The excess of a driver who does what the coach says, with the force shown or with the reference's, if any.
+
+        Where a brake is shown without an effort, he brakes by eye, to the mark that he sees.
+        """
         now = coach.now
         if not _finite(coach.force_n, coach.reference_force_n, now.speed_mps, now.way_m, now.in_s, coach.target_m):
             return Excess(self._train.v_mps, math.nan)
-        for force_n in {coach.force_n, coach.reference_force_n}:
+        by_eye = now.mode in BRAKES and math.isnan(coach.lever_ratio)
+        for force_n in {self._train.by_eye_n() if by_eye else coach.force_n, coach.reference_force_n}:
             excess = self._train.unavailable(force_n, self._train.v_mps)
             excess = excess or self._train.excess(self._led(coach, force_n), self._train.valid_s)
             if excess is not None:
@@ -303,6 +307,21 @@ class _Judgement:
         most_n = self._train.brake_n(-1.0) if after.mode in BRAKES else self._model.traction_n(self._train.v_mps)
         brakes = after.mode in BRAKES and _finite(after.effort_ratio)
         return [*doings, _instructed(after, self._train.brake_n(after.effort_ratio) if brakes else most_n, math.inf)]
+
+    def _safe_coach(self, coach: Coaching) -> Coaching:
+        """The coach's advice with the least change that is safe.
+
+        That is without what it announces; or to go no faster than is allowed here, for an instruction that would only
+        become unsafe because the train speeds up; or to brake as strongly as needed.
+        """
+        held_mps = step_below(min(coach.now.speed_mps, self._model.allowed_mps(self._train.ahead_m)))
+        now = Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
+        held = replace(coach, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=math.nan)
+        choices = [replace(coach, following=()), held, replace(held, following=())]
+        if coach.now.mode in BRAKES or not held_mps > STOPPED_MPS:
+            choices = choices[:1]
+        safe = (one for one in choices if self._excess_of(one) is None)
+        return next(safe, None) or self._braked_coach(coach)
 
     def _braked_coach(self, coach: Coaching) -> Coaching:
         """The coach's advice, replaced by an instruction to brake as strongly as needed.

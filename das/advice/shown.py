@@ -18,7 +18,8 @@ SPEED_STEP_MPS: Final = 1.0 * KMH
 TARGET_STEP_MPS: Final = 5.0 * KMH
 """The speeds that a driver is told to reach or to hold are whole multiples of this, or limits."""
 STOP_BY_EYE_M: Final = 300.0
-"""Nearer than this to his stop (m) a driver brakes by eye: he sees the platform, and no effort is shown to him."""
+"""Nearer than this to his stop (m) a driver brakes by eye: he sees the platform, and no effort is shown to him, unless
+a lower limit lies before it."""
 SAME_READING_MPS: Final = 0.5 * KMH
 """A speed above the allowed one by no more than this (m/s) looks the same to a driver."""
 
@@ -49,15 +50,15 @@ def lever_ratio(force_n: float, largest_n: tuple[float, float]) -> float:
     return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
 
 
-def as_read(coaching: Coaching, largest_n: tuple[float, float], stop_m: float = math.inf) -> Coaching:
+def as_read(coaching: Coaching, largest_n: tuple[float, float], *, sees_mark: bool = False) -> Coaching:
     """The coach's advice as a driver reads it: rounded speeds, and the effort of the instruction.
 
     An acceleration keeps its effort up to its speed. A speed to hold has none, nor has the end of a brake for a stop.
-    `largest_n` are the forces (N) that traction and both brakes can give at the train's speed, `stop_m` is the distance
-    to the stop (m).
+    `largest_n` are the forces (N) that traction and both brakes can give at the train's speed. `sees_mark`: the driver
+    is nearer than `STOP_BY_EYE_M` to his stop, and no lower limit lies before it.
     """
     now = coaching.now
-    by_eye = now.mode in BRAKES and step_below(now.speed_mps) == 0.0 and stop_m < STOP_BY_EYE_M
+    by_eye = sees_mark and now.mode in BRAKES and step_below(now.speed_mps) == 0.0
     if by_eye:
         now = replace(now, mode=Regime.REDUCED_BRAKE, effort_ratio=math.nan)
     if by_eye or now.mode is Regime.CRUISE:

@@ -205,7 +205,7 @@ class Leg:
         ahead, state = self.planner.ahead, scene.state
         largest = advice.advised_force_n / min(ahead.force_n(1.0, state.s_m, state.v_mps), -1.0)
         least = self._settings.coach.showing.effort.step_ratio
-        effort = max(min(max(needed, least), largest), min(shown, ahead.largest(state.v_mps)))
+        effort = max(min(max(needed, least), largest), min(shown, ahead.largest(state.s_m, state.v_mps)))
         force_n = ahead.force_n(effort, state.s_m, state.v_mps)
         return replace(advice, coach=self.coach.brakes(effort, force_n, reason, state))
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Coaching, Instruction, Replan, ReplanCause
+from das.advice.braking import BrakingAhead
 from das.advice.coach.keeping import Keeper, Kept
 from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
@@ -18,7 +19,7 @@ from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.goal import OVERSPEED_ENDS_MPS, OVERSPEED_MPS, Goal, TrainState
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
-from das.advice.shown import SPEED_STEP_MPS, TARGET_STEP_MPS, as_read
+from das.advice.shown import SPEED_STEP_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, as_read
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
@@ -63,6 +64,7 @@ class Coach:
         worker: Worker = AT_ONCE,
     ) -> None:
         self._section, self._settings, self._worker = section, settings, worker
+        self._ahead_of_train = BrakingAhead(section)
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
         self._news: tuple[Restriction, ...] = ()
         self._lost = False
@@ -110,7 +112,13 @@ class Coach:
             reason=self._reason(kept, shown, state, goal, place),
             replan=kept.reference.replan,
         )
-        return as_read(found, self._section.largest_n(state.v_mps), self._section.end_m - state.s_m)
+        return self._as_read(found, state)
+
+    def _as_read(self, found: Coaching, state: TrainState) -> Coaching:
+        """The advice as a driver in this state reads it."""
+        near = self._section.end_m - state.s_m < STOP_BY_EYE_M
+        sees_mark = near and self._ahead_of_train.stop_is_next(state.s_m, state.v_mps)
+        return as_read(found, self._section.largest_n(state.v_mps), sees_mark=sees_mark)
 
     def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Coaching | None:
         """The advice to creep to the stop, for a train so slow that no reference leads there; None for a faster one."""
@@ -122,7 +130,7 @@ class Coach:
             now=now, following=following, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=force_n,
             reference_force_n=force_n, reason=Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name),
         )  # fmt: skip
-        return as_read(found, self._section.largest_n(state.v_mps), self._section.end_m - state.s_m)
+        return self._as_read(found, state)
 
     def stands(self, departs_in_s: float = 0.0) -> Coaching:
         """The advice for a train that stands at a stop and departs in `departs_in_s`."""
@@ -156,8 +164,7 @@ class Coach:
         self.forget()
         now = self._showing.braking(effort)
         found = Coaching(now=now, force_n=force_n, reference_force_n=force_n, reason=reason)
-        stop_m = self._section.end_m - state.s_m if reason.code is ReasonCode.STOP else math.inf
-        return as_read(found, self._section.largest_n(state.v_mps), stop_m)
+        return self._as_read(found, state)
 
     def departs(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
         """The advice for a standing train that is due to depart: stand until cleared, then follow the reference.

@@ -361,7 +361,8 @@ class Showing:
         Before it has begun, its effort does not fall.
         """
         assert self._brakes is not None
-        if -shown.effort_ratio > max(self._brakes.ahead.largest(state.v_mps), 1.0) + SAME_EFFORT:
+        largest = self._brakes.ahead.largest(state.s_m, state.v_mps)
+        if largest == 0.0 or -shown.effort_ratio > max(largest, 1.0) + SAME_EFFORT:
             return True
         if wanted.mode not in BRAKES:
             return shown.speed_mps <= SAME_MPS and self._brakes.stands_short(shown, state)

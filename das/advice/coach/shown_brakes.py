@@ -200,8 +200,7 @@ class ShownBrakes:
         passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if wanted.mode in TRACTION else -math.inf
         coasts = needed.effort < self._settings.effort.step_ratio and passes_mps > v_mps
         if needed.effort > 0.0 and not coasts:
-            to_mps = min(needed.target_mps, wanted.speed_mps) if wanted.mode in BRAKES else needed.target_mps
-            return replace(self.shown(needed, state, state.braked_m + waits_m), speed_mps=to_mps)
+            return self.shown(needed, state, state.braked_m + waits_m)
         return _no_faster(wanted, passes_mps if coasts else needed.target_mps, v_mps, self._settings.below_mps)
 
     def needed(self, schedule: Schedule, number: int, state: TrainState, target: float, *, begun: bool) -> NeededBrake:
@@ -259,8 +258,12 @@ class ShownBrakes:
         elif kept is not None or slows:
             shown = max(shown, self._grown(needed, kept or 0.0, state, begin_m))
         self._efforts[needed.at_m] = shown
-        largest = self.ahead.largest(v_mps)
+        largest = self.ahead.largest(max(state.s_m, begin_m), v_mps)
         self._exact_effort = min(needed.effort, largest)
+        if largest == 0.0:  # The line takes no power here, and the train has no other brake.
+            brakes_mps = self.ahead.rolls_to_brakes_mps(max(state.s_m, begin_m), v_mps)
+            to_mps = max(needed.target_mps, target_below(brakes_mps))
+            return Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0)
         return brake_of(min(max(shown, settings.step_ratio), largest), needed.target_mps)
 
     def _nearly_enough(self, kept: float, needed: NeededBrake, state: TrainState) -> bool:

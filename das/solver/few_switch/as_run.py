@@ -298,6 +298,23 @@ def with_one_brake(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, .
     return tuple(found)
 
 
+def with_boards(phases: tuple[Phase, ...], run: RunAtNodes) -> tuple[Phase, ...]:
+    """The phases, with a brake along the curve for each limit at which it stops falling, so that each is named.
+
+    A limit that the trajectory passes well below it stays part of the brake for what lies behind it.
+    """
+    found: list[Phase] = []
+    for one, end in zip(phases, ends_of(phases, run), strict=True):
+        found.append(one)
+        if one.kind not in BRAKES or one.share > 0.0:
+            continue
+        for _, foot in _braked_by_limits(run):
+            if found[-1].begin < foot < end and run.speeds_mps[foot] > one.target_mps + SLOWER_MPS:
+                found[-1] = found[-1]._replace(target_mps=float(run.envelope_mps[foot]))
+                found.append(one._replace(begin=foot))
+    return tuple(found)
+
+
 def _without_idle_brakes(phases: tuple[Phase, ...], kinds: NDArray[np.int64], run: RunAtNodes) -> list[Phase]:
     """The phases without brakes that hardly change the speed; the phase before goes on instead."""
     found, speeds = list(phases[:1]), run.speeds_mps

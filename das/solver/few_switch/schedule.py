@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.solver.few_switch.as_run import phases_as_run, with_all_brakes, with_one_brake
+from das.solver.few_switch.as_run import phases_as_run, with_all_brakes, with_boards, with_one_brake
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase, RunAtNodes
 from das.solver.kernels.few_switch_schedule import cost_of_time, follow
@@ -244,7 +244,8 @@ class Scheduled(NamedTuple):
                 break
         joined = found.changed(with_one_brake, s_m, v_mps)
         found = joined if joined.says_its_brakes else found
-        return found if found.says_its_brakes else found.changed(with_all_brakes, s_m, v_mps)
+        found = found if found.says_its_brakes else found.changed(with_all_brakes, s_m, v_mps)
+        return found.changed(with_boards, s_m, v_mps)
 
     @property
     def says_its_brakes(self) -> bool:

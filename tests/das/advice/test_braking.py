@@ -56,8 +56,8 @@ def test_the_effort_leads_to_the_speed_at_the_place(
 def test_a_slower_train_needs_no_brake_and_a_far_too_fast_one_all_there_is() -> None:
     ahead = BrakingAhead(line())
     assert ahead.effort_to(3500.0, 20.0, 4000.0, 25.0) == 0.0
-    assert ahead.effort_to(3990.0, 34.0, 4000.0, 25.0) == pytest.approx(ahead.largest(34.0))
-    assert ahead.effort_to(4010.0, 34.0, 4000.0, 25.0) == ahead.largest(34.0), "the place is behind"
+    assert ahead.effort_to(3990.0, 34.0, 4000.0, 25.0) == pytest.approx(ahead.largest(3990.0, 34.0))
+    assert ahead.effort_to(4010.0, 34.0, 4000.0, 25.0) == ahead.largest(4010.0, 34.0), "the place is behind"
 
 
 def test_what_is_needed_is_by_the_speed_that_asks_for_most() -> None:
@@ -89,12 +89,39 @@ def test_more_than_the_motors_is_friction_and_never_beyond_the_train() -> None:
     )  # fmt: skip
 
 
+def electric_line(stop_limit: tuple[float, float] | None = None) -> Section:
+    """A section on which a train with an electric brake alone finds no use for it from km 3 to 3.8, before a limit."""
+    limits = [(0.0, 35.0), (3900.0, 25.0), *([] if stop_limit is None else [stop_limit])]
+    route = replace(make_route(END_M, limits), no_regeneration=(Zone(start_m=3000.0, length_m=800.0),))
+    train = replace(TRAIN, brake_policy=BrakePolicy.ELECTRIC, friction_brake_force_n=0.0)
+    return build_section(route, train, options=SectionOptions(braking=USUAL.of(train), point_mass=True))
+
+
+def test_where_the_line_takes_no_power_a_train_without_friction_brake_has_no_effort() -> None:
+    """The limit behind such a stretch is what the train brakes for before it, not the stop 4 km further on."""
+    ahead = BrakingAhead(electric_line())
+    assert [ahead.largest(s_m, 30.0) > 0.0 for s_m in (2990.0, 3010.0, 3790.0, 3810.0)] == [True, False, False, True]
+    assert ahead.force_n(1.0, 3400.0, 30.0) == 0.0
+    needed = ahead.needed(2900.0, 33.0)
+    assert (needed.target_mps, needed.at_m) == (pytest.approx(25.0), pytest.approx(3900.0, abs=10.0))
+    rolls_mps = ahead.rolls_to_brakes_mps(3400.0, 26.0)
+    held_mps2 = float(TRAIN.resistance.force_n(26.0)) / TRAIN.inertial_mass_kg
+    assert rolls_mps == pytest.approx((26.0**2 - 2.0 * held_mps2 * 400.0) ** 0.5, abs=0.05)
+
+
+def test_the_stop_is_next_only_where_no_lower_limit_lies_before_it() -> None:
+    ahead = BrakingAhead(electric_line((END_M - 120.0, 8.0)))
+    assert not ahead.stop_is_next(END_M - 250.0, 20.0)
+    assert ahead.stop_is_next(END_M - 250.0, 7.5)
+    assert ahead.stop_is_next(END_M - 100.0, 8.0)
+
+
 def test_a_train_without_motors_that_brake_counts_all_its_brakes() -> None:
     friction = replace(
         TRAIN, brake_policy=BrakePolicy.FRICTION, electric_brake=replace(TRAIN.electric_brake, max_force_n=0.0)
     )
     ahead = BrakingAhead(line(friction))
-    assert ahead.largest(20.0) == pytest.approx(1.0)
+    assert ahead.largest(0.0, 20.0) == pytest.approx(1.0)
     assert ahead.force_n(0.5, 3000.0, 20.0) == pytest.approx(-200e3)
 
 

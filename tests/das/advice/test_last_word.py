@@ -336,6 +336,48 @@ def test_a_train_downhill_is_not_told_to_coast_above_the_limit() -> None:
     assert said.advised_force_n <= -0.03 * 9.80665 * 1e5
 
 
+STATION = BASIS._replace(route=make_route(END_M, [(0.0, HIGH), (END_M - 120.0, 8.0)]))
+"""A line with a limit of 8 m/s from 120 m before its end."""
+
+
+def test_a_driver_who_brakes_by_eye_to_the_mark_is_told_of_the_limit_before_it() -> None:
+    """He brakes evenly to the mark, and would pass the board, 60 m ahead, at 9.4 m/s."""
+    s_m, v_mps = END_M - 180.0, 11.5
+    eye = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=0.0)
+    coach = Coaching(now=eye, target_m=180.0, force_n=-FULL_N, reference_force_n=-FULL_N, lever_ratio=math.nan)
+    wrong = advice_of(s_m, v_mps, Regime.FULL_BRAKE, -FULL_N, RATE, coach=coach)
+    said, (act,) = judged(wrong, basis=STATION)
+    assert act.part is Part.COACH
+    assert said.coach is not None
+    assert (said.coach.now.speed_mps, said.coach.target_m) == (pytest.approx(28 * KMH), pytest.approx(60.0, abs=0.01))
+    assert -1.0 <= said.coach.lever_ratio < 0.0
+    assert judged(said, basis=STATION)[1] == ()
+    behind = replace(wrong, coach=replace(coach, force_n=-40e3, reference_force_n=-40e3))
+    assert judged(behind, at(s_m, 6.0), basis=STATION)[1] == (), "a slower train has nothing but the mark before it"
+
+
+def test_only_what_is_announced_goes_where_the_present_instruction_is_safe() -> None:
+    """Traction announced for now, 100 m before a lower limit, to a train that rightly holds its speed."""
+    now = Instruction(mode=Regime.CRUISE, speed_mps=LOW)
+    soon = Instruction(mode=Regime.FULL_TRACTION, speed_mps=HIGH, effort_ratio=1.0, way_m=10.0, in_s=0.5)
+    coach = Coaching(now=now, following=(soon,), target_m=10.0)
+    held, (act,) = judged(advice_of(5_950.0, LOW, Regime.CRUISE, 0.0, coach=coach))
+    assert act.part is Part.COACH
+    assert held.coach == replace(coach, following=())
+
+
+def test_a_train_that_would_only_become_too_fast_is_told_to_hold_and_not_to_brake_for_a_far_stop() -> None:
+    """At its limit, 8 km before the stop, down a hill: no coasting, but no brake to a standstill either."""
+    downhill = BASIS._replace(route=make_route(END_M, [(0.0, HIGH)], grades=[(0.0, -0.03)]))
+    coasts = Instruction(mode=Regime.COAST, speed_mps=HIGH, effort_ratio=0.0)
+    advice = advice_of(FAST_M, HIGH + 0.3, Regime.CRUISE, 0.0, coach=Coaching(now=coasts, target_m=500.0))
+    said, acts = judged(advice, basis=downhill)
+    assert Part.COACH in {act.part for act in acts}
+    assert said.coach is not None
+    assert (said.coach.now.mode, said.coach.now.speed_mps) == (Regime.CRUISE, pytest.approx(HIGH))
+    assert math.isnan(said.coach.lever_ratio)
+
+
 def test_a_train_that_stands_is_left_in_peace() -> None:
     stands = advice_of(END_M - 3.0, 0.0, Regime.STOP, 0.0, four_mode=Regime.STOP, reduced_max_speed_mps=math.nan)
     assert judged(stands)[1] == ()

@@ -60,7 +60,7 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
     state, ahead = TrainState(0, s_m, v_mps), PLANNER.ahead
     assert not ahead.is_due(s_m, v_mps)
     _, force_n = braked_enough(Regime.CRUISE, 0.0, state, PLANNER, v_mps, too_fast=True)
-    most_n = ahead.force_n(ahead.largest(v_mps), s_m, v_mps)
+    most_n = ahead.force_n(ahead.largest(s_m, v_mps), s_m, v_mps)
     assert (force_n == pytest.approx(most_n, rel=0.01)) is brakes_fully
 
 

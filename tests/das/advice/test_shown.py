@@ -48,9 +48,9 @@ def test_the_effort_is_the_instructions_own_or_that_of_its_force() -> None:
     assert math.isnan(as_read(Coaching(now=holds, force_n=1e3), LARGEST_N).lever_ratio)
 
 
-@pytest.mark.parametrize(("to_mps", "stop_m", "shown"), [(0.0, 301.0, True), (0.0, 299.0, False), (5.0, 200.0, True)])
-def test_a_stop_is_braked_for_by_eye_in_the_end(to_mps: float, stop_m: float, *, shown: bool) -> None:
+@pytest.mark.parametrize(("to_mps", "sees_mark", "shown"), [(0.0, False, True), (0.0, True, False), (5.0, True, True)])
+def test_a_stop_is_braked_for_by_eye_in_the_end(to_mps: float, *, sees_mark: bool, shown: bool) -> None:
     brakes = Instruction(mode=Regime.FULL_BRAKE, speed_mps=to_mps, effort_ratio=-1.0)
-    read = as_read(Coaching(now=brakes, force_n=-300e3), LARGEST_N, stop_m)
+    read = as_read(Coaching(now=brakes, force_n=-300e3), LARGEST_N, sees_mark=sees_mark)
     assert math.isfinite(read.lever_ratio) is shown
     assert (read.now.mode is Regime.FULL_BRAKE) is shown

@@ -1018,8 +1018,8 @@ def test_a_brake_that_must_grow_asks_for_friction_only_where_the_motors_are_not_
     assert effort(2.0, 600.0, 3.5) in (1.5, 2.0, 2.5, 3.0), "friction is shown in halves"
 
 
-def test_who_is_braked_already_is_told_no_higher_speed_by_a_limit_that_asks_for_more() -> None:
-    """Braking to a standstill that must be stronger for a limit on its way is still shown as such."""
+def test_a_brake_that_must_be_stronger_for_a_limit_on_its_way_names_that_limit() -> None:
+    """The card names what is next, so that a driver who brakes by eye does not look past it, to the stop."""
     here = section_of(BUNDLED[1])
     brakes = ShownBrakes(here, SETTINGS)
     falls = np.flatnonzero(np.diff(here.envelope_mps) < -0.05)
@@ -1030,7 +1030,7 @@ def test_who_is_braked_already_is_told_no_higher_speed_by_a_limit_that_asks_for_
     )
     needed = brakes.ahead.needed(state.s_m, state.v_mps)
     found = brakes.safe(brake_of(0.05, 0.0), state, state.v_mps)
-    assert (found.speed_mps, -found.effort_ratio >= needed.effort) == (0.0, True)
+    assert (found.speed_mps, -found.effort_ratio >= needed.effort) == (needed.target_mps, True)
     assert brakes.safe(brake_of(0.05, 40.0), state, state.v_mps).speed_mps == needed.target_mps
 
 

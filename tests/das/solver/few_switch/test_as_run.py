@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from das.solver.few_switch.as_run import phases_as_run, speeds_as_held
+from das.solver.few_switch.as_run import phases_as_run, speeds_as_held, with_boards
 from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase, RunAtNodes
 
@@ -180,3 +180,14 @@ def test_an_acceleration_before_a_brake_is_left_out_where_it_gains_no_second(ste
     said = [Phase(HOLD, 0.0, 0, 20.0), Phase(TRACTION, 1.0, 2, 23.0), Phase(BRAKE, 0.0, 5, 14.0)]
     run = RunAtNodes.of(speeds, np.full(11, 30.0), np.full(10, step_m))
     assert (TRACTION in [one.kind for one in speeds_as_held(said, run, 0.6)]) is kept
+
+
+def test_a_brake_past_a_limit_that_binds_names_it() -> None:
+    """Braked from node 3 on, to 20 m/s at node 6, where the limit lasts to node 8, and then to a standstill."""
+    envelope = np.array([30.0, 30, 30, 30, 26, 22, 20, 20, 20, 12, 0])
+    on_curve = RunAtNodes.of(np.minimum(envelope, 29.0), envelope, STEP_M)
+    merged = (hold(0, 29.0), brake(3, 0.0))
+    assert with_boards(merged, on_curve) == (hold(0, 29.0), brake(3, 20.0), brake(6, 0.0))
+    below = RunAtNodes.of(np.array([24.0, 24, 24, 22, 20, 18, 16, 14, 12, 8, 0]), envelope, STEP_M)
+    assert with_boards(merged, below) == merged, "a limit passed well below it is not named"
+    assert with_boards((hold(0, 29.0), brake(3, 0.0, 0.5)), on_curve)[1:] == (brake(3, 0.0, 0.5),), "one effort"
