@@ -26,13 +26,19 @@ from das.solver.solution import Fit
 
 
 class Scene(NamedTuple):
-    """What an advice is built from: state, estimated position and speed, planner, goal, and the coach's advice."""
+    """What an advice is built from: state, estimated position and speed, planner, goal, and the coach's advice.
+
+    `late_s` is how late the train will be with the coach (s; NaN: as planned). `too_fast`: the driver is told that the
+    train is too fast.
+    """
 
     state: TrainState
     here: Estimate
     planner: Planner
     goal: Goal
     coach: Coaching | None = None
+    late_s: float = math.nan
+    too_fast: bool = False
 
 
 class _Change(NamedTuple):
@@ -74,7 +80,7 @@ class Display:
 
     def standing(self, scene: Scene, reason: Reason, reduced_max_speed_mps: float = math.nan) -> Advice:
         """The advice for a train that stands at a stop and is to stay there."""
-        state, here, planner, _, coach = scene
+        state, here, planner, coach = scene.state, scene.here, scene.planner, scene.coach
         horizon_s = self._settings.display.horizon_s
         self._show(Regime.STOP, state.now_ns)
         return Advice(
@@ -101,7 +107,7 @@ class Display:
 
     def waiting(self, scene: Scene) -> Advice:
         """The advice for a train that stands before its departure; the top speed of the trip ahead is shown already."""
-        state, _, planner, goal, _ = scene
+        state, planner, goal = scene.state, scene.planner, scene.goal
         reduced_mps = planner.reduced.shown_mps(state.s_m, 0.0, goal.departure_ns, goal.arrival_ns)
         return self.standing(scene, Reason(code=ReasonCode.DEPARTURE, time_ns=goal.departure_ns), reduced_mps)
 
@@ -143,7 +149,7 @@ class Display:
 
     def braking(self, scene: Scene, reason: Reason) -> Advice:
         """The advice to brake fully, without a plan: to the stop at the section's end, or down to what is allowed."""
-        state, here, planner, _, coach = scene
+        state, here, planner, coach = scene.state, scene.here, scene.planner, scene.coach
         train, v_mps = planner.section.train, state.v_mps
         available_n = float(brake_limit(max(v_mps, 0.1), train, train.friction_force_n))
         slowed_n = planner.section.resistance_n(state.s_m, v_mps)
@@ -181,7 +187,7 @@ class Display:
 
     def following(self, scene: Scene, plan: Plan) -> Advice:
         """The advice for a moving train, from its plan and the coach's advice."""
-        state, here, planner, goal, coach = scene
+        state, here, planner, goal, coach, late_s, _ = scene
         place, allowed = plan.at(state.s_m), planner.allowed_for(state)
         excess_mps = state.v_mps - allowed
         too_fast = excess_mps > OVERSPEED_MPS
@@ -192,6 +198,8 @@ class Display:
         four, next_four = self._four_modes(plan, mode, found, following)
         speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
         arrival_ns = plan.arrival_ns(state.now_ns, place)
+        if math.isfinite(late_s):
+            arrival_ns = goal.arrival_ns + round(late_s / NS)
         deviation_s = goal.late_s(arrival_ns)
         # A train whose effort rises with its speed does not have the plan's force yet.
         force_n = min(self._force_n, planner.section.largest_n(min(state.v_mps, advised))[0])
@@ -359,7 +367,7 @@ class Display:
         """The reason of the advice."""
         planner, goal = scene.planner, scene.goal
         basis, fit = planner.basis, plan.solution.fit
-        if excess_mps > OVERSPEED_MPS:
+        if scene.too_fast:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
         if basis.front is None:
             return Reason(code=ReasonCode.FASTEST_SAFE if basis.before is None else ReasonCode.AS_BEFORE)
@@ -379,7 +387,7 @@ class Display:
 
     def _window_said(self, scene: Scene, plan: Plan, deviation_s: float) -> Reason:
         """The point ahead, if it may not be passed yet or will be passed late; otherwise no reason."""
-        state, _, planner, goal, _ = scene
+        state, planner, goal = scene.state, scene.planner, scene.goal
         point = goal.passing
         if point is None or state.s_m >= point.s_m - self._settings.plan.passed_m or planner.fronts_of(point) is None:
             return NO_REASON
@@ -393,7 +401,7 @@ class Display:
 
 def _buffer_ratio(scene: Scene, settings: DisplaySettings) -> float:
     """The buffer: time left divided by the least driving time, minus 1; NaN if hardly any driving time is left."""
-    state, _, planner, goal, _ = scene
+    state, planner, goal = scene.state, scene.planner, scene.goal
     least_s = planner.least_time_s(state.s_m, state.v_mps)
     return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > settings.least_for_buffer_s else math.nan
 

@@ -52,6 +52,14 @@ class TrainState(NamedTuple):
         return self.s_m + self.ahead_m
 
 
+def is_too_fast(excess_mps: float, *, told: bool) -> bool:
+    """Whether a driver is told that his train is too fast, by its speed above the allowed one (m/s).
+
+    `told`: he is told so already.
+    """
+    return excess_mps > (OVERSPEED_ENDS_MPS if told else OVERSPEED_MPS)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Goal:
     """The times that the train has to keep on a section.

@@ -12,7 +12,7 @@ from das.advice.coach.coach import Coach
 from das.advice.coach.keeping import Kept
 from das.advice.coach.shown_brakes import SpeedsAllowed
 from das.advice.display import Display, Scene
-from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.goal import Goal, PassingTarget, TrainState, is_too_fast
 from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
 from das.advice.settings import DEFAULT, AdviceSettings
@@ -72,6 +72,7 @@ class Leg:
         self._settings = settings
         self._arrived_ns: int | None = None
         self._progress = _Progress()
+        self._too_fast = False
 
     @property
     def section(self) -> Section:
@@ -152,7 +153,8 @@ class Leg:
         """The advice for a usable state, at its time; raises NoPlanError if no plan finishes the section from it."""
         stop, planner = self._settings.stop, self.planner
         state = self._state(here)
-        scene = Scene(state, here, planner, self.goal)
+        self._too_fast = is_too_fast(state.v_mps - planner.allowed_for(state), told=self._too_fast)
+        scene = Scene(state, here, planner, self.goal, too_fast=self._too_fast)
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -stop.at_stop_m:
             self._arrived_ns = None
@@ -171,6 +173,8 @@ class Leg:
             kept = None if self.coach is None else self.coach.plan(state, self.goal)
             plan = planner.plan_for(state, self.goal, None if kept is None else kept.scheduled)
             scene = scene._replace(coach=self._coaching(kept, state, stands=stands))
+            if self.coach is not None and kept is not None:
+                scene = scene._replace(late_s=self.coach.arrival_late_s(kept, state, self.goal))
             return self.display.departing(scene, plan) if stands else self.display.following(scene, plan)
         except DasError as error:
             if state.v_mps > planner.allowed_mps(state.s_m):
@@ -187,6 +191,7 @@ class Leg:
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
         """Withdraw the advice: the answer states the cause. The plan is forgotten, unless the display is only quiet."""
+        self._too_fast = False
         if not why.cause.is_quiet:
             self._forget()
         elif self.coach is not None:
@@ -221,7 +226,7 @@ class Leg:
             return None
         planner = self.planner
         limit_mps = min(planner.limit_mps(state.s_m), planner.limit_mps(state.braked_m))
-        place = SpeedsAllowed(planner.allowed_for(state), limit_mps)
+        place = SpeedsAllowed(planner.allowed_for(state), limit_mps, self._too_fast)
         show = self.coach.departs if stands else self.coach.show
         return show(kept, state, self.goal, place)
 

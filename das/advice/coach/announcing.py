@@ -34,12 +34,29 @@ ROLLS_SOONER = 0.97
 """A coasting train is assumed to need only this share of the computed time: its resistance is not known exactly."""
 
 
+class _Notice(NamedTuple):
+    """An announced change: the instruction, since when it has been announced (ns), and when it is due (s)."""
+
+    one: Instruction
+    since_ns: int
+    due_s: float
+
+    def is_of(self, one: Instruction, due_s: float) -> bool:
+        """Whether an announcement of an instruction that is due at a time (s) announces the same change."""
+        same_kind = KIND_OF.get(one.mode) is KIND_OF.get(self.one.mode)
+        near = abs(one.speed_mps - self.one.speed_mps) <= TARGET_STEP_MPS + SAME_MPS
+        return same_kind and near and abs(due_s - self.due_s) < SAME_CHANGE_S
+
+
 class Notices:
-    """Remembers, for each kind of instruction, since when it has been announced, and for when."""
+    """Remembers which changes have been announced, since when, and for when.
+
+    A change is of one kind and to one speed, give or take a step: to brake to 60 does not announce to brake to 0.
+    """
 
     def __init__(self, least_s: float) -> None:
         self._least_s = least_s
-        self._said: dict[InstructionKind, tuple[int, float]] = {}
+        self._said: tuple[_Notice, ...] = ()
         self._noted_ns = 0
 
     def silent_s(self, now_ns: int) -> float:
@@ -52,25 +69,26 @@ class Notices:
         An announcement that moves by much, or comes again after it was dropped, counts as a new one.
         """
         now_s, before, self._noted_ns = now_ns * NS, self._said, now_ns
-        self._said = {kind: said for kind, said in before.items() if -DUE_S < now_s - said[1] < SAME_CHANGE_S}
-        for one in reversed(following):  # Of two of a kind, the first counts.
-            kind, due_s = KIND_OF.get(one.mode), now_s + one.in_s
-            if kind is not None:
-                since_ns, said_s = before.get(kind, (now_ns, due_s))
-                self._said[kind] = (since_ns if abs(due_s - said_s) < SAME_CHANGE_S else now_ns, due_s)
+        said = []
+        for one in following:
+            if one.mode in KIND_OF:
+                due_s = now_s + one.in_s
+                since_ns = next((old.since_ns for old in before if old.is_of(one, due_s)), now_ns)
+                said.append(_Notice(one, since_ns, due_s))
+        due = (old for old in before if -DUE_S < now_s - old.due_s < SAME_CHANGE_S)
+        self._said = (*said, *(old for old in due if not any(new.is_of(old.one, old.due_s) for new in said)))
 
     def due_in_s(self, kind: InstructionKind, now_ns: int) -> float:
         """In what time (s) a change to a kind is due, as announced last; infinity if none has been announced."""
-        return self._said[kind][1] - now_ns * NS if kind in self._said else math.inf
+        due_s = (said.due_s for said in self._said if KIND_OF[said.one.mode] is kind)
+        return next(due_s, math.inf) - now_ns * NS
 
-    def lacks_s(self, kind: InstructionKind, now_ns: int, in_s: float) -> float:
-        """How much longer (s) a change to a kind must be announced before it may be due; it is due in `in_s` at best.
+    def lacks_s(self, one: Instruction, now_ns: int, in_s: float) -> float:
+        """How much longer (s) a change must be announced before it may be due; it is due in `in_s` at best.
 
         0 if it has been announced early enough.
         """
-        since_ns, said_s = self._said.get(kind, (now_ns, 0.0))
-        if abs(now_ns * NS + in_s - said_s) >= SAME_CHANGE_S:
-            since_ns = now_ns
+        since_ns = next((said.since_ns for said in self._said if said.is_of(one, now_ns * NS + in_s)), now_ns)
         return max(self._least_s - in_s - (now_ns - since_ns) * NS, 0.0)
 
 

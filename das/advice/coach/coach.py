@@ -16,7 +16,7 @@ from das.advice.coach.planning import passes_s
 from das.advice.coach.settings import DEFAULT, CoachSettings
 from das.advice.coach.showing import Showing, ShownNow
 from das.advice.coach.shown_brakes import SpeedsAllowed
-from das.advice.goal import OVERSPEED_ENDS_MPS, OVERSPEED_MPS, Goal, TrainState
+from das.advice.goal import Goal, TrainState
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
 from das.advice.shown import SPEED_STEP_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, as_read
@@ -40,8 +40,9 @@ BINDS_MPS = 10.0 * KMH
 SLOWED_S = 30.0
 """A train that passes a point more than this (s) after its earliest time is not slowed down for it."""
 SAID_LATE_S = 30.0
-"""A train's arrival is named if it is late or early by at least this (s), and said anew if it has changed by as much:
-a driver cannot do anything about less, and a figure that changes often is not read."""
+"""A train's arrival is named if it is late or early by at least this (s): a driver cannot do anything about less."""
+SAID_ANEW_S = 10.0
+"""An arrival that was named is named anew if it has changed by this (s): a figure that changes often is not read."""
 NEWS_S = 20.0
 """A restriction that was received on the way and changed the reference is named for this long (s)."""
 ARRIVING_M = 500.0
@@ -68,15 +69,14 @@ class Coach:
         self._keeper, self._showing = Keeper(section, front, settings, worker), Showing(settings.showing)
         self._news: tuple[Restriction, ...] = ()
         self._lost = False
-        self._said_late_s, self._said_too_fast = 0.0, False
+        self._said_late_s = 0.0
         self._reasoned: tuple[Instruction, Reason] = Instruction(), NO_REASON
 
     def successor(self, section: Section, front: FewSwitchFront | None) -> Coach:
         """The coach that takes over from this one, with another front or under other limits."""
         found = Coach(section, front, self._settings, self._worker)
         found._keeper.take_over(self._keeper)
-        found._showing, found._said_late_s = self._showing, self._said_late_s
-        found._said_too_fast = self._said_too_fast
+        found._showing, found._said_late_s, found._reasoned = self._showing, self._said_late_s, self._reasoned
         known = self._section.route.restrictions
         found._news = tuple(one for one in section.route.restrictions if one not in known) or self._news
         return found
@@ -85,7 +85,7 @@ class Coach:
         """Drop the reference and all that was shown."""
         self._keeper.forget()
         self._showing.forget()
-        self._said_late_s, self._said_too_fast = 0.0, False
+        self._said_late_s = 0.0
 
     def plan(self, state: TrainState, goal: Goal) -> Kept | None:
         """The reference for a state, kept or new; None if none can be made (yet), or none leads to the stop."""
@@ -99,7 +99,6 @@ class Coach:
     def show(self, kept: Kept | None, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Coaching | None:
         """What the driver should do now and next; None if there is no reference."""
         if kept is None:
-            self._said_too_fast = False
             return self._creeping(state, place) if self._lost else None
         shown = self._showing.show(kept, state, place)
         found = Coaching(
@@ -145,7 +144,6 @@ class Coach:
     def hush(self) -> None:
         """Take note that the instruction of this moment is not shown; the reference goes on."""
         self._showing.forget()
-        self._said_too_fast = False
 
     @property
     def shown_effort(self) -> float:
@@ -182,10 +180,8 @@ class Coach:
 
     def _reason(self, kept: Kept, shown: ShownNow, state: TrainState, goal: Goal, place: SpeedsAllowed) -> Reason:
         """What the instruction does not say: what it is for, and when the train arrives if that is late or early."""
-        excess_mps = state.v_mps - place.allowed_mps
-        self._said_too_fast = excess_mps > (OVERSPEED_ENDS_MPS if self._said_too_fast else OVERSPEED_MPS)
-        if self._said_too_fast:
-            return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
+        if place.too_fast:
+            return Reason(code=ReasonCode.TOO_FAST, speed_mps=state.v_mps - place.allowed_mps)
         ahead = self._standing_reason(shown.now, self._ahead(kept, shown, state), state)
         if not ahead and self._is_slowed_for_point(kept, state, goal):
             point = goal.passing
@@ -193,7 +189,7 @@ class Coach:
             time_ns = point.earliest_ns or 0
             return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
         ahead = ahead or self._new_restriction(kept.reference.replan, state)
-        late_s = self._arrival_late_s(kept, state, goal)
+        late_s = self._said_arrival_s(kept, state, goal)
         if shown.now.mode in BRAKES or abs(late_s) < SAID_LATE_S:
             return ahead
         return replace(ahead, code=ahead.code or ReasonCode.ARRIVAL, late_s=late_s)
@@ -214,16 +210,20 @@ class Coach:
             self._reasoned = now, ahead
         return self._reasoned[1]
 
-    def _arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """How late the train is said to arrive (s): the last value until it is off by as much as is named.
+    def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
+        """How late the train is likely to arrive (s; early < 0)."""
+        return self._keeper.arrival_late_s(kept, state, goal)
+
+    def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
+        """How late the train is said to arrive (s): the last value until it is off by `SAID_ANEW_S`.
 
         It is 0, so that nothing is said, for a train that stands, whose reference is made anew when it departs, and for
         one that is almost there.
         """
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0
-        late_s = self._keeper.arrival_late_s(kept, state, goal)
-        if abs(late_s - self._said_late_s) >= SAID_LATE_S:
+        late_s = self.arrival_late_s(kept, state, goal)
+        if abs(late_s - self._said_late_s) >= SAID_ANEW_S:
             self._said_late_s = late_s
         return self._said_late_s
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, tr
 from das.advice.coach.settings import ShowingSettings
 from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
 from das.advice.goal import OVERSPEED_MPS, TrainState
-from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
 from das.domain.units import KMH
 from das.solver.few_switch.as_run import BRIEF_S
@@ -332,10 +333,11 @@ class PhaseNow:
 
         If not, it is announced from now on, unless he will brake by eye by then.
         """
-        lacks_s = self._scene.notices.lacks_s(InstructionKind.HOLD, state.now_ns, 0.0)
-        low_mps, way_m = self._low_mps(state.v_mps), lacks_s * state.v_mps
+        creeps = Instruction(mode=Regime.CRUISE, speed_mps=self._low_mps(state.v_mps))
+        lacks_s = self._scene.notices.lacks_s(creeps, state.now_ns, 0.0)
+        way_m = lacks_s * state.v_mps
         if left_m - way_m >= STOP_BY_EYE_M:
-            self.creeping_soon = Instruction(mode=Regime.CRUISE, speed_mps=low_mps, way_m=way_m, in_s=lacks_s)
+            self.creeping_soon = replace(creeps, way_m=way_m, in_s=lacks_s)
         return lacks_s <= 0.0
 
     def _low_mps(self, v_mps: float) -> float:

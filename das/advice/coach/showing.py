@@ -326,7 +326,7 @@ class Showing:
         kind = KIND_OF.get(wanted.mode)
         if kind is None or kind is KIND_OF.get(self._shown.mode) or _reaches(wanted, self._shown):
             return
-        if self._notices.lacks_s(kind, state.now_ns, in_s) <= 0.0:
+        if self._notices.lacks_s(wanted, state.now_ns, in_s) <= 0.0:
             self._unannounced = replace(wanted, way_m=in_s * state.v_mps, in_s=in_s)
 
     def _stands(self, state: TrainState, place: SpeedsAllowed) -> bool:
@@ -346,7 +346,7 @@ class Showing:
         same = kind is KIND_OF.get(shown.mode) or _reaches(wanted, shown)
         if same or kind is None or shown.mode not in KIND_OF:
             return True
-        lacks_s = self._notices.lacks_s(kind, state.now_ns, begins_s)
+        lacks_s = self._notices.lacks_s(wanted, state.now_ns, begins_s)
         if kind is InstructionKind.BRAKE and lacks_s <= self._settings.lead.braking_s:
             self._brakes_back_ns = state.now_ns + round(max(lacks_s, self._settings.lead.least_s) / NS)
             return True

@@ -38,10 +38,14 @@ CREEPS_M = 9.0
 
 
 class SpeedsAllowed(NamedTuple):
-    """The bounds on an instruction where the train is: the highest safe speed, and the limit over the train (m/s)."""
+    """The bounds on an instruction where the train is: the highest safe speed, and the limit over the train (m/s).
+
+    `too_fast`: the driver is told that the train is too fast.
+    """
 
     allowed_mps: float
     limit_mps: float
+    too_fast: bool = False
 
 
 class ShownBrakes:

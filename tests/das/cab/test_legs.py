@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,6 +11,9 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Timetable
+from das.advice.coach.coach import SAID_ANEW_S
+from das.advice.coach.settings import CoachSettings
+from das.advice.reason import ReasonCode
 from das.advice.regimes import Regime
 from das.advice.settings import DEFAULT
 from das.advice.wording import words
@@ -96,6 +100,21 @@ def test_a_restriction_under_the_train_says_brake_at_once_and_one_lifted_lets_it
     assert "too fast" in words(slow.reason)
     made.set_restrictions([])
     assert at(made, 62, 2045.0, 20.0).limit_mps == 30.0
+
+
+def test_a_message_says_once_whether_the_train_is_too_fast_and_when_it_arrives() -> None:
+    """The full advice and the coach's agree in every second, also while the train swings about the limit."""
+    made, told = trip(settings=replace(DEFAULT, coach=CoachSettings(enabled=True))), []
+    for second, over_mps in enumerate((0.6, 0.4, 0.3, -0.5, 0.3, 1.2, 0.6)):
+        advice = at(made, 60 + second, 2000.0 + 30.0 * second, 30.0 + over_mps)
+        assert advice.coach is not None
+        reasons = {ReasonCode.TOO_FAST is one.code for one in (advice.reason, advice.coach.reason)}
+        assert len(reasons) == 1
+        told.append(reasons.pop())
+        late_s = advice.coach.reason.late_s
+        assert math.isnan(late_s) or abs(late_s - advice.predicted_deviation_s) < SAID_ANEW_S
+        assert advice.predicted_arrival_ns - round(advice.predicted_deviation_s / NS) == DUE[0].arrival_ns
+    assert told == [True, True, True, False, False, True, True]
 
 
 def test_a_restriction_elsewhere_changes_nothing() -> None:
