@@ -236,8 +236,10 @@ class Showing:
         """The instruction to creep to the stop, or to brake if that is due; the brake after it; and the force (N)."""
         self.forget()
         self._brakes = ShownBrakes(section, self._settings)
-        creeps = Instruction(mode=Regime.CRUISE, speed_mps=min(self._settings.brake.creep_mps, place.allowed_mps))
+        creeps = Instruction(mode=Regime.CRUISE, speed_mps=self._settings.brake.creep_mps)
         now = self._brakes.safe(creeps, state, state.v_mps)
+        if place.allowed_mps < creeps.speed_mps:  # In the last metres he finds the mark by eye.
+            now = brake_of(self._settings.effort.step_ratio, 0.0)
         ends_m, speeds_mps = np.array([state.s_m, section.end_m]), np.full(2, creeps.speed_mps)
         foreseen = Foreseen(np.full(2, LONG_S), ends_m, speeds_mps, as_shown=False)
         following = in_time((), now, self._brakes, state, foreseen)
