@@ -101,11 +101,11 @@ def run_day(
     """Drive a day of a scenario in closed loop: simulated train and driver, advised once a second, without a bus.
 
     `scenario` is the name of a bundled scenario or a TOML file. `seed` draws what happens on the day, and the driver;
-    the same seed gives the same day. `driver` is who drives ("perfect", "fast", "rms", "timetable", "human", or a class
-    of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms", "four-mode",
-    "vector", "coach" or "sheet"), `level` how losses are modelled (the default is the vehicle's own). `participant` is
-    the number of a human driver of the default population, who is the same on every day; the seed then draws the day
-    alone. Nothing is recorded: `das-sim run` does that.
+    the same seed gives the same day. `driver` is who drives ("perfect", "literal", "fast", "rms", "timetable", "human",
+    or a class of your own as "package.module:Class"), `advice` what the display shows ("none", "deviation", "rms",
+    "four-mode", "vector", "coach" or "sheet"), `level` how losses are modelled (the default is the vehicle's own).
+    `participant` is the number of a human driver of the default population, who is the same on every day; the seed then
+    draws the day alone. Nothing is recorded: `das-sim run` does that.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 
@@ -116,7 +116,7 @@ def run_day(
         >>> sim.run_day("clear-day", driver="nobody")
         Traceback (most recent call last):
         ...
-        das.domain.errors.InputError: run_day: driver = 'nobody': expected one of perfect, fast, rms, timetable, human
+        das.domain.errors.InputError: run_day: driver = 'nobody': expected one of perfect, literal, fast, rms, ...
     """
     kind, shown = _who(driver), chosen(Presentation, "run_day", "advice", advice)
     losses = None if level is None else chosen(Level, "run_day", "level", level)

@@ -98,6 +98,7 @@ class _Words(NamedTuple):
 
     modes: Mapping[Regime, str]
     kinds: Mapping[InstructionKind, str]
+    until: str
     reasons: Mapping[ReasonCode, str]
     at_stop: str
     on_time: str
@@ -117,6 +118,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             InstructionKind.COAST: "coast",
             InstructionKind.BRAKE: "brake",
         },
+        until="until",
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
@@ -152,7 +154,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             Regime.FULL_TRACTION: "volle Zugkraft",
             Regime.REDUCED_TRACTION: "verminderte Zugkraft",
             Regime.CRUISE: "Geschwindigkeit halten",
-            Regime.COAST: "ausrollen",
+            Regime.COAST: "rollen lassen",
             Regime.REDUCED_BRAKE: "elektrisch bremsen",
             Regime.FULL_BRAKE: "elektrisch voll bremsen",
             Regime.FRICTION_BRAKE: "mit Druckluftbremse bremsen",
@@ -162,9 +164,10 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         kinds={
             InstructionKind.TRACTION: "beschleunigen",
             InstructionKind.HOLD: "Tempo halten",
-            InstructionKind.COAST: "ausrollen",
+            InstructionKind.COAST: "rollen lassen",
             InstructionKind.BRAKE: "bremsen",
         },
+        until="bis",
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
@@ -213,6 +216,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
             InstructionKind.COAST: "marche sur l'erre",
             InstructionKind.BRAKE: "freiner",
         },
+        until="jusqu'à",
         reasons={
             ReasonCode.NONE: "",
             ReasonCode.TEXT: "{text}",
@@ -297,6 +301,15 @@ def instruction_words(mode: Regime, language: Language = Language.EN) -> str:
     """What a display of the coach shows for a mode: the verb of the instruction; its effort stands beside it."""
     kind = KIND_OF.get(mode)
     return mode_words(mode, language) if kind is None else _WORDS[language].kinds[kind]
+
+
+def words_before_speed(mode: Regime, language: Language = Language.EN) -> str:
+    """What a display of the coach writes before the speed of an instruction.
+
+    A train that coasts has no speed to hold: it rolls, up or down, until it has the speed of the next instruction.
+    """
+    verb = instruction_words(mode, language)
+    return f"{verb} {_WORDS[language].until}" if mode is Regime.COAST else verb
 
 
 def top_speed(speed: str, language: Language = Language.EN) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 from das.advice.advice import Instruction
 from das.advice.regimes import KIND_OF, Regime
-from das.advice.wording import instruction_words, words
+from das.advice.wording import words, words_before_speed
 from das.domain.units import KM, KMH, NS, PERCENT
 from docs.studies.driving import watched_run
 from sim.drivers.kinds import Presentation
@@ -51,7 +51,7 @@ def told(one: Instruction, lever_ratio: float = math.nan) -> str:
     if one.mode is Regime.STOP:
         return "stand"
     effort = "" if math.isnan(lever_ratio) or lever_ratio == 0.0 else f" ({abs(lever_ratio) / PERCENT:.0f} %)"
-    return f"{instruction_words(one.mode)} {one.speed_mps / KMH:.0f}{effort}"
+    return f"{words_before_speed(one.mode)} {one.speed_mps / KMH:.0f}{effort}"
 
 
 if __name__ == "__main__":

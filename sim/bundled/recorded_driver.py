@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from das.advice.regimes import BRAKES, TRACTION, Regime
 from sim.bundled.hurried import DriverStyle, HurriedDriver
+from sim.drivers.asked import Asked, asked
 from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.handling import HEEDING
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST, lever
 
-DRIVING: Final = TRACTION | BRAKES | {Regime.CRUISE, Regime.COAST}
 LOOK_S: Final = 0.2
 """The time (s) between two looks out of the window and at the speedometer."""
 GLANCE_S: Final = 5.0
@@ -23,8 +22,8 @@ GLANCE_S: Final = 5.0
 class RecordedDriver:
     """Drives as in the bundled recording: alone as fast as the limits allow, never minding the clock.
 
-    With the coach he does what he read at his last glance: he holds or goes for its speed, with no more than its
-    effort, in his own manner and with his own wandering. Limits of the line and stops he keeps as ever; temporary
+    With the coach he does what he read at his last glance (`sim.drivers.asked`), with no more than its effort, in his
+    own manner and with his own wandering. Limits of the line and stops he keeps as ever; temporary
     restrictions he does not know, for there are none on his trip. He brakes with the motors first, as the train of the
     recording did.
     """
@@ -51,14 +50,15 @@ class RecordedDriver:
 
 def _told(view: AdviceView | None, speed_mps: float, efforts: Efforts) -> tuple[float, float]:
     """The top speed (m/s) and the largest force (N) that the coach asks for at a speed; infinite without advice."""
-    if view is None or view.mode not in DRIVING:
+    if view is None:
         return math.inf, math.inf
-    if view.mode in TRACTION:
-        return view.shown_speed_mps, view.lever_ratio * efforts.traction_n
-    if view.mode == Regime.COAST and speed_mps > view.shown_speed_mps:
-        return math.inf, 0.0
-    if view.mode in BRAKES and math.isnan(view.lever_ratio):  # He stops by eye, and does not speed up before.
-        return max(speed_mps, HEEDING.creeps_mps), math.inf
-    if view.mode in BRAKES and speed_mps > view.shown_speed_mps:
-        return math.inf, view.lever_ratio * efforts.brakes_n
-    return view.shown_speed_mps, math.inf
+    to_mps, effort = view.shown_speed_mps, view.lever_ratio
+    return {
+        None: (math.inf, math.inf),
+        Asked.ACCELERATE: (to_mps, effort * efforts.traction_n),
+        Asked.HOLD: (to_mps, math.inf),
+        Asked.COAST: (math.inf, 0.0),
+        Asked.BRAKE: (math.inf, effort * efforts.brakes_n),
+        Asked.BRAKE_BY_EYE: (max(speed_mps, HEEDING.creeps_mps), math.inf),  # He does not speed up before he brakes.
+        Asked.KEEP_BELOW: (to_mps, 0.0),
+    }[asked(view.mode, to_mps, effort, speed_mps)]

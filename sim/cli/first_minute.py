@@ -113,7 +113,7 @@ def _print(found: AlignedDrives) -> None:
         (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
         (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
         ("energy (estimated)", f"{kwh(alone_j):.0f} kWh", f"{kwh(coached_j):.0f} kWh"),
-        ("instructions in the cab", "none", f"{after.instructions.changes}"),
+        ("instructions in the cab", "none", f"{after.instructions.instructions}"),
     )
     way = f"from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km"
     tell(f"A late train {way}; the same simulated driver twice:")
@@ -123,7 +123,9 @@ def _print(found: AlignedDrives) -> None:
     equal = found.equal_arrival(1)
     at_equal = f"{_less(equal.ratio)} at the same arrival time" if equal.ratio is not None else equal.why_not
     driven = f"{_less((coached_j - alone_j) / alone_j)} energy"
-    paragraph(f"With the coach the same driver needed {driven}, {at_equal}; {HANGS_ON}")
+    later_s = (after.calls[-1].arrived_ns - before.calls[-1].arrived_ns) * NS
+    came = f"arrived {abs(later_s):.0f} s {'later' if later_s >= 0 else 'earlier'}"
+    paragraph(f"With the coach the same driver {came} and needed {driven}, {at_equal}; {HANGS_ON}")
 
 
 def _less(ratio: float) -> str:

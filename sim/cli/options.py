@@ -46,7 +46,7 @@ DriverOption = Annotated[
     typer.Option(
         "--driver",
         metavar="DRIVER",
-        help="Who drives: perfect, fast, rms, timetable, human, a class of your own (package.module:Class), "
+        help="Who drives: perfect, literal, fast, rms, timetable, human, a class of your own (package.module:Class), "
         "external, a process of its own, or desk, a person in the browser (das-sim drivers explains them).",
     ),
 ]

@@ -90,6 +90,9 @@ def _presentations() -> dict[int, dict[str, Any]]:
             "name": name,
             "highest": one.speed_is(Regime.NONE) is SpeedIs.HIGHEST,
             "modes": {language: [one.mode_words(mode, language) for mode in Regime] for language in Language},
+            "before_speed": {
+                language: [one.words_before_speed(mode, language) for mode in Regime] for language in Language
+            },
         }
         for name, one in presenters.items()
     }

@@ -48,12 +48,20 @@ GAP_S: Final = 3.0
 """Two advices that are further apart than this (s) are not compared."""
 
 
+_Task = tuple[InstructionKind, int]
+"""A kind of instruction with its speed in whole km/h: "brake to 60" does not announce "brake to 0"."""
+
+
 class _Told(NamedTuple):
-    """An instruction as shown from a moment on: when (s), where (m), at which speed, and when it was due (s)."""
+    """An instruction as shown from a moment on: when (s), where (m), at which speed, and when it was due (s).
+
+    `by_eye`: it is a brake that shows no effort.
+    """
 
     kind: InstructionKind
     to_mps: float
     effort: int
+    by_eye: bool
     time_s: float
     s_m: float
     speed_mps: float
@@ -63,7 +71,12 @@ class _Told(NamedTuple):
     @property
     def seen(self) -> tuple[InstructionKind, int, int]:
         """What the driver reads: kind, speed in whole km/h, and effort in steps."""
-        return self.kind, round(self.to_mps / KMH), self.effort
+        return *self.task, self.effort
+
+    @property
+    def task(self) -> _Task:
+        """What is announced of it, and remembered: kind, and speed in whole km/h."""
+        return _task(self.kind, self.to_mps)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,13 +85,15 @@ class RelianceFigures:
 
     Of the `promised` changes (announced as the next one, and nearly due) `kept` came at about that time.
     `above_limit_s` counts the seconds in which the train of a driver who obeys is faster than the limit by 0.5 m/s,
-    `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds with advice
-    and without; silence because the driver acts on what the advice cannot know is neither.
+    `hidden_limits` the limits that began while the driver was told to stop by eye and that a steady brake to the stop
+    breaks, `replaced` the parts of advice that the last word replaced. `advised_s` and `silent_s` are the seconds with
+    advice and without; silence because the driver acts on what the advice cannot know is neither.
     """
 
     promised: int = 0
     kept: int = 0
     above_limit_s: int = 0
+    hidden_limits: int = 0
     replaced: int = 0
     advised_s: int = 0
     silent_s: int = 0
@@ -88,6 +103,7 @@ class RelianceFigures:
         return {
             "promises_kept_ratio": _ratio(self.kept, self.promised),
             "above_limit_obeying_s": self.above_limit_s,
+            "hidden_limits": self.hidden_limits,
             "last_word_acts": self.replaced,
             "availability_ratio": _ratio(self.advised_s, self.advised_s + self.silent_s),
         }
@@ -151,13 +167,33 @@ class InstructionFigures:
         }
 
 
+class _ByEye(NamedTuple):
+    """A brake by eye as it began: where (m), at which speed and limit (m/s), and where the train is to stand (m)."""
+
+    s_m: float
+    speed_mps: float
+    limit_mps: float
+    stop_m: float
+
+    @classmethod
+    def begun(cls, told: _Told, advice: Any) -> _ByEye:
+        """A brake by eye that begins with an advice."""
+        return cls(told.s_m, told.speed_mps, float(advice.limit_mps), told.s_m + advice.coach.target_m)
+
+    def speed_at(self, s_m: float) -> float:
+        """The speed (m/s) at a place if the train brakes steadily to the stop; 0 beyond it."""
+        whole_m, left_m = self.stop_m - self.s_m, self.stop_m - s_m
+        return self.speed_mps * math.sqrt(left_m / whole_m) if left_m > 0 else 0.0
+
+
 class _RelianceWatch:
     """Looks at every advice of a run for what a driver relies on."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
         self._at_s, self._obeyed_s = -math.inf, 0
-        self._promise: tuple[InstructionKind, float] | None = None
+        self._promise: tuple[_Task, float] | None = None
+        self._stopping: _ByEye | None = None
 
     @property
     def found(self) -> RelianceFigures:
@@ -169,6 +205,7 @@ class _RelianceWatch:
         time_s = advice.time_ns * NS
         self._count_time(advice, time_s)
         self._at_s = time_s
+        self._judge_by_eye(told, advice)
         if told is None:
             self._promise, self._obeyed_s = None, 0
             return
@@ -185,18 +222,28 @@ class _RelianceWatch:
         self._counts["advised_s"] += int(advice.mode) != Regime.NONE
         self._counts["silent_s"] += int(advice.mode) == Regime.NONE and not Cause(advice.cause).is_quiet
 
+    def _judge_by_eye(self, told: _Told | None, advice: Any) -> None:
+        """Count a limit that begins before the stop while the driver is told to stop by eye, if that breaks it."""
+        if told is None or not told.by_eye or advice.coach.now.in_s > 0:
+            self._stopping = None
+            return
+        begun = self._stopping = self._stopping or _ByEye.begun(told, advice)
+        if advice.limit_mps < begun.limit_mps:
+            self._counts["hidden_limits"] += begun.speed_at(advice.s_m) > advice.limit_mps + OVERSPEED_MPS
+            self._stopping = begun._replace(limit_mps=float(advice.limit_mps))
+
     def _keep_promise(self, told: _Told, following: Sequence[Any], time_s: float) -> None:
         """Count the announcement of the next change once it is nearly due, and whether that change comes."""
         if self._promise is not None:
             promised, due_s = self._promise
-            kept = told.kind is promised and abs(told.due_s - due_s) <= MOVED_S
+            kept = told.task == promised and abs(told.due_s - due_s) <= MOVED_S
             if kept or time_s > due_s + MOVED_S:
                 self._counts["kept"] += kept
                 self._promise = None
         kind = KIND_OF.get(int(following[0].mode)) if following else None
         if self._promise is None and kind and kind is not told.kind and following[0].in_s <= PROMISED_S:
             self._counts["promised"] += 1
-            self._promise = kind, time_s + following[0].in_s
+            self._promise = _task(kind, following[0].speed_mps), time_s + following[0].in_s
 
 
 class InstructionWatch:
@@ -207,7 +254,7 @@ class InstructionWatch:
         self._shortest_s = math.inf
         self._now: _Told | None = None
         self._at_s = -math.inf
-        self._announced: deque[tuple[float, InstructionKind, float]] = deque(maxlen=2 * REMEMBERED)
+        self._announced: deque[tuple[float, _Task, float]] = deque(maxlen=2 * REMEMBERED)
         self._coasted_s = 0
         self._reliance = _RelianceWatch()
 
@@ -234,7 +281,7 @@ class InstructionWatch:
         for one in advice.coach.following:
             kind = KIND_OF.get(int(one.mode))
             if kind is not None:
-                self._announced.append((time_s, kind, time_s + one.in_s))
+                self._announced.append((time_s, _task(kind, one.speed_mps), time_s + one.in_s))
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         """Count a new instruction, and judge the one that it replaces."""
@@ -259,10 +306,10 @@ class InstructionWatch:
     def _was_announced(self, told: _Told) -> bool:
         """Whether a change was announced in time, for about the time at which it is due."""
         return any(
-            kind is told.kind
+            task == told.task
             and time_s <= told.due_s - ANNOUNCED_S
             and abs(due_s - told.due_s) <= max(MOVED_S, MOVED_RATIO * (told.due_s - time_s))
-            for time_s, kind, due_s in self._announced
+            for time_s, task, due_s in self._announced
         )
 
 
@@ -286,8 +333,15 @@ def _told(advice: Any) -> _Told | None:
     now, time_s = coach.now, advice.time_ns * NS
     shows = not (math.isnan(now.effort_ratio) or math.isnan(coach.lever_ratio))
     effort = round(now.effort_ratio / EFFORT_STEP_RATIO) if shows else 0
-    due_s = time_s + now.in_s
-    return _Told(kind, now.speed_mps, effort, time_s, advice.s_m, advice.speed_mps, due_s, int(coach.replan.time_ns))
+    by_eye = kind is InstructionKind.BRAKE and math.isnan(now.effort_ratio)
+    return _Told(
+        kind, now.speed_mps, effort, by_eye, time_s, advice.s_m, advice.speed_mps, time_s + now.in_s,
+        int(coach.replan.time_ns),
+    )  # fmt: skip
+
+
+def _task(kind: InstructionKind, to_mps: float) -> _Task:
+    return kind, round(to_mps / KMH)
 
 
 def _is_odd(told: _Told, advice: Any) -> bool:
@@ -305,6 +359,8 @@ def _is_own_end(before: _Told, told: _Told) -> bool:
 
 def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
     """Whether a driver does what is shown, as far as speed and wheel force (N) tell."""
+    if told.by_eye:  # Nobody sees a force: who does not pull does what is shown.
+        return bool(advice.coach.now.in_s > 0 or force_n <= 0)
     if told.kind is InstructionKind.BRAKE:
         return bool(advice.coach.now.in_s > 0 or force_n <= OBEYED_RATIO * advice.coach.force_n)
     if told.kind is InstructionKind.COAST:

@@ -4,16 +4,28 @@ from __future__ import annotations
 
 import math
 
-from das.advice.regimes import Regime
-from sim.drivers.cab import AdviceView, CabView, Driver, Efforts
+from das.advice.regimes import TRACTION, Regime
+from sim.drivers.asked import Asked, asked
+from sim.drivers.cab import AT_STOP_M, AdviceView, CabView, Driver, Efforts
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.own_class import OwnDriver
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Follower, SpeedIs, presenter_of
-from sim.drivers.tracking import FOLLOWING, RULE, RollOff, TimeRule, hold, stand, stop_at, under_ceiling
+from sim.drivers.tracking import (
+    FOLLOWING,
+    RULE,
+    RollOff,
+    TimeRule,
+    hold,
+    needed_braking_mps2,
+    stand,
+    stop_at,
+    under_ceiling,
+)
 from sim.plant.kernels import Command
+from sim.plant.plant import COAST, force, lever
 
 LATE_BRAKING = Habit(braking_mps2=RULE.late_braking_mps2)
 """The habit of a driver who brakes late."""
@@ -128,6 +140,66 @@ class PerfectDriver:
         return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
 
 
+class LiteralDriver:
+    """Does what the coach's card says, and knows nothing else: a witness of where the card alone leads.
+
+    He reads the card, the speedometer and the distance to his stop. He knows no limit, board or signal, and brakes by
+    eye only where the card shows no effort. Without the coach he drives as `TimetableDriver`.
+    """
+
+    def __init__(self, line: LineKnowledge) -> None:
+        self._alone = TimetableDriver(line)
+        self._due: AdviceView | None = None
+        self._reached = False
+
+    def command(self, cab: CabView) -> Command:
+        view = cab.shown
+        if view is None or view.presentation is not Presentation.COACH:
+            self._due = None
+            return self._alone.command(cab)
+        if cab.shall_stand:
+            self._due = None
+            return COAST
+        return self._obeyed(cab, self._read(cab, view.departure))
+
+    def _read(self, cab: CabView, view: AdviceView) -> AdviceView:
+        """The card that is due: the one shown, or until then the one before it."""
+        due, v = self._due, cab.speed_mps
+        if due is None or cab.time_s - view.time_s >= view.due_s:
+            same = due is not None and (due.mode, due.speed_mps) == (view.mode, view.speed_mps)
+            self._due, self._reached = view, self._reached and same
+            due = view
+        gains = due.mode in TRACTION
+        away_mps = due.speed_mps - v if gains else v - due.speed_mps
+        self._reached = self._reached or away_mps <= (FOLLOWING.read_mps if gains else 0.0)
+        return due
+
+    def _obeyed(self, cab: CabView, card: AdviceView) -> Command:
+        """What the card asks for."""
+        outlook = self._alone.foresight.outlook(cab)
+        told = asked(card.mode, card.speed_mps, card.lever_ratio, cab.speed_mps, reached=self._reached)
+        if told in (Asked.ACCELERATE, Asked.BRAKE):
+            return lever(card.lever_ratio)
+        if told is Asked.HOLD:
+            return hold(cab, outlook, card.speed_mps)
+        if told is Asked.COAST:
+            return COAST
+        if told is Asked.BRAKE_BY_EYE:
+            return self._by_eye(cab, outlook)
+        if told is Asked.KEEP_BELOW and card.speed_mps > 0:
+            return hold(cab, outlook, card.speed_mps, high_n=0.0)
+        return lever(-1.0)  # He is told to stand.
+
+    def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
+        """Brake steadily to the mark, or creep up to it."""
+        if cab.speed_mps < FOLLOWING.creeping_mps and cab.stop_m - cab.s_m > AT_STOP_M:
+            return hold(cab, outlook, FOLLOWING.creeping_mps)
+        needed = needed_braking_mps2(cab, cab.stop_m)
+        if math.isinf(needed):
+            return lever(-1.0)
+        return force(outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed)
+
+
 def make_driver(
     kind: DriverKind | OwnClass,
     line: LineKnowledge,
@@ -148,5 +220,7 @@ def make_driver(
         return HumanDriver(line, parameters, friction=friction, seed=seed, stream=stream)
     if kind is DriverKind.PERFECT:
         return PerfectDriver(line)
+    if kind is DriverKind.LITERAL:
+        return LiteralDriver(line)
     ruled = {DriverKind.FAST: FastDriver, DriverKind.RMS: RmsDriver, DriverKind.TIMETABLE: TimetableDriver}
     return ruled[kind](line)

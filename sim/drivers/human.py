@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from das.advice.regimes import KIND_OF, InstructionKind, Regime
+from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime
+from sim.drivers.asked import Asked, asked
 from sim.drivers.cab import AdviceView, CabView, Diary, DriverEvent, Efforts
 from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, HumanSettings, StopMark
 from sim.drivers.kinds import FrictionPolicy
@@ -345,24 +346,25 @@ class HumanDriver:
         Where the display shows no effort, he uses full traction, or brakes as he plans to.
         """
         target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
+        told = asked(view.mode, target, effort, cab.speed_mps)
+        if told is Asked.BRAKE_BY_EYE:
+            return self._by_eye(cab, outlook)
         if math.isnan(effort):
-            brakes = advice_kind(view) is InstructionKind.BRAKE
-            if brakes and view.shown_speed_mps <= 0.0:
-                return self._by_eye(cab, outlook)
+            brakes = told is Asked.BRAKE
             effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
-        if view.mode in (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION):
+        if told is Asked.ACCELERATE:
             away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s
             if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, effort, target):
                 return self.set_effort(effort)
-            self._display.reach()
+        if told in (Asked.ACCELERATE, Asked.HOLD):
+            if view.mode in TRACTION:
+                self._display.reach()
             return self.handling.held(cab, outlook, target)
-        if view.mode == Regime.CRUISE:
-            return self.handling.held(cab, outlook, target)
-        if view.mode == Regime.COAST:
-            return 0.0
-        if cab.speed_mps <= target:
-            return min(self.handling.held(cab, outlook, target), 0.0) if target > 0 else 0.0
-        return 0.0 if self._soon_over(cab, outlook, effort, target) else self.set_effort(effort)
+        if told is Asked.BRAKE:
+            return 0.0 if self._soon_over(cab, outlook, effort, target) else self.set_effort(effort)
+        if told is Asked.KEEP_BELOW and target > 0:
+            return min(self.handling.held(cab, outlook, target), 0.0)
+        return 0.0
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
         """The setting of a driver who is told to stop, but not how hard to brake: he brakes once he must."""

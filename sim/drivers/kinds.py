@@ -14,6 +14,7 @@ class DriverKind(StrEnum):
     """The bundled drivers of a simulated train."""
 
     PERFECT = "perfect"
+    LITERAL = "literal"
     FAST = "fast"
     RMS = "rms"
     TIMETABLE = "timetable"

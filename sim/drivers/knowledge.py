@@ -168,6 +168,8 @@ class Outlook:
         node_m = self.halt_m - CELL_M * np.arange(cells, -1, -1.0)
         self._first_m, self._cells = float(node_m[0]), cells
         limit = _limits(line, node_m, cab.restrictions)
+        falls = np.flatnonzero(np.diff(limit) < 0.0) + 1
+        self._boards = list(zip(node_m[falls].tolist(), limit[falls].tolist(), strict=True))
         limit = limit - np.minimum(habit.below_mps, 0.1 * limit)
         self._line_n = _line_n(line, node_m)
         self._tunnel = _tunnels(line, node_m)
@@ -189,6 +191,15 @@ class Outlook:
     def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
         """The steady deceleration (m/s²) that keeps the speeds allowed ahead, over at least `least_way_m`."""
         return float(needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
+
+    def braking_to_mps2(self, s_m: float, speed_mps: float, to_mps: float, to_m: float) -> float:
+        """The least steady deceleration (m/s²) to a speed at a place that keeps every lower limit on the way to it.
+
+        Negative: none is needed; infinite beyond the place.
+        """
+        places = [*((at_m, limit_mps) for at_m, limit_mps in self._boards if s_m < at_m < to_m), (to_m, to_mps)]
+        w = speed_mps**2
+        return max((w - v * v) / (2.0 * (at_m - s_m)) if at_m > s_m else math.inf for at_m, v in places)
 
     def resisting_n(self, s_m: float, speed_mps: float) -> float:
         """The force (N) that holds the train back here: running resistance, tunnel, curves and gradient."""

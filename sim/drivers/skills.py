@@ -11,9 +11,9 @@ from typing import Final, Generic, Self, TypeVar
 
 import numpy as np
 
-from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.errors import DasError
 from das.domain.units import KMH
+from sim.drivers.asked import Asked, asked
 from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.handling import HEEDING, Wander
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
@@ -27,8 +27,6 @@ BEFORE_SIGNAL_M: Final = 15.0
 """A train is stopped this far (m) before a signal at danger."""
 CALM_PER_S: Final = 0.1
 """This share of a speed error is corrected per second."""
-SAYS_HOW: Final = TRACTION | BRAKES | {Regime.CRUISE, Regime.COAST}
-"""The regimes of advice that say how to drive."""
 
 _Seen = TypeVar("_Seen")
 
@@ -101,25 +99,25 @@ class Skills:
         return self._rule.cap_mps(self.cab, self.outlook)
 
     def advised(self, view: AdviceView) -> float | None:
-        """The setting that a display asks for: its effort, and to hold its speed once that is reached.
+        """The setting that a display asks for (`sim.drivers.asked`); None if it does not say how to drive.
 
-        If it says to stop without an effort, the driver holds his speed and brakes once he must. None if it does not
-        say how to drive.
+        If it says to stop without an effort, the driver holds his speed and brakes once he must.
         """
         presenter = presenter_of(view.presentation)
-        if not presenter.says_mode or view.mode not in SAYS_HOW:
-            return None
-        over_mps = self.cab.speed_mps - view.shown_speed_mps
-        reached = over_mps >= 0 if view.mode in TRACTION else over_mps <= 0
         to_reach = presenter.speed_is(view.mode) is SpeedIs.TO_REACH
-        if view.mode == Regime.CRUISE or (to_reach and reached):
+        to_mps, effort = view.shown_speed_mps if to_reach else math.nan, view.lever_ratio
+        told = asked(view.mode, to_mps, effort, self.cab.speed_mps) if presenter.says_mode else None
+        if told is Asked.HOLD:
             return self.hold(view.shown_speed_mps)
-        if view.mode == Regime.COAST:
-            return 0.0
-        if to_reach and math.isnan(view.lever_ratio) and view.shown_speed_mps <= 0:  # He stops by eye.
+        if told is Asked.ACCELERATE:
+            return 1.0 if math.isnan(effort) else effort
+        if told is Asked.BRAKE:
+            return -0.5 if math.isnan(effort) else effort
+        if told is Asked.BRAKE_BY_EYE:
             return min(self.hold(max(self.cab.speed_mps, HEEDING.creeps_mps)), self.most())
-        usual = 1.0 if view.mode in TRACTION else -0.5  # where the display shows no effort
-        return usual if math.isnan(view.lever_ratio) else view.lever_ratio
+        if told is Asked.KEEP_BELOW:
+            return min(self.hold(view.shown_speed_mps), 0.0)
+        return None if told is None else 0.0
 
     def _efforts(self) -> Efforts:
         return Efforts.at(self.cab.speed_mps, self.outlook.train)

@@ -64,6 +64,8 @@ class FollowingSettings:
     """Advice to brake to a speed below this (m/s) is advice to halt."""
     rolling_mps: float = 0.3
     """A coasting train may roll above a limit by up to this (m/s), the precision to which the display is read."""
+    read_mps: float = 0.3
+    """A driver who does nothing but what the card says takes a speed for reached within this (m/s): he reads it off."""
     motors_ratio: float = 1.08
     """The friction brake stays off while the braking needs no more than this times the force of the motors: it releases
     slowly, and at a lower speed the motors give more."""

@@ -331,6 +331,8 @@ _LISTED: Final = (
          "share of the next changes, announced for within 8 s, that came within 10 s of the time announced"),
         ("above_limit_obeying_s", "Above the limit while obeying", "s",
          "time above the limit by more than 0.5 m/s of a driver who had done for 5 s what was shown"),
+        ("hidden_limits", "Hidden limits", "1",
+         "limits that began while the driver was told to stop by eye, and that a steady brake to the stop breaks"),
         ("last_word_acts", "Acts of the last word", "1", "parts of advice that the last word replaced"),
         ("availability_ratio", "Availability", "1", "seconds with advice / seconds from the first advice to the last"),
     ),

@@ -124,6 +124,7 @@ _FRICTION: Final = {
 }
 _DRIVERS: Final = {
     DriverKind.PERFECT: "follows advice exactly and at once",
+    DriverKind.LITERAL: "does what the coach's card says and knows nothing else",
     DriverKind.FAST: "drives as fast as is allowed",
     DriverKind.RMS: "never drives faster than the reduced maximum speed",
     DriverKind.TIMETABLE: "keeps to the timetable without advice",

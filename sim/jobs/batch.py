@@ -206,7 +206,7 @@ COUNTS = (
     "advices_above_limit",
     "reversals",
     *("instructions", "missed_coasts", "vain_accelerations", "odd_speeds", "standing_acceleration_s"),
-    *("above_limit_obeying_s", "last_word_acts"),
+    *("above_limit_obeying_s", "hidden_limits", "last_word_acts"),
     "signals_passed",
     "simulated_s",
 )

@@ -89,7 +89,7 @@ def instructions(drive: Drive) -> Lane:
 
 def _instruction(view: AdviceView) -> str:
     shows, to_kmh = presenter_of(view.presentation), whole(view.shown_speed_mps / KMH)
-    return f"{shows.mode_words(view.mode)} {to_kmh}" if shows.says_mode and to_kmh is not None else ""
+    return f"{shows.words_before_speed(view.mode)} {to_kmh}" if shows.says_mode and to_kmh is not None else ""
 
 
 def _changes(

@@ -189,9 +189,10 @@ def _of_cab(cab: Any, said: DisplayWords) -> str:
     rows = [("limit", speed_words(cab.limit_mps)), ("controller", _share(cab.lever_ratio))]
     if view is not None:
         shows = presenter_of(view.presentation)
+        to = speed_words(view.next_speed_mps) if view.next_speed_mps > 0 else ""
         rows[:0] = [
             ("effort advised", _share(view.lever_ratio)),
-            ("next", _next(shows.mode_words(view.next_mode, said.language), view.next_change_s, view.next_speed_mps)),
+            ("next", _next(shows.instruction(view.next_mode, to, said.language), view.next_change_s)),
             ("why", wording.words(view.reason, *said)),
         ]
     if view is not None and view.mode == Regime.DEPART:
@@ -225,10 +226,9 @@ def _share(ratio: float) -> str:
     return f"{ratio / PERCENT:+.0f} %" if math.isfinite(ratio) else ""
 
 
-def _next(name: str, in_s: float, speed_mps: float = math.nan) -> str:
-    """The next change, with its speed if the display shows one."""
-    to = f", {speed_words(speed_mps)}," if speed_mps > 0 else ""
-    return f"{name}{to} in {in_s:.0f} s" if name and math.isfinite(in_s) else ""
+def _next(change: str, in_s: float) -> str:
+    """The next change, and when it is due."""
+    return f"{change} in {in_s:.0f} s" if change and math.isfinite(in_s) else ""
 
 
 def _departure(name: str, speed_mps: float, ratio: float) -> str:

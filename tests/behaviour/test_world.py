@@ -377,7 +377,7 @@ def test_the_list_of_scenarios(folder: Path) -> None:
         (["nothing"], "nothing: not a bundled scenario"),
         (
             ["clear-day", "--driver", "nobody"],
-            "--driver nobody: expected one of perfect, fast, rms, timetable, human, external, desk, or a class of your",
+            "--driver nobody: expected one of perfect, literal, fast, rms, timetable, human, external, desk, or a",
         ),
         (
             ["clear-day", "--advice", "all"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +11,15 @@ import pytest
 
 from das.advice.advice import Advice, Coaching, Instruction
 from das.advice.regimes import Regime
+from das.domain.files.load import load_route, load_vehicle
 from sim.drivers.kinds import Presentation
+from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import PlantState
+from sim.plant.plant import COAST
 from tests.support.advice_judge import DayJudge, Judge
 from tests.support.assessed_day import Seen, Stood
 from tests.support.drawn_day import Drawn, Sensors, Style, Upset, draw, write_files
+from tests.support.obedient_drivers import ObedientDriver, Scene
 
 AT_M, STOP_M = 1500.0, 2000.0
 SPEED_MPS = 10.0
@@ -102,6 +107,31 @@ def test_a_card_that_cannot_be_braked_away_is_found(judge: Judge) -> None:
     assert list(of_day.problems(seen)) == []  # What is told in the first second may come too late, so it excuses.
     seen.state = seen.state._replace(s_m=STOP_M - 62.0)
     assert {"coach-held-card", "coach-held-force"} <= {one.kind for one in of_day.problems(seen)}
+
+
+@pytest.mark.parametrize(("limit_mps", "found"), [(4.0, True), (7.0, False)])
+def test_a_limit_that_a_stop_by_eye_hides_is_found(judge: Judge, limit_mps: float, found: bool) -> None:
+    """Told to stop in 200 m at 10 m/s, without an effort: a steady brake has 7.1 m/s at a board 100 m on."""
+    of_day, seen = DayJudge(judge, coached()), sound()
+    seen.places = ((STOP_M - 100.0, STOP_M + 500.0, limit_mps),)
+    assert list(of_day.problems(seen)) == []
+    seen.state = seen.state._replace(s_m=STOP_M - 200.0)
+    by_eye = Instruction(mode=Regime.REDUCED_BRAKE, speed_mps=0.0, effort_ratio=math.nan)
+    seen.advice = coach_changed(now=by_eye, following=(), target_m=200.0)(replace(seen.advice, s_m=STOP_M - 200.0))
+    assert ("coach-by-eye" in {one.kind for one in of_day.problems(seen)}) is found
+
+
+@pytest.mark.parametrize("style", [Style.EFFORT, Style.SPEED])
+@pytest.mark.parametrize("to_mps", [5.0, 20.0])
+def test_an_obedient_driver_coasts_when_he_is_told_to(
+    judge: Judge, tmp_path: Path, style: Style, to_mps: float
+) -> None:
+    route, vehicle = write_files(tmp_path, 0, blended=False)
+    line = LineKnowledge(route=load_route(str(route)), vehicle=load_vehicle(str(vehicle)))
+    driver, advice = ObedientDriver(line, judge.line, Presentation.COACH, style, 0.0), sound().advice
+    advice = coach_changed(now=Instruction(mode=Regime.COAST, speed_mps=to_mps, effort_ratio=0.0))(advice)
+    scene = Scene(PlantState(0.0, AT_M, SPEED_MPS), -60.0, STOP_M, lambda: pytest.fail("he looked out"), advice)
+    assert driver.command(scene) == COAST
 
 
 def test_a_train_that_is_too_fast_by_obeying_is_found_unless_it_was_told_too_late(judge: Judge) -> None:

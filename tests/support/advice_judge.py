@@ -183,8 +183,9 @@ class DayJudge:
         yield from self._force("coach-reference-force", seen, coach.reference_force_n, advice.speed_mps)
         reference_n = coach.reference_force_n
         yield from self._held("coach-held-force", seen, lambda s, v: reference_n)
-        if now.in_s <= 0 and not _by_eye(now):
-            yield from self._held("coach-held-card", seen, self._card(now))
+        if now.in_s <= 0:
+            by_eye = _by_eye(now)
+            yield from self._stopped(seen) if by_eye else self._held("coach-held-card", seen, self._card(now))
         yield from self._announced(seen, coach)
 
     def _announced(self, seen: Seen, coach: Coaching) -> Iterator[Problem]:
@@ -226,10 +227,26 @@ class DayJudge:
             if now.mode in TRACTION:
                 return min(now.effort_ratio * train.pulling_n(v_mps), keeps_n)
             if now.mode in BRAKES:
-                return now.effort_ratio * train.electric_n(v_mps) if v_mps > now.speed_mps else keeps_n
-            return max(min(keeps_n, 0.0), 0.0) if now.mode is Regime.COAST else keeps_n
+                brakes = v_mps > now.speed_mps
+                return now.effort_ratio * train.electric_n(v_mps) if brakes else min(keeps_n, 0.0)
+            return 0.0 if now.mode is Regime.COAST else keeps_n
 
         return force_n
+
+    def _stopped(self, seen: Seen) -> Iterator[Problem]:
+        """The problem of a limit before the stop that is broken by a steady brake to the stop, as done by eye.
+
+        Whoever is told to stop, and not how hard to brake, knows of no limit on the way.
+        """
+        state, way_m, off_m = seen.state, seen.stop_m - seen.state.s_m, self._off_m
+        worst = 0.0, 0.0
+        for at_m in range(math.ceil(state.s_m), math.floor(seen.stop_m)):
+            v = state.speed_mps * math.sqrt((seen.stop_m - at_m) / way_m)
+            near_m = at_m - off_m, at_m + off_m
+            worst = max(worst, (v - max(self._allowed.limit(*near_m), highest(self._excused_mps, *near_m)), at_m))
+        if worst[0] > OBEYED_MPS:
+            text = f"told to stop by eye past a limit at {worst[1]:.0f} m, too fast by {worst[0]:.2f}"
+            yield self._problem("coach-by-eye", seen, worst[0], text)
 
     def _held(self, kind: str, seen: Seen, force_n: Callable[[float, float], float]) -> Iterator[Problem]:
         """The problem of a force that, applied for a while before full brakes, breaks a limit or passes the stop.

@@ -11,6 +11,7 @@ import numpy as np
 
 from das.advice.advice import Advice, Instruction
 from das.advice.regimes import Regime
+from sim.drivers.asked import Asked, asked
 from sim.drivers.cab import CabView
 from sim.drivers.drivers import TimetableDriver
 from sim.drivers.human import HumanDriver
@@ -194,26 +195,26 @@ class ObedientDriver:
             same = before is not None and (before.mode, before.speed_mps) == (now.mode, now.speed_mps)
             self._reached = self._reached and same
         if self._style is Style.SPEED:
-            return self._hold(state, self._due.speed_mps)
-        if self._due.mode in BRAKES and math.isnan(self._due.effort_ratio):
-            return self._stop_by_eye(state, scene.stop_m - state.s_m)
-        return self._card(state, self._due)
+            return COAST if self._due.mode is Regime.COAST else self._hold(state, self._due.speed_mps)
+        return self._card(state, self._due, scene.stop_m - state.s_m)
 
-    def _card(self, state: PlantState, card: Instruction) -> Command:
-        """Apply the mode and effort of an instruction until its speed is reached, then hold that speed."""
+    def _card(self, state: PlantState, card: Instruction, way_m: float) -> Command:
+        """Do what an instruction asks for; the stop is `way_m` ahead."""
         v, train = state.speed_mps, self._raw.train
-        if card.mode in TRACTION:
-            self._reached = self._reached or v >= card.speed_mps - REACHED_MPS
-            asked_n = card.effort_ratio * train.pulling_n(v)
-        elif card.mode in BRAKES:
-            self._reached = self._reached or v <= card.speed_mps + REACHED_MPS
-            asked_n = card.effort_ratio * train.electric_n(v)
-        elif card.mode is Regime.COAST:
-            self._reached = self._reached or v <= card.speed_mps + REACHED_MPS
-            asked_n = 0.0
-        else:
-            return self._hold(state, card.speed_mps)
-        return self._hold(state, card.speed_mps) if self._reached else force(asked_n)
+        gains = card.mode in TRACTION
+        away_mps = card.speed_mps - v if gains else v - card.speed_mps
+        self._reached = self._reached or away_mps <= REACHED_MPS
+        told = asked(card.mode, card.speed_mps, card.effort_ratio, v, reached=self._reached)
+        if told is Asked.ACCELERATE:
+            return force(card.effort_ratio * train.pulling_n(v))
+        if told is Asked.BRAKE:
+            return force(card.effort_ratio * train.electric_n(v))
+        if told is Asked.COAST:
+            return COAST
+        if told is Asked.BRAKE_BY_EYE:
+            return self._stop_by_eye(state, way_m)
+        held = self._hold(state, card.speed_mps)
+        return held._replace(high_n=0.0) if told is Asked.KEEP_BELOW else held
 
     def _hold(self, state: PlantState, speed_mps: float) -> Command:
         """Hold a speed with up to full traction and brakes; for a speed of 0, brake fully."""

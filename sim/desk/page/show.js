@@ -52,8 +52,10 @@ export class Shown {
     return this.hello.presentations[cab.presentation];
   }
 
-  modeWords(cab, mode) {
-    return big(this.presentation(cab).modes[this.lang][mode] ?? "");
+  // The words for a mode; `speed` (m/s): the one that follows them, if any.
+  modeWords(cab, mode, speed) {
+    const { modes, before_speed } = this.presentation(cab);
+    return big((speed > 0.5 ? before_speed : modes)[this.lang][mode] ?? "");
   }
 
   // How late (> 0) or early a train is, as a text.
@@ -78,7 +80,7 @@ export class Shown {
     return {
       mode: top ? "top" : kind,
       sign: slower ? "brake" : null,
-      do: top ? this.words.at_most : slower ? this.words.slow_to : this.modeWords(cab, cab.mode),
+      do: top ? this.words.at_most : slower ? this.words.slow_to : this.modeWords(cab, cab.mode, speed),
       why: [this.effort(effort), why?.[this.lang]].filter(Boolean).join(" · "),
       speed: speed > 0.5 ? speed : null,
       effort: kind === "coast" ? 0 : effort,

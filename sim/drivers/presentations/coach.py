@@ -12,10 +12,11 @@ from das.advice.reason import Reason
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.wording import Language
 from das.domain.units import KMH, NS
+from sim.drivers.asked import Asked, asked
 from sim.drivers.cab import AdviceView, CabView, Efforts
 from sim.drivers.knowledge import Outlook
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
-from sim.drivers.tracking import FOLLOWING, RULE, hold, needed_braking_mps2
+from sim.drivers.tracking import FOLLOWING, RULE, hold
 from sim.plant.kernels import Command, electric_effort
 from sim.plant.plant import COAST, force
 
@@ -77,6 +78,12 @@ class CoachPresenter(Presenter):
     def mode_words(self, number: int, language: Language = Language.EN) -> str:
         return wording.instruction_words(known_mode(number), language)
 
+    def words_before_speed(self, number: int, language: Language = Language.EN) -> str:
+        return wording.words_before_speed(known_mode(number), language)
+
+    def instruction(self, number: int, speed: str, language: Language = Language.EN) -> str:
+        return f"{self.words_before_speed(number, language)} {speed}" if speed else self.mode_words(number, language)
+
     def follower(self) -> CoachFollower:
         return CoachFollower()
 
@@ -132,27 +139,26 @@ class CoachFollower:
 
     def _obeyed(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
         """The command that obeys the advice that is due."""
-        target = min(view.speed_mps, cab.limit_mps)
-        if view.mode in TRACTION:
-            return hold(cab, outlook, target, high_n=max(view.force_n, 0.0))
-        if view.mode == Regime.CRUISE:
-            return hold(cab, outlook, target)
-        if view.mode == Regime.COAST:
-            rolls = cab.speed_mps <= cab.limit_mps + FOLLOWING.rolling_mps
+        v, target = cab.speed_mps, min(view.speed_mps, cab.limit_mps)
+        told = asked(view.mode, view.speed_mps, view.lever_ratio, v)
+        if told is Asked.COAST:
+            rolls = v <= cab.limit_mps + FOLLOWING.rolling_mps
             return COAST if rolls else hold(cab, outlook, cab.limit_mps)
-        way_m = view.target_way_m - (cab.s_m - self._due_at_m)
-        if view.speed_mps < FOLLOWING.creeping_mps:
-            needed = needed_braking_mps2(cab, cab.halt_m)
-        else:
-            needed = (cab.speed_mps**2 - view.speed_mps**2) / (2.0 * max(way_m, 1.0))
-        if needed <= 0:
-            return hold(cab, outlook, target)
-        braking_n = outlook.resisting_n(cab.s_m, cab.speed_mps) - outlook.train.inertial_mass_kg * needed
-        if cab.speed_mps <= FOLLOWING.creeping_mps:
+        if told in (Asked.ACCELERATE, Asked.HOLD):
+            return hold(cab, outlook, target, high_n=max(view.force_n, 0.0) if view.mode in TRACTION else math.inf)
+        if told is Asked.KEEP_BELOW:
+            return hold(cab, outlook, target, high_n=0.0)
+        stops = view.speed_mps < FOLLOWING.creeping_mps
+        way_m = max(view.target_way_m - (cab.s_m - self._due_at_m), 1.0)
+        needed = outlook.braking_to_mps2(
+            cab.s_m, v, 0.0 if stops else view.speed_mps, cab.halt_m if stops else cab.s_m + way_m
+        )
+        braking_n = outlook.resisting_n(cab.s_m, v) - outlook.train.inertial_mass_kg * needed
+        if v <= FOLLOWING.creeping_mps:
             return force(braking_n)
         # At high speeds the motors brake less than a constant deceleration needs; the advised force allows for this.
         eased_n = max(braking_n, min(view.force_n, 0.0))
-        motors_n = electric_effort(cab.speed_mps, 1.0, outlook.train)
+        motors_n = electric_effort(v, 1.0, outlook.train)
         return force(max(eased_n, -motors_n) if -eased_n < FOLLOWING.motors_ratio * motors_n else eased_n)
 
 

@@ -152,10 +152,18 @@ class Presenter(ABC):
         """What the display shows for the mode with a number of the bus; empty for an unknown number."""
         return mode_words(number, language)
 
+    def words_before_speed(self, number: int, language: Language = Language.EN) -> str:
+        """What the display writes for the mode with a number of the bus where its speed follows."""
+        return self.mode_words(number, language)
+
+    def instruction(self, number: int, speed: str, language: Language = Language.EN) -> str:
+        """The words for the mode with a number of the bus and a speed (empty: none)."""
+        return ", ".join(filter(None, (self.mode_words(number, language), speed)))
+
     def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
         """The largest words of the display: mode and speed, or what it shows instead."""
         speed = "" if view.mode in (Regime.STOP, Regime.DEPART) else speed_words(view.shown_speed_mps)
-        return ", ".join(filter(None, (self.mode_words(view.mode, language), speed)))
+        return self.instruction(view.mode, speed, language)
 
 
 @cache

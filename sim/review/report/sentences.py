@@ -37,6 +37,7 @@ RIGHT_TRAIN: Final = "Is it the right train?"
 LIMIT_UNKNOWN: Final = "Whether it kept the line's limits is not known: the recording does not bring its line along."
 DRIVERS: Final[Mapping[str, str]] = {
     DriverKind.PERFECT: "a driver who follows advice exactly",
+    DriverKind.LITERAL: "a driver who does what the coach's card says and knows nothing else",
     DriverKind.FAST: "a driver who runs as fast as he may",
     DriverKind.RMS: "a driver who keeps a reduced maximum speed",
     DriverKind.TIMETABLE: "a driver who keeps the timetable",

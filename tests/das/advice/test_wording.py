@@ -10,7 +10,15 @@ import pytest
 
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import KIND_OF, InstructionKind, Regime
-from das.advice.wording import Language, deviation, instruction_words, mode_words, top_speed, words
+from das.advice.wording import (
+    Language,
+    deviation,
+    instruction_words,
+    mode_words,
+    top_speed,
+    words,
+    words_before_speed,
+)
 from das.domain.units import KMH
 
 DE, EN, FR = Language.DE, Language.EN, Language.FR
@@ -53,6 +61,13 @@ def test_every_mode_has_words_of_its_own_in_every_language(language: Language) -
     assert all(mode_words(mode, language) for mode in Regime)
     assert len({instruction_words(mode, language) for mode in KIND_OF}) == len(InstructionKind)
     assert "80 km/h" in top_speed("80 km/h", language)
+
+
+def test_a_coasting_train_is_told_no_speed_that_reads_like_one_to_hold() -> None:
+    said = {language: words_before_speed(Regime.COAST, language) for language in Language}
+    assert said == {EN: "coast until", DE: "rollen lassen bis", FR: "marche sur l'erre jusqu'à"}
+    assert words_before_speed(Regime.CRUISE) == instruction_words(Regime.CRUISE) == "hold"
+    assert instruction_words(Regime.COAST) == "coast", "no speed follows"
 
 
 @pytest.mark.parametrize(

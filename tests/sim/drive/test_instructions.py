@@ -14,6 +14,8 @@ from sim.drive.instructions import InstructionFigures, InstructionWatch, Relianc
 
 T, H, C, B = Regime.FULL_TRACTION, Regime.CRUISE, Regime.COAST, Regime.REDUCED_BRAKE
 EFFORTS = {T: 1.0, H: math.nan, C: 0.0, B: -0.6}
+BOARD = 30.0 * KMH
+"""A limit that begins 120 m before the stop."""
 
 
 def told(mode: Regime, kmh: float, in_s: float = 0.0) -> Instruction:
@@ -54,6 +56,52 @@ def test_a_change_announced_8_s_before_counts_and_another_does_not() -> None:
     # It is shown 5 s before it is due, and was first announced 12 s before.
     early = found((told(H, 100), 7, 100.0), (told(C, 80, in_s=5.0), 20, 90.0))
     assert early.announced == 1
+
+
+def test_a_brake_to_one_speed_does_not_announce_a_brake_to_another() -> None:
+    """Brake to 60 is announced for 20 s, and a brake to 0 is shown."""
+    coming = replace(told(B, 60), in_s=20.0)
+    same, other = (seen_to_change(coming, told(B, kmh)) for kmh in (60, 0))
+    assert (same.changes, same.announced, same.reliance.kept) == (1, 1, 1)
+    assert (other.changes, other.announced, other.reliance.promised, other.reliance.kept) == (1, 0, 1, 0)
+
+
+def seen_to_change(announced: Instruction, after: Instruction) -> InstructionFigures:
+    """The figures of holding 100 km/h while one instruction is announced for 20 s, and of another one in its place."""
+    watch = InstructionWatch()
+    for second in range(45):
+        following = (replace(announced, in_s=20.0 - second),) if second < 20 else ()
+        coach = Coaching(now=told(H, 100) if second < 20 else after, following=following)
+        watch.look(
+            Advice(time_ns=second * 10**9, speed_mps=100.0 * KMH, limit_mps=200.0 * KMH, coach=coach), force_n=0.0
+        )
+    return watch.found
+
+
+@pytest.mark.parametrize(
+    ("effort_ratio", "speed_kmh", "hidden", "above_s"),
+    [(math.nan, 70.0, 1, 5), (math.nan, 45.0, 0, 0), (-0.6, 70.0, 0, 0)],
+)
+def test_a_board_that_a_stop_by_eye_hides_is_found_and_so_is_the_train_that_passes_it_too_fast(
+    effort_ratio: float, speed_kmh: float, hidden: int, above_s: int
+) -> None:
+    """Told to brake to 0 from 300 m on; a steady brake to the stop is at 44 km/h where 30 km/h begin.
+
+    From 45 km/h it passes the board at 28. The driver brakes with a third of the coach's force: who is shown no effort
+    obeys by that, and who is shown one does not.
+    """
+    watch, at_m = InstructionWatch(), 0.0
+    brake = Instruction(mode=B, speed_mps=0.0, effort_ratio=effort_ratio)
+    for second in range(40):
+        speed_mps = speed_kmh * KMH * math.sqrt(max(300.0 - at_m, 0.0) / 300.0)
+        advice = Advice(
+            time_ns=second * 10**9, s_m=at_m, speed_mps=speed_mps, limit_mps=BOARD if at_m >= 180.0 else 120.0 * KMH,
+            coach=Coaching(now=brake, target_m=300.0 - at_m, force_n=-3e5, lever_ratio=effort_ratio),
+        )  # fmt: skip
+        watch.look(advice, force_n=-1e5)
+        at_m += speed_mps
+    found = watch.found
+    assert (found.reliance.hidden_limits, found.reliance.above_limit_s) == (hidden, above_s)
 
 
 def test_the_speed_that_an_instruction_leads_to_needs_no_announcement() -> None:

@@ -110,7 +110,7 @@ def test_a_bundled_class_drives_the_same_whoever_names_it(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("driver", "said"),
     [
-        ("nobody", "expected one of perfect, fast, rms, timetable, human, external, desk, or a class of your own"),
+        ("nobody", "expected one of perfect, literal, fast, rms, timetable, human, external, desk, or a class"),
         ("nowhere.at.all:Gentle", "no module nowhere among the installed packages or in {folder}"),
         ("wrong:Missing", "{folder}/wrong.py has no class Missing"),
         ("wrong:function", "function is a function; expected a class with a method command(self, cab)"),

@@ -101,8 +101,8 @@ def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
     recording = recorded(cab(0, reason=reason, **held), cab(1, presentation=1, mode=3, display_speed_mps=20.0))
     said = DisplayWords(Language.DE, ZoneInfo("Europe/Zurich"))
     coach, top = (card.text for card in cards(recording, DrivenCourse.of(recording), said))
-    assert coach.startswith("# ausrollen, 72 km/h")
-    assert "| next | bremsen, 36 km/h, in 8 s |" in coach
+    assert coach.startswith("# rollen lassen bis 72 km/h")
+    assert "| next | bremsen 36 km/h in 8 s |" in coach
     assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in coach
     assert top.startswith("# Höchstgeschwindigkeit 72 km/h")
 

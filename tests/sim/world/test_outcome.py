@@ -35,7 +35,7 @@ KEYS = [
     *("advice_changes_per_min", "reversals", "shortest_mode_s", "advice_restless"),
     *("instructions", "shortest_instruction_s", "announced_ratio", "brakes_led_ratio", "effort_changes_per_brake"),
     *("missed_coasts", "vain_accelerations", "odd_speeds", "standing_acceleration_s"),
-    *("promises_kept_ratio", "above_limit_obeying_s", "last_word_acts", "availability_ratio"),
+    *("promises_kept_ratio", "above_limit_obeying_s", "hidden_limits", "last_word_acts", "availability_ratio"),
     *("signals_passed", "beyond_signal_m", "over_limit_s", "over_limit_kmh", "simulated_s"),
 ]
 """The names that docs/reference/batch-table.md and `das-sim run --json` promise, in their order."""
