@@ -58,21 +58,22 @@ def warn_of_braking(vehicle: Vehicle) -> None:
         "takes some seconds to build up; state the deceleration that drivers use"
     )
     if rubs and math.isinf(vehicle.max_deceleration_mps2):
-        _warn_once(line)
+        warn_once(line)
 
 
 def warn_unusual(*read: Vehicle | Route) -> None:
     """Print a line for each unusual value of vehicles and routes; a process prints each line once."""
     from das.domain.plausibility import warnings_of
 
-    for line in (line for thing in read for line in warnings_of(thing)):
-        _warn_once(line)
+    warn_once(*(line for thing in read for line in warnings_of(thing)))
 
 
-def _warn_once(line: str) -> None:
-    if line not in _warned:
-        _warned.add(line)
-        warn(line)
+def warn_once(*lines: str) -> None:
+    """Print lines as warnings; a process prints each line once."""
+    for line in lines:
+        if line not in _warned:
+            _warned.add(line)
+            warn(line)
 
 
 def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (), overwrite: bool = False) -> None:

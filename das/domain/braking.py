@@ -14,7 +14,8 @@ DEVIATION_M = 5.0
 """Largest expected error of the estimated position (m): two standard deviations of a good localisation (assumption)."""
 
 SERVICE_SHARE = 0.9
-"""Service braking uses at most this share of the train's largest deceleration (assumption)."""
+"""Service braking uses at most this share of the force of all the train's brakes, and of its largest deceleration, so
+that a reserve is left on descents as well (assumption)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,11 +23,13 @@ class ServiceBraking:
     """The braking that advice plans with; full brakes stay in reserve.
 
     A train planned in this way slows down to a lower limit, or stops, in time with its service deceleration, even if it
-    begins to brake `reaction_s` late and its brakes take `build_up_s` to act fully.
+    begins to brake `reaction_s` late and its brakes take `build_up_s` to act fully. It never needs more than
+    `SERVICE_SHARE` of its brakes' force, on whatever descent.
     """
 
     deceleration_mps2: float
-    """The highest deceleration planned for limits and stops; it is lower where the train's brakes give less."""
+    """The highest deceleration planned for limits and stops; it is lower where `SERVICE_SHARE` of the force of all the
+    train's brakes gives less."""
     build_up_s: float
     """The time from the driver's command until the brakes act fully."""
     reaction_s: float = REACTION_S

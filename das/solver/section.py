@@ -15,19 +15,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from das.domain.braking import ServiceBraking
+from das.domain.braking import SERVICE_SHARE, ServiceBraking
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.levels import Level
 from das.domain.losses import LossMap, LossModel, outside_map
 from das.domain.route import NEUTRAL, Route
 from das.domain.summary import Summary
-from das.domain.units import KM, KMH, STANDARD_GRAVITY_MPS2
+from das.domain.units import KM, KMH, KN, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
-from das.solver.kernels.forces import brake_limit, mean_resistance, traction_limit
+from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, on_supply, traction_limit
 from das.solver.kernels.roll_out import fastest_roll_out, fastest_run
-from das.solver.kernels.tuples import KnownRun, LossParams, SpeedBounds, TrainParams, loss_params, train_params
+from das.solver.kernels.tuples import (
+    KnownRun,
+    LossParams,
+    ServiceParams,
+    SpeedBounds,
+    TrainParams,
+    loss_params,
+    train_params,
+)
 from das.solver.line_profile import LineProfile, decision_nodes, even_nodes, fixed_nodes, subdivide
 
 Floats = NDArray[np.float64]
@@ -211,7 +219,7 @@ def build_section(
     decision_m, fastest = _decided(route, vehicle, train, ends, braking, options.longest_step_m)
     counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
     fine = LineProfile.on(route, vehicle, subdivide(decision_m, counts), length_m)
-    bounds = _bounding_speeds(route, fine, train, ends, braking)
+    bounds = _bounding_speeds(route, vehicle, fine, train, ends, braking)
     if isinstance(loss, LossMap):
         _check_coverage(loss, vehicle, float(bounds.allowed_mps.max()))
     return Section(
@@ -305,7 +313,7 @@ def _decided(
     fixed_m = fixed_nodes(route, (ends.start_m, ends.end_m), ends.length_m, beside_m)
     even_m = even_nodes(fixed_m)
     profile = LineProfile.on(route, vehicle, even_m, ends.length_m)
-    fastest = _bounding_speeds(route, profile, train, ends, braking).fastest_mps
+    fastest = _bounding_speeds(route, vehicle, profile, train, ends, braking).fastest_mps
     decision_m = decision_nodes(route, fixed_m, even_m, fastest, asked_m)
     return decision_m, np.interp(decision_m, even_m, fastest)
 
@@ -343,7 +351,12 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Float
 
 
 def _bounding_speeds(
-    route: Route, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking | None
+    route: Route,
+    vehicle: Vehicle,
+    profile: LineProfile,
+    train: TrainParams,
+    ends: _Ends,
+    braking: ServiceBraking | None,
 ) -> _Bounds:
     """Climbing floor, envelopes and fastest trajectory on a grid; raises InfeasibleError if one is impossible."""
     line, start_speed_mps, end_speed_mps = profile.for_kernels, ends.start_speed_mps, ends.end_speed_mps
@@ -351,10 +364,7 @@ def _bounding_speeds(
         raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
     allowed, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train, FULL_BRAKES)
     if stuck >= 0:
-        raise InfeasibleError(
-            f"{route.source}: the train cannot brake on the descent at {profile.node_m[stuck]:.0f} m "
-            f"({1e3 * profile.grade_ratio[stuck]:.1f} ‰)"
-        )
+        raise _runs_away(route, vehicle, profile, train, stuck, float(allowed[stuck + 1]), None)
     if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
         raise InfeasibleError(
             f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or cannot be braked"
@@ -362,7 +372,7 @@ def _bounding_speeds(
     floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
     envelope = allowed
     if braking is not None:
-        envelope = _planned_envelope(route, profile, train, ends, braking)
+        envelope = _planned_envelope(route, vehicle, profile, train, ends, braking)
         # The speed that hills ahead need comes before the reserve of the brakes.
         envelope = np.minimum(np.maximum(envelope, floor), allowed)
     fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
@@ -379,19 +389,53 @@ def _bounding_speeds(
 
 
 def _planned_envelope(
-    route: Route, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
+    route: Route, vehicle: Vehicle, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
 ) -> Floats:
     """The fastest speeds (m/s) from which braking as in service keeps to the limits and to the speed at the end.
 
-    A limit beside the train counts as well, if the train may be under it because its position is uncertain.
+    A limit beside the train counts as well, if the train may be under it because its position is uncertain. Raises
+    InfeasibleError if the service brake cannot hold the train on a descent.
     """
     node_m, beside_m = profile.node_m, braking.deviation_m
     limit = route.limits_mps.minimum(node_m[:-1] - ends.length_m - beside_m, node_m[1:] + beside_m)
     limit = np.minimum(limit, profile.limit_mps)
     limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
-    service = (braking.deceleration_mps2, braking.delay_s)
-    envelope, _ = braking_envelope(profile.for_kernels, limit, ends.end_speed_mps, train, service)
+    service = ServiceParams(
+        braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, float(vehicle.friction_brake_force_n)
+    )
+    envelope, stuck = braking_envelope(profile.for_kernels, limit, ends.end_speed_mps, train, service)
+    if stuck >= 0:
+        raise _runs_away(route, vehicle, profile, train, stuck, float(envelope[stuck + 1]), service)
     return np.asarray(envelope)
+
+
+def _runs_away(
+    route: Route,
+    vehicle: Vehicle,
+    profile: LineProfile,
+    train: TrainParams,
+    i: int,
+    v_mps: float,
+    service: ServiceParams | None,
+) -> InfeasibleError:
+    """The error for a train that its brakes cannot hold in interval i: the place, and the key that would change it."""
+    here = on_supply(train, float(profile.supply[i]))
+    resisting_n = mean_resistance(0.0, v_mps, profile.tunnel_n_per_mps2[i], here) + profile.constant_n[i]
+    electric_n, friction_n = float(electric_limit(max(v_mps, 0.1), here)), vehicle.friction_brake_force_n
+    share = 1.0 if service is None else service.force_share
+    needed_n = -resisting_n / share - electric_n
+    wanted, unused = [], train.friction_force_n < friction_n or vehicle.brake_policy is BrakePolicy.ELECTRIC
+    if unused and -resisting_n > electric_n:
+        wanted.append(f"brakes.policy = {str(BrakePolicy.ELECTRIC)!r}: expected {str(BrakePolicy.BLENDED)!r}")
+    if needed_n > friction_n:
+        least_kn = math.ceil(needed_n / KN)
+        wanted.append(f"friction_brake.max_force_kn = {friction_n / KN:g}: expected at least {least_kn}")
+    with_what = "" if service is None else f" with {100 * share:.0f} % of its brakes"
+    why = f"{vehicle.source}: {', '.join(wanted)}" if wanted else "wheels and rails take no more force"
+    return InfeasibleError(
+        f"{route.source}: the train cannot brake on the descent at {profile.node_m[i]:.0f} m "
+        f"({1e3 * profile.grade_ratio[i]:.1f} ‰){with_what}: {why}"
+    )
 
 
 def _check_coverage(loss: LossMap, vehicle: Vehicle, top_speed_mps: float) -> None:

@@ -85,12 +85,13 @@ def scenario_asked(name_or_path: str, journey: str | None, out: Path | None) -> 
 
 def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None = None) -> Day:
     """The day of a seed, with its sections solved; warns of what is unusual about line and train."""
-    from das.command_line.files import warn_unusual
+    from das.command_line.files import warn_once, warn_unusual
     from sim.world.service import make_day, prepare_service
 
     with busy("solving the sections …"):
         day = make_day(prepare_service(scenario, level=asked.level), asked.seed, person)
         warn_unusual(day.service.route, day.service.vehicle, day.plant.vehicle)
+        warn_once(*day.service.unkept())
     return day
 
 
@@ -118,6 +119,7 @@ def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: 
         advice=how.advice,
         happens=described(day.disturbances),
         drawn=day.drawn,
+        unkept=tuple(day.service.unkept()),
         wall_s=pace.driven_s,
         recorded=None if out is None or traffic is None else _recorded(out, traffic),
     )

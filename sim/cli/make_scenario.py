@@ -24,7 +24,7 @@ departure = "2026-11-21T08:00:00Z"  # says the day; the journey has the times of
 _BUFFER = """\
 [timetable]
 departure = "2026-11-21T08:00:00Z"
-buffer_percent = 8  # above the least running time
+buffer_percent = 8  # above the least running time, braked in service
 dwell_s = 60  # at every stop on the way
 """
 _DISTURBANCE = """\

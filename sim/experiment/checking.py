@@ -12,7 +12,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Final
 
-from das.command_line.files import warn_unusual
+from das.command_line.files import warn_once, warn_unusual
 from das.command_line.printing import new_table, paragraph, print_table, progress_bar, tell, typed
 from das.command_line.process import available_cores
 from das.domain.errors import DasError
@@ -222,12 +222,13 @@ def _least_drives(design: Design) -> int:
 def _lengths_s(design: Design) -> dict[Setting, float]:
     """How long a trial of each setting takes by its timetable (s), as simulated time.
 
-    What is unusual about a line or train is a warning on standard error.
+    What is unusual about a line or train, and a timetable that its advice cannot keep, are warnings on standard error.
     """
     found = {}
     for setting in sorted(set(design.settings()), key=str):
         service = service_of(setting)
         warn_unusual(service.route, service.vehicle)
+        warn_once(*service.unkept())
         found[setting] = BEFORE_S + service.clock_s(service.timetables[-1].arrival_ns) + AFTER_S
     return found
 

@@ -288,6 +288,8 @@ class DayResult:
     happens: str
     drawn: Mapping[str, Any]
     wall_s: float
+    unkept: tuple[str, ...] = ()
+    """A line for each section whose time is too short for the braking that the advice plans with."""
     recorded: RecordedFigures | None = None
 
     @property
@@ -312,7 +314,7 @@ class DayResult:
             "drawn": self.drawn,
             "wall_s": self.wall_s,
             "real_time_factor": self.real_time_factor,
-            "warnings": self.warnings,
+            "warnings": [*self.unkept, *self.warnings],
             **({"file": None} if self.recorded is None else self.recorded.as_dict()),
         }
 

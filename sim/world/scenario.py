@@ -19,7 +19,7 @@ import numpy as np
 from das.domain.braking import SiteBraking
 from das.domain.conditions import STRONGEST_WIND_MPS
 from das.domain.files.load import bundled_files, locate
-from das.domain.files.reading import Fields, range_expected, read_toml
+from das.domain.files.reading import Fields, in_si, range_expected, read_toml
 from das.domain.files.vehicles import site_braking
 from sim.world.disturbances import KINDS, Disturbance, SensorFault
 from sim.world.drawn import Drawn, HumanRange, Truth, beside, key_of, read_human, read_quantity, read_truth
@@ -97,10 +97,11 @@ class EarlyDeparture(StrEnum):
 class Scenario:
     """The days that can be simulated: each seed draws one, with its driver from `human`.
 
-    `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map` is the file of the
-    losses (L3) with which the advice is planned in place of the vehicle's own; `point_mass` plans a train of no length.
-    `journey` gives stops, dwells, passings and times; its clock shows 0 at midnight before the departure.
-    `early_departure` says what happens when a driver sets traction before the train may depart.
+    Sections take the times of `running_s` or, if that is None, the least time of the train braked in service and a
+    buffer on top of it. `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map`
+    is the file of the losses (L3) with which the advice is planned in place of the vehicle's own; `point_mass` plans a
+    train of no length. `journey` gives stops, dwells, passings and times; its clock shows 0 at midnight before the
+    departure. `early_departure` says what happens when a driver sets traction before the train may depart.
     """
 
     id: str
@@ -115,6 +116,7 @@ class Scenario:
     to_stop: str | None
     departure_ns: int
     buffer_ratio: float
+    running_s: tuple[float, ...] | None
     dwell_s: float
     truth: Truth
     human: HumanRange
@@ -129,7 +131,7 @@ class Scenario:
 
     def timed_by(self, journey: str) -> Scenario:
         """The same scenario with the stops and times of a journey (its bundled name, or its file)."""
-        return replace(self, journey=journey, from_stop=None, to_stop=None, calls=None)
+        return replace(self, journey=journey, from_stop=None, to_stop=None, calls=None, running_s=None)
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
         """Draw the disturbances of a seed's day."""
@@ -164,7 +166,7 @@ def scenario_of(fields: Fields) -> Scenario:
     main = fields.table("scenario")
     main.check_keys(KEYS)
     timetable = fields.optional_table("timetable")
-    own_times = timetable.quantity_keys({"buffer": "ratio", "dwell": "time"})
+    own_times = timetable.quantity_keys({"buffer": "ratio", "running": "time", "dwell": "time"})
     timetable.check_keys(["departure", "early_departure", *own_times])
     if main.has("journey"):
         _refuse_beside_journey(main, ("from", "to", "calls"))
@@ -182,6 +184,7 @@ def scenario_of(fields: Fields) -> Scenario:
         to_stop=main.text("to") if main.has("to") else None,
         departure_ns=_moment(timetable),
         buffer_ratio=timetable.within("buffer", "ratio", 0.07, (0.0, 10.0)),
+        running_s=_running_s(timetable),
         dwell_s=timetable.within("dwell", "time", 60.0, (0.0, LONGEST_DWELL_S)),
         truth=read_truth(fields.optional_table("truth")),
         human=read_human(fields.optional_table("human")),
@@ -201,6 +204,25 @@ def _refuse_beside_journey(table: Fields, keys: Sequence[str]) -> None:
         if table.has(key):
             expected = "none beside scenario.journey, which has stops and times of its own"
             raise table.error(key, table.data[key], expected)
+
+
+def _running_s(timetable: Fields) -> tuple[float, ...] | None:
+    """The running times (s) of the sections, if the timetable states them; a buffer beside them is refused."""
+    given = timetable.given_keys("running", "time")
+    if not given:
+        return None
+    if more := [*given[1:], *timetable.given_keys("buffer", "ratio")]:
+        raise timetable.error(more[0], timetable.data[more[0]], f"none beside {given[0]}")
+    unit, times = given[0].rpartition("_")[2], []
+    for i, value in enumerate(timetable.rows(given[0], "a list of times, one for each section")):
+        key = f"{given[0]}[{i}]"
+        time_s = in_si(timetable.source, timetable.prefix + key, value, (unit, "time"), unbounded=True)
+        if not 0.0 < time_s <= LONGEST_DWELL_S:
+            raise timetable.error(
+                key, value, f"more than 0, and {range_expected(unit, 'time', (0.0, LONGEST_DWELL_S))}"
+            )
+        times.append(time_s)
+    return tuple(times)
 
 
 def _calls(main: Fields) -> tuple[str, ...] | None:

@@ -6,7 +6,7 @@ The service is the same for every seed; the day has what happens on it, and the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 from das.advice.advice import Timetable
 from das.cab.fronts import Fronts
 from das.cab.heard import JourneyHeard, OrderedStop
-from das.domain.braking import ServiceBraking
+from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError
+from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_journey, load_route, load_vehicle, locate_journey
 from das.domain.files.vehicles import read_loss_map
 from das.domain.journey import Journey
@@ -27,7 +27,7 @@ from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.journey.plan import plan_journey
-from das.solver.section import SectionOptions, build_section
+from das.solver.section import SectionOptions, build_section, with_braking
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.passings import DuePassing
@@ -50,7 +50,7 @@ LATEST_TIME_S = 10 * 86_400.0
 """Latest time (s) on a journey's clock in a simulated day."""
 PLANNED = (
     *("route", "vehicle", "load", "loss_map", "point_mass", "reverse", "from_stop", "to_stop", "calls"),
-    *("departure_ns", "buffer_ratio", "dwell_s", "journey"),
+    *("departure_ns", "buffer_ratio", "running_s", "dwell_s", "journey"),
 )
 """The fields of a scenario that decide its service."""
 
@@ -118,6 +118,19 @@ class Service:
         tables = tuple(timetables)
         return replace(self, timetables=tables, planned=_best_runs(self.fronts, tables))
 
+    def unkept(self) -> Iterator[str]:
+        """A line for each section whose time in the timetable is too short for the braking that the advice plans with.
+
+        Raises InfeasibleError if the train cannot be braked so.
+        """
+        braking = self.scenario.braking.of(self.vehicle)
+        for front, table in zip(self.fronts, self.timetables, strict=True):
+            given_s, least_s = (table.arrival_ns - table.departure_ns) * NS, _least_s(front, braking)
+            if given_s < least_s:
+                late = f"{least_s - given_s:.1f} s late at least"
+                needed = f"a train braked as the advice plans needs {least_s:.1f} s"
+                yield f"{self.scenario.source}: {front.section.way}: {given_s:g} s in the timetable, {needed}: {late}"
+
     def plans(self, scenario: Scenario) -> bool:
         """Whether this is also the service of another scenario, because line, train and timetable are the same."""
         return all(getattr(scenario, name) == getattr(self.scenario, name) for name in PLANNED)
@@ -143,7 +156,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
     )
     journey = None if scenario.journey is None else _journey(scenario, route)
     if journey is None:
-        timetables = _timetables(scenario, fronts)
+        timetables = _timetables(scenario, vehicle, fronts)
         way = ServedPoints(stops=stops, dwells_s=(scenario.dwell_s,) * len(stops))
     else:
         zero_ns = route.midnight_ns(scenario.departure_ns)
@@ -178,6 +191,9 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
     level = vehicle.default_level if level is None else level
     vehicle.loss_model(level)
     stops = _stops(scenario, route)
+    if scenario.running_s is not None and len(scenario.running_s) != len(stops) - 1:
+        found, expected = f"{len(scenario.running_s)} times", f"one for each of the {len(stops) - 1} sections"
+        raise InputError(scenario.source, "timetable.running_s", found, expected)
     _check_day(scenario, vehicle, level, stops)
     return route, vehicle, stops
 
@@ -265,15 +281,28 @@ def _best_runs(fronts: Sequence[Front], timetables: Sequence[Timetable]) -> tupl
     )
 
 
-def _timetables(scenario: Scenario, fronts: Sequence[Front]) -> tuple[Timetable, ...]:
-    """Timetables with the same relative buffer on every section and dwells between them, in tenths of a minute."""
+def _timetables(scenario: Scenario, vehicle: Vehicle, fronts: Sequence[Front]) -> tuple[Timetable, ...]:
+    """Timetables of the scenario's running times, or with the same relative buffer on every section, with dwells.
+
+    The buffer is on top of the least time of the train braked in service, as advice plans it; the sum is rounded up to
+    a tenth of a minute. Raises InfeasibleError if the train cannot be braked so.
+    """
+    times_s = scenario.running_s
+    if times_s is None:
+        least = (_least_s(front, USUAL.of(vehicle)) for front in fronts)
+        steps = (math.ceil(least_s * (1 + scenario.buffer_ratio) / TIMETABLE_STEP_S) for least_s in least)
+        times_s = tuple(TIMETABLE_STEP_S * count for count in steps)
     departure_ns, result = scenario.departure_ns, []
-    for front in fronts:
-        running_s = front.fastest().time_s * (1 + scenario.buffer_ratio)
-        arrival_ns = departure_ns + round(math.ceil(running_s / TIMETABLE_STEP_S) * TIMETABLE_STEP_S / NS)
+    for running_s in times_s:
+        arrival_ns = departure_ns + round(running_s / NS)
         result.append(Timetable(departure_ns=departure_ns, arrival_ns=arrival_ns))
         departure_ns = arrival_ns + round(scenario.dwell_s / NS)
     return tuple(result)
+
+
+def _least_s(front: Front, braking: ServiceBraking) -> float:
+    """The least running time (s) of a front's section with a service braking."""
+    return float(with_braking(front.section, braking).fastest_run.time_to_go_s[0])
 
 
 def _journey(scenario: Scenario, route: Route) -> Journey:

@@ -69,7 +69,8 @@ class Found(NamedTuple):
 def service_of(section: tuple[str, str, str], buffer_ratio: float) -> Service:
     route, start, end = section
     clear = load_scenario("clear-day")
-    return prepare_service(replace(clear, route=route, from_stop=start, to_stop=end, buffer_ratio=buffer_ratio))
+    timed = replace(clear, running_s=None, buffer_ratio=buffer_ratio)
+    return prepare_service(replace(timed, route=route, from_stop=start, to_stop=end))
 
 
 def swings(speeds_mps: Any) -> int:

@@ -208,8 +208,9 @@ MUTANTS = [
     *_of(
         "das/solver/kernels/driving.py",
         SOLVER,
-        ("the delay makes brakes stronger", "rate / (1.0 + rate * delay / max(v, SLOW_MPS))", "rate * (1.0 + rate * delay / max(v, SLOW_MPS))"),
-        ("service deceleration is no bound", "rate = min(loss, largest)", "rate = max(loss, largest)"),
+        ("the delay makes brakes stronger", "rate / (1.0 + rate * service.delay_s / max", "rate * (1.0 + rate * service.delay_s / max"),
+        ("service deceleration is no bound", "rate = min(rate, service.deceleration_mps2)", "rate = max(rate, service.deceleration_mps2)"),
+        ("no reserve of force on descents", "share_n = service.force_share *", "share_n = 2.0 *"),
     ),
     *_of(
         "das/solver/kernels/few_switch_schedule.py",

@@ -18,11 +18,12 @@ from das.solver.kernels.forces import (
     traction_limit,
 )
 from das.solver.kernels.landings import landing_under
+from das.solver.kernels.tuples import ServiceParams
 
 SLOW_MPS = 5.0
 """Below this speed (m/s) the brakes' delay needs no further reserve: the driver sees the mark and brakes already."""
-FULL_BRAKES = (1e9, 0.0)
-"""A `service` of full brakes: no deceleration limit (m/s²) below the train's own, and no delay (s)."""
+FULL_BRAKES = ServiceParams(1e9, 0.0, 1.0, 1e9)
+"""Full brakes as a service: no limit below the train's own, and no delay."""
 _ROUNDING_W = 1e-9
 """A v² above the envelope's by no more than this comes from rounding in the iterations."""
 _FIXED_POINT_STEPS = 60
@@ -186,7 +187,7 @@ def run_energy(line, p, c, v):
 def braking_envelope(line, limit, end_speed, p, service):
     """Fastest speed at each node from which limits and the end can be kept, integrated backwards.
 
-    `service` is the pair of largest deceleration (m/s²) and delay of the brakes (s), or `FULL_BRAKES`.
+    `service` says how hard and how late the train brakes, or is `FULL_BRAKES`.
     Returns the speeds with the index of the first interval (from the end) where braking is impossible, or -1.
     The brake power limit is taken at the faster end of each step, so it holds over the whole step.
     """
@@ -216,21 +217,22 @@ def braking_envelope(line, limit, end_speed, p, service):
 def _brake_start(v0, v1, h, g, q, p, service):
     """Speed from which the hardest service brake ends at v1, with the forces at v0; 0 if the train runs away."""
     faster = max(v0, v1)
-    loss = largest_loss(faster, mean_resistance(v0, v1, q, p) + g, p, p.friction_force_n)
-    w0 = v1 * v1 + 2.0 * h * _in_service(loss, faster, service)
+    w0 = v1 * v1 + 2.0 * h * _in_service(faster, mean_resistance(v0, v1, q, p) + g, p, service)
     return math.sqrt(w0) if w0 > 0.0 else 0.0
 
 
 @kernel
-def _in_service(loss, v, service):
-    """The deceleration to plan with where full brakes give `loss` at speed v.
+def _in_service(v, resisting, p, service):
+    """The deceleration to plan with at speed v against a resisting force (N, < 0 on a descent).
 
-    A brake with a delay of t needs the distance D(v) + (v − u)·t to slow down to u, where D is its distance without
-    delay. Per unit of speed that is v/a + t, so the deceleration is 1/(1/a + t/v).
+    It is what the share of the brakes' force leaves. A brake with a delay of t needs the distance D(v) + (v − u)·t to
+    slow down to u, where D is its distance without delay. Per unit of speed that is v/a + t, so the deceleration is
+    1/(1/a + t/v).
     """
-    largest, delay = service
-    rate = min(loss, largest)
-    return rate / (1.0 + rate * delay / max(v, SLOW_MPS)) if rate > 0.0 else rate
+    share_n = service.force_share * brake_limit(v, p, service.friction_force_n)
+    rate = min(largest_loss(v, resisting, p, p.friction_force_n), (share_n + resisting) / p.inertial_mass_kg)
+    rate = min(rate, service.deceleration_mps2)
+    return rate / (1.0 + rate * service.delay_s / max(v, SLOW_MPS)) if rate > 0.0 else rate
 
 
 @kernel

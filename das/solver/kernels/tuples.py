@@ -45,6 +45,19 @@ class TrainParams(NamedTuple):
     curves_n: NDArray[np.float64]
 
 
+class ServiceParams(NamedTuple):
+    """A service braking as the kernels take it.
+
+    It decelerates by at most `deceleration_mps2`, with at most the share `force_share` of the force of all brakes: the
+    electric brake and `friction_force_n`, whether or not plans use friction. Its brakes act `delay_s` late.
+    """
+
+    deceleration_mps2: float
+    delay_s: float
+    force_share: float
+    friction_force_n: float
+
+
 PlainTrain: Any = namedtuple("PlainTrain", TrainParams._fields[:-2])  # type: ignore[misc]
 """The numbers of a train without effort curves, for the kernels that are compiled into vector instructions."""
 

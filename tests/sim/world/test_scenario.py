@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from das.domain.braking import USUAL
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import KMH
+from das.solver.section import with_braking
 from sim.world.disturbances import AnnouncedRestriction, as_figures, described, lines
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
-from sim.world.service import lay_out, make_day, prepare_service
+from sim.world.service import Service, lay_out, make_day, prepare_service
 from tests.support.flat_days import FLAT
 
 RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 1\nto_km = 2\nspeed_kmh = 60\nannounced_m = 500\n"
@@ -102,6 +105,24 @@ BAD_HEADS = [
     ("buffer_percent = 10", "departure = '9999-12-31T00:00:00Z'", "a time in 1970 to 2199"),
     ("buffer_percent = 10", "departure = 'noon'", "timetable.departure = 'noon': expected a time with its zone"),
     ("buffer_percent = 10", "departure = '2026-11-21T08:04:00'", "a time with its zone"),
+    ("buffer_percent = 10", "running_s = 234", "timetable.running_s = 234: expected a list of times, one for each"),
+    (
+        "buffer_percent = 10",
+        "running_s = [0]",
+        r"timetable.running_s\[0\] = 0: expected more than 0, and a number from",
+    ),
+    ("buffer_percent = 10", "running_min = ['x']", r"timetable.running_min\[0\] = 'x': expected a number"),
+    (
+        "buffer_percent = 10",
+        "running_s = [99, 99]",
+        "timetable.running_s = '2 times': expected one for each of the 1 sec",
+    ),
+    ("buffer_percent = 10", "running_s = [99]\nrunning_min = [2]", "running_min = .2.: expected none beside running_s"),
+    (
+        "buffer_percent = 10",
+        "buffer_percent = 10\nrunning_s = [99]",
+        "buffer_percent = 10: expected none beside running_s",
+    ),
     ("[scenario]", "[scenery]", "scenery"),
     ("schema_version = 1", "schema_version = 1\ndisturbances = 3", "disturbances = 3: expected a list"),
 ]
@@ -194,3 +215,105 @@ def test_a_call_that_cannot_be_is_refused(flat: Callable[..., Path], calls: str,
     path = flat(base=FLAT.replace("[timetable]", f"calls = {calls}\n[timetable]"))
     with pytest.raises(DasError, match=message):
         lay_out(read_scenario(path))
+
+
+BOARDS = """schema_version = 1
+[route]
+id = "boards"
+name = "boards"
+length_km = 5.0
+[[stops]]
+name = "A"
+position_km = 0
+[[stops]]
+name = "B"
+position_km = 5.0
+[speed_limits]
+columns = ["position_km", "limit_kmh"]
+rows = [[0, 120], [4.94, 40]]
+[gradients]
+columns = ["position_km", "gradient_permille"]
+rows = [[0, 0], [3, 6]]
+"""
+"""A line on which much of the time is that of braking."""
+SLOW_BRAKES = """schema_version = 1
+[vehicle]
+id = "freight"
+name = "freight"
+source = "invented"
+mass_t = 1600
+rotating_mass_ratio = 0.05
+length_m = 520
+max_speed_kmh = 100
+[resistance]
+c0_kn = 22
+c1_kn_per_mps = 0.15
+c2_kn_per_mps2 = 0.055
+[traction]
+max_force_kn = 300
+max_power_kw = 5600
+[electric_brake]
+max_force_kn = 150
+max_power_kw = 2600
+[friction_brake]
+max_force_kn = 320
+[brakes]
+policy = "blended"
+[service_brake]
+deceleration_mps2 = 0.15
+build_up_s = 6
+[losses]
+default = "own"
+[losses.own]
+mean_efficiency_ratio = 0.85
+idle_kw = 20
+"""
+
+
+@pytest.fixture
+def braked_late(tmp_path: Path) -> Callable[[str], Service]:
+    """The service of a train that brakes gently, by the text of its timetable."""
+    (tmp_path / "line.toml").write_text(BOARDS, encoding="utf-8")
+    (tmp_path / "train.toml").write_text(SLOW_BRAKES, encoding="utf-8")
+    head = 'schema_version = 1\n[scenario]\nid = "late"\ntitle = "Late"\nroute = "line.toml"\nvehicle = "train.toml"\n'
+
+    def prepared(timetable: str) -> Service:
+        path = tmp_path / "day.toml"
+        path.write_text(f"{head}[timetable]\n{timetable}\n", encoding="utf-8")
+        return prepare_service(read_scenario(path))
+
+    return prepared
+
+
+def running_s(service: Service) -> list[float]:
+    return [(table.arrival_ns - table.departure_ns) * 1e-9 for table in service.timetables]
+
+
+def test_a_buffer_is_on_top_of_what_the_train_needs_as_the_advice_brakes(
+    braked_late: Callable[[str], Service],
+) -> None:
+    service = braked_late("buffer_percent = 8")
+    section = service.fronts[0].section
+    least_s = with_braking(section, USUAL.of(service.vehicle)).fastest_run.time_to_go_s[0]
+    full_s = service.fronts[0].fastest().time_s
+    assert least_s > 1.08 * full_s + 6.0, "with full brakes, 8 % are less than the advice needs"
+    assert 1.08 * least_s <= running_s(service)[0] < 1.08 * least_s + 6.0
+    assert list(service.unkept()) == []
+
+
+def test_a_timetable_that_the_advice_cannot_keep_is_said(braked_late: Callable[[str], Service]) -> None:
+    service = braked_late("running_s = [336]")
+    assert running_s(service) == [336.0]
+    (line,) = service.unkept()
+    assert re.search(
+        r"day\.toml: A – B: 336 s in the timetable, a train braked as .* needs 3\d\d\.\d s: \d+\.\d s late", line
+    )
+
+
+def test_the_bundled_timetables_are_stated_as_times(flat: Callable[..., Path]) -> None:
+    """Days before and after a change of how trains are braked compare."""
+    for name in bundled_scenarios():
+        assert load_scenario(name).running_s == (576.0, 642.0, 1080.0)
+    timed = flat(base=FLAT.replace("buffer_percent = 10", "running_min = [3.9]"))
+    assert running_s(prepare_service(read_scenario(timed))) == pytest.approx([234.0])
+    assert load_scenario("clear-day").timed_by("zurich-luzern").running_s is None
