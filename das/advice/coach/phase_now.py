@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.braking import BrakingAhead
 from das.advice.coach.announcing import Foreseen, Notices, aim_mps, told_mps, traction
 from das.advice.coach.settings import ShowingSettings
-from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes, SpeedsAllowed
+from das.advice.coach.shown_brakes import SAME_EFFORT, SAME_MPS, ShownBrakes
 from das.advice.goal import OVERSPEED_MPS, TrainState
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, target_below
@@ -22,6 +23,7 @@ from das.solver.few_switch.few_switch import NotchRegime
 from das.solver.few_switch.phases import Phase
 from das.solver.few_switch.schedule import Schedule
 
+Floats = NDArray[np.float64]
 CREEPS_FOR_S = 6.0
 """A driver who brakes too much is told to hold his speed only if the brake for the stop is not due for this long."""
 COAST_MISSES_MPS, MISSES_MOST_MPS, COASTS_ON_S = 4.0 * KMH, 5.0 * KMH, 10.0
@@ -43,16 +45,45 @@ coasting takes too long (`BRAKES_BACK`)."""
 class PhaseScene(NamedTuple):
     """What the instruction of a phase depends on besides the train.
 
-    That is the brakes of the section, the instruction shown now, for how long it has been shown (s), whether it is a
-    brake that is due already, the forecast of the reference, and what has been announced.
+    That is the brakes of the section, the speed limit here (m/s), the instruction shown now, whether it is a brake that
+    is due already, the forecast of the reference, and what has been announced.
     """
 
     brakes: ShownBrakes
+    limit_mps: float
     shown: Instruction
-    shown_s: float
     brake_begun: bool
     foreseen: Foreseen
     notices: Notices
+
+
+class Leads(NamedTuple):
+    """Where coasting leads: places (m) and speeds (m/s) from its begin to its end.
+
+    `allowed_mps` is the highest speed that may be named for its end. A brake that ends it begins at a speed that is
+    known within half a step only: a named speed that followed it would flicker.
+    """
+
+    at_m: Floats
+    speeds_mps: Floats
+    allowed_mps: float
+
+    @property
+    def end_m(self) -> float:
+        """Where the coasting ends (m)."""
+        return float(self.at_m[-1])
+
+    @property
+    def ends_mps(self) -> float:
+        """The speed at the end of the coasting (m/s)."""
+        return float(self.speeds_mps[-1])
+
+    @property
+    def only_slows(self) -> bool:
+        """Whether the train ends no faster than it begins, and is hardly faster or slower on the way."""
+        begins_mps, ends_mps = self.speeds_mps[0], self.speeds_mps[-1]
+        slower, faster = ends_mps - self.speeds_mps.min(), self.speeds_mps.max() - begins_mps
+        return bool(ends_mps <= begins_mps + SAME_MPS and max(slower, faster) <= COAST_MISSES_MPS)
 
 
 class PhaseNow:
@@ -67,19 +98,17 @@ class PhaseNow:
         self.creeping_soon: Instruction | None = None
         """The low speed that a driver who brakes too much will be told to hold; None if he need not be."""
         self.coast_ends = NO_COAST
-        """Where the coasting that is told now ends (m), and the speed there (m/s); infinity if none is."""
+        """Where the coasting that is told now ends (m), and the highest speed to name (m/s); infinity if none is."""
 
     def begin(self) -> None:
         """Forget how the driver deviates: another phase begins."""
         self.back, self._reached_mps, self._held_mps = 0, 0.0, 0.0
 
-    def instruction(
-        self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, scene: PhaseScene
-    ) -> Instruction:
+    def instruction(self, schedule: Schedule, number: int, state: TrainState, scene: PhaseScene) -> Instruction:
         """The instruction of a phase of the schedule, for the train in its present state."""
         self._scene, self.creeping_soon, self.coast_ends = scene, None, NO_COAST
         one, v_mps = schedule.phases[number], state.v_mps
-        target = min(aim_mps(schedule, number), place.limit_mps)
+        target = min(aim_mps(schedule, number), scene.limit_mps)
         if state.s_m < schedule.begin_m(number) and one.kind in (NotchRegime.TRACTION, NotchRegime.HOLD):
             target = min(target, float(schedule.section.limit_mps[one.begin]))
         highest = highest_mps(schedule, number, state.s_m)
@@ -89,10 +118,7 @@ class PhaseNow:
         if one.kind is NotchRegime.BRAKE:
             return self._braking(schedule, number, state, target)
         if one.kind is NotchRegime.COAST:
-            held_mps = self._held_instead(schedule, number, state, place, target)
-            if held_mps is not None:
-                return Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
-            return coasting(self._coasts_to(schedule, number, state, place, target))
+            return self._coasting(schedule, number, state, target)
         if self._accelerates(one, v_mps, target):
             if self._held_mps == 0.0 and self._is_vain(schedule, number, state):
                 self._held_mps = max(target_below(v_mps), schedule.phases[number + 1].target_mps)
@@ -102,42 +128,29 @@ class PhaseNow:
             return traction(one.share, self._reachable_mps(schedule, number, target))
         return self._holding(schedule, number, state, target)
 
-    def _held_instead(
-        self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, target: float
-    ) -> float | None:
-        """The speed to hold where coasting would end in a moment, or would make the train slower than its next speed.
+    def _coasting(self, schedule: Schedule, number: int, state: TrainState, target: float) -> Instruction:
+        """The instruction of a phase to coast: to coast to where that leads, or to hold a speed.
 
-        The first holds for a train that will soon have rolled up to its speed or to the limit; the second for one that
-        has reached the speed of the coasting, and must be as fast or faster behind it. None: the train coasts.
+        A speed is held instead by a train that coasting would only make slower though it is no faster than its next
+        speed, and by one that holds or brakes and would have rolled up to its speed or to the limit in a moment.
         """
-        shown, below_mps = self._scene.shown, target - state.v_mps
-        top_mps = min(place.limit_mps, target) if below_mps > -SAME_MPS else place.limit_mps
-        rolls_to_mps = self._rolls_soon_to(state, top_mps)
-        if rolls_to_mps is not None:
-            holds = shown.mode is Regime.CRUISE or shown.mode in BRAKES
-            return rolls_to_mps if holds and rolls_to_mps < math.inf else None
+        leads, shown, v_mps = self._leads(schedule, number, state), self._scene.shown, state.v_mps
+        self.coast_ends = leads.end_m, leads.allowed_mps
         goes_on = schedule.kind_after(number) in (NotchRegime.HOLD, NotchRegime.TRACTION)
-        if not goes_on or schedule.phases[number + 1].target_mps < target - SAME_MPS:
-            return None
+        is_next = goes_on and schedule.phases[number + 1].target_mps > target - SAME_MPS
         least_mps = self._settings.reached_mps if shown.mode is Regime.COAST else -SAME_MPS
-        in_vain = below_mps > least_mps and target - self._coast_ends(schedule, number, state)[1] > least_mps
-        return target if in_vain else None
-
-    def _rolls_soon_to(self, state: TrainState, top_mps: float) -> float | None:
-        """The limit, or `top_mps`, to which a coasting train rolls up in the next `COASTS_ON_S`.
-
-        Infinity if it rolls up but not so far, None if it hardly speeds up or slows down.
-        """
-        ahead = self._scene.brakes.ahead
-        rolled_mps = ahead.rolling_mps(state.s_m, state.v_mps)
-        soon = ahead.section.node_m[-len(rolled_mps) :] < state.s_m + COASTS_ON_S * state.v_mps
-        if rolled_mps[soon].max(initial=0.0) <= state.v_mps:
-            return None
-        tops_mps = np.minimum(ahead.section.limit_mps[-len(rolled_mps) :], top_mps)
-        reached = tops_mps[soon & (rolled_mps > tops_mps - SAME_READING_MPS)]
-        if reached.size:
-            return float(reached[0])
-        return math.inf if ahead.rolls_mps2(state.s_m, state.v_mps) > ROLLS_MPS2 else None
+        if is_next and target - v_mps > least_mps and leads.only_slows:
+            return Instruction(mode=Regime.CRUISE, speed_mps=target)
+        told = self._told(schedule, number, state, target, leads)
+        if shown.mode is Regime.CRUISE or shown.mode in BRAKES:
+            rolled_mps = self._scene.brakes.ahead.rolling_mps(state.s_m, v_mps)
+            soon = schedule.section.node_m[-len(rolled_mps) :] < state.s_m + COASTS_ON_S * v_mps
+            tops_mps = schedule.section.limit_mps[-len(rolled_mps) :]
+            tops_mps = np.minimum(tops_mps, told) if v_mps <= told + SAME_MPS else tops_mps
+            reached = tops_mps[soon & (rolled_mps > np.maximum(tops_mps - SAME_READING_MPS, v_mps))]
+            if reached.size:
+                return Instruction(mode=Regime.CRUISE, speed_mps=float(reached[0]))
+        return coasting(told)
 
     def _is_vain(self, schedule: Schedule, number: int, state: TrainState) -> bool:
         """Whether an acceleration that has not begun yet gains too little time before a brake that follows soon."""
@@ -204,69 +217,56 @@ class PhaseNow:
 
     def _rolls_back_to(self, schedule: Schedule, number: int, state: TrainState, target: float) -> float:
         """The speed to which a train coasts back: that to hold, or a higher one if it must brake before."""
-        _, ends_mps = self._coast_ends(schedule, number, state)
-        shown, young = self._scene.shown, self._scene.shown_s < self._settings.least_shown_s
-        goes_on = shown.mode is Regime.COAST and shown.speed_mps > target and (young or state.v_mps > shown.speed_mps)
-        told = shown.speed_mps if goes_on else target
-        if young or ends_mps <= told + COAST_MISSES_MPS:
-            return told
-        return told_mps(ends_mps, schedule.section, state.v_mps)
+        leads = self._leads(schedule, number, state)
+        self.coast_ends = leads.end_m, leads.allowed_mps
+        return max(target, self._told(schedule, number, state, target, leads)) if leads.ends_mps > target else target
 
     def _rolls_up_to(self, target: float, state: TrainState) -> bool:
         """Whether the driver has been told to coast to a speed, and his train still speeds up to it down a hill."""
         shown, rolls_mps2 = self._scene.shown, self._scene.brakes.ahead.rolls_mps2(state.s_m, state.v_mps)
         return shown.mode is Regime.COAST and abs(shown.speed_mps - target) < SAME_MPS and rolls_mps2 > ROLLS_MPS2
 
-    def _coasts_to(
-        self, schedule: Schedule, number: int, state: TrainState, place: SpeedsAllowed, target: float
-    ) -> float:
-        """The speed to which coasting leads: that of the schedule, or another one if this train ends far from it."""
-        shown, (end_m, ends_mps) = self._scene.shown, self._coast_ends(schedule, number, state)
-        self.coast_ends = end_m, ends_mps
-        here_m, nodes_m = max(state.s_m, schedule.begin_m(number)), schedule.section.node_m
-        on_way = (nodes_m[:-1] >= here_m) & (nodes_m[:-1] < end_m)
-        ends_at_mps = float(np.interp(end_m, nodes_m, schedule.section.envelope_mps))
-        is_braked = end_m < schedule.begin_m(number + 1)
-        if is_braked:
-            ends_at_mps = max(ends_at_mps, ends_mps)  # There the brake begins.
-        highest = min(float(schedule.section.limit_mps[on_way].min(initial=place.limit_mps)), ends_at_mps)
-        young = self._scene.shown_s < self._settings.least_shown_s
-        most_mps = place.limit_mps if young else highest
-        goes_on = shown.mode is Regime.COAST and shown.speed_mps <= most_mps + SAME_READING_MPS
-        told = shown.speed_mps if goes_on else target
-        ends_soon = end_m - here_m < state.v_mps * COASTS_ON_S
-        misses_mps = abs(ends_mps - told)
-        if goes_on and (young or (ends_soon and misses_mps <= MISSES_MOST_MPS)):
-            return told
+    def _told(self, schedule: Schedule, number: int, state: TrainState, target: float, leads: Leads) -> float:
+        """The speed to name to a driver who coasts: that shown or planned if his train ends near it, else its own."""
+        shown, ends_mps, section = self._scene.shown, leads.ends_mps, schedule.section
+        passes = (section.node_m[:-1] >= leads.at_m[0]) & (section.node_m[:-1] < leads.end_m)
+        highest = min(float(section.limit_mps[passes].min(initial=self._scene.limit_mps)), leads.allowed_mps)
+        ends_soon = leads.end_m - leads.at_m[0] < state.v_mps * COASTS_ON_S
+        most_mps = MISSES_MOST_MPS if ends_soon else COAST_MISSES_MPS
+        goes_on = shown.mode is Regime.COAST and shown.speed_mps <= highest + SAME_READING_MPS
+        if goes_on and abs(ends_mps - shown.speed_mps) <= most_mps:
+            return shown.speed_mps
         if ends_soon and schedule.kind_after(number) is NotchRegime.HOLD:
             goes_to_mps = aim_mps(schedule, number + 1)
             near = ends_mps - COAST_MISSES_MPS <= goes_to_mps
             if goes_to_mps <= min(ends_mps, highest) and (near or self._rolls_back(state, ends_mps - goes_to_mps)):
                 return goes_to_mps  # The train coasts on to the speed that it then holds.
-        if misses_mps <= COAST_MISSES_MPS:
-            return told
-        leads_mps = min(max(ends_mps, self._settings.brake.creep_mps), highest)
-        # The speed where a brake begins varies: a step just below it would not stand.
-        lower_mps = told_mps(leads_mps, schedule.section, highest - (SAME_READING_MPS if is_braked else 0.0))
-        misses = ends_mps - lower_mps > COAST_MISSES_MPS
-        return told_mps(ends_mps, schedule.section, highest + SAME_READING_MPS) if misses and is_braked else lower_mps
+        if abs(ends_mps - target) <= COAST_MISSES_MPS:
+            return target
+        return told_mps(min(max(ends_mps, self._settings.brake.creep_mps), highest), section, highest)
 
-    def _coast_ends(self, schedule: Schedule, number: int, state: TrainState) -> tuple[float, float]:
-        """Where the coasting of a phase ends (m), and the speed there (m/s); if not begun, from the present speed.
+    def _leads(self, schedule: Schedule, number: int, state: TrainState) -> Leads:
+        """Where the coasting of a phase leads, from here or, if it has not begun, from its begin as forecast.
 
         It ends with the phase, or where the train must brake before: by more than a driver would hold a limit with. A
         driver who rolls up to a limit holds it.
         """
         brakes, from_m = self._scene.brakes, max(state.s_m, schedule.begin_m(number))
-        speeds_mps, end_m = brakes.ahead.rolling_mps(from_m, state.v_mps), schedule.begin_m(number + 1)
+        v_mps = self._scene.foreseen.speed_mps(from_m) if from_m > state.s_m else state.v_mps
+        speeds_mps, end_m = brakes.ahead.rolling_mps(from_m, v_mps), schedule.begin_m(number + 1)
         speeds_mps = np.minimum(speeds_mps, schedule.section.limit_mps[-len(speeds_mps) :])
-        nodes_m = np.append(from_m, schedule.section.node_m[-len(speeds_mps) :])
-        passes_mps = np.append(state.v_mps, speeds_mps)
+        at_m = np.append(from_m, schedule.section.node_m[-len(speeds_mps) :])
+        passes_mps = np.append(v_mps, speeds_mps)
         brakes_m = max(brakes.ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
         brake = brakes.brake_at(brakes_m, speeds_mps) if brakes_m < end_m else None
-        if brake is not None and brake.speed_mps < np.interp(brakes_m, nodes_m, passes_mps) - OVERSPEED_MPS:
-            end_m = brakes_m
-        return end_m, float(np.interp(end_m, nodes_m, passes_mps))
+        is_braked = brake is not None and brake.speed_mps < np.interp(brakes_m, at_m, passes_mps) - OVERSPEED_MPS
+        end_m = brakes_m if is_braked else end_m
+        ends_mps = float(np.interp(end_m, at_m, passes_mps))
+        allowed_mps = float(np.interp(end_m, schedule.section.node_m, schedule.section.envelope_mps))
+        if is_braked or schedule.kind_after(number) is NotchRegime.BRAKE:
+            allowed_mps = max(allowed_mps, ends_mps) + 0.5 * TARGET_STEP_MPS
+        on_way = at_m < end_m
+        return Leads(np.append(at_m[on_way], end_m), np.append(passes_mps[on_way], ends_mps), allowed_mps)
 
     def _slows_back(self, state: TrainState, away_mps: float) -> tuple[int, float]:
         """How a train above the speed to hold returns to it: `ROLLS` or `BRAKES_BACK`, and the braking effort."""

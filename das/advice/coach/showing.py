@@ -111,9 +111,8 @@ class Showing:
         brakes, number = self._begin(schedule, state, place)
         foreseen = _foreseen(schedule, kept, state)
         phase_ends_m, begins_m = schedule.begin_m(number + 1), schedule.begin_m(number) if number else 0.0
-        shown_s = (state.now_ns - self.changes.last_ns) * NS
-        scene = PhaseScene(brakes, self._shown, shown_s, self._brake_begun, foreseen, self._notices)
-        planned = self._phase.instruction(schedule, number, state, place, scene)
+        scene = PhaseScene(brakes, place.limit_mps, self._shown, self._brake_begun, foreseen, self._notices)
+        planned = self._phase.instruction(schedule, number, state, scene)
         begins_s = foreseen.time_s(begins_m) if begins_m > state.s_m else 0.0
         chosen = self._chosen(planned, schedule, state, place, (begins_s, foreseen.time_s(phase_ends_m)))
         kept_on = begins_s > 0.0 and not _alike(chosen.now, chosen.wanted)  # The previous instruction is still shown.
@@ -164,10 +163,9 @@ class Showing:
         if brakes.stands_at_mark(self._shown, state):
             return _Chosen(self._shown, self._shown, urgent=wanted is not planned, for_limits=False)
         brakes_again = schedule.kind_after(number) is NotchRegime.BRAKE
-        ends_m, (coast_ends_m, coast_ends_mps) = schedule.begin_m(number + 1), self._phase.coast_ends
-        ends_mps = float(np.interp(ends_m, schedule.section.node_m, schedule.section.envelope_mps))
-        if coast_ends_m < ends_m:
-            ends_mps = coast_ends_mps
+        ends_m, ends_mps = schedule.begin_m(number + 1), self._phase.coast_ends[1]
+        if math.isinf(ends_mps):
+            ends_mps = float(np.interp(ends_m, schedule.section.node_m, schedule.section.envelope_mps))
         # A shown speed that is allowed nowhere in the rest of the phase is replaced at once, as if above the limit.
         reachable = place._replace(limit_mps=min(place.limit_mps, highest_mps(schedule, number, state.s_m)))
         urgent = wanted is not planned
