@@ -26,7 +26,7 @@ MIRRORS: dict[str, str] = {
     "das/advice/advice.py:Advice": "the fields of the message Advice",
     "das/domain/route.py:Route": "the lists of a route file, one field each",
     "das/domain/vehicle.py:Vehicle": "the keys of a vehicle file, one field each",
-    "das/estimate/track_filter.py:Track": "a mean of four and the upper half of its covariance",
+    "das/estimate/track_filter.py:Track": "a mean of five and the upper half of its covariance",
     "das/solver/kernels/tuples.py:TrainParams": "an argument of the kernels: one figure of the vehicle's file each",
     "sim/drivers/cab.py:AdviceView": "what any presentation may show",
     "sim/drivers/cab.py:CabView": "what a driver may see: the fields of the message Cab without the advice",

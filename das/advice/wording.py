@@ -21,9 +21,12 @@ RESTRICTIONS_UNTOLD: Final = (
     "no list of restrictions received yet (if there are none, start das-node with --no-restrictions)"
 )
 
+STAMP_CURE: Final = "switch on timestamping in the sender's Zenoh configuration, and set its clock right"
+"""What the publisher of messages without a time stamp of its own has to do."""
+
 UNSTAMPED: Final = (
-    "positions come without their sender's time stamp, or with one ahead of the clock: it cannot be told whether one "
-    "or two publishers send them"
+    "positions come without their sender's time stamp (or with one ahead of the clock), so that one publisher cannot "
+    f"be told from two: {STAMP_CURE}"
 )
 
 
@@ -49,6 +52,13 @@ def withdrawal(why: Withdrawal) -> str:
     return texts.get(why.cause, why.text)
 
 
+_UNITS: Final = {
+    3.6: "send m/s, not km/h",
+    1000.0: "send speeds in m/s, not mm/s, and positions in m, not km",
+}
+"""What the sender of speeds that are too high by a factor has to do."""
+
+
 def problem(what: Problem) -> str:
     """The text on what is wrong with a position."""
     kind, value = what
@@ -61,6 +71,7 @@ def problem(what: Problem) -> str:
         ProblemKind.TOO_UNCERTAIN: f"the position is too uncertain: {value:.4g} m",
         ProblemKind.UNCERTAINTY_IMPOSSIBLE: f"an uncertainty of {value:.4g} is impossible",
         ProblemKind.SPEED_JUMPED: f"the speed jumped by {value / KMH:.0f} km/h",
+        ProblemKind.SPEED_UNIT: f"the speeds are {value:g} times what the positions cover: {_UNITS.get(value, '')}",
         ProblemKind.JUMPED: f"the position jumped by {value:.0f} m",
         ProblemKind.JUMPED_BACK: f"the position jumped back by {value:.0f} m",
         ProblemKind.FROZEN: f"the position is frozen at {value:.0f} m",

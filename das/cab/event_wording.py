@@ -117,12 +117,27 @@ def off_route(received: Sequence[Restriction], length_m: float) -> str:
 # --- publishers ------------------------------------------------------------------------------------------------------
 
 
-NOT_STAMPED: Final = "one without its sender's time stamp, or with one that is ahead of the clock,"
+NOT_STAMPED: Final = "one without its sender's time stamp (or with one ahead of the clock)"
+
+
+def unstamped(kind: Kind) -> str:
+    """A state without its sender's time stamp, and what its publisher has to do."""
+    return f"{ignored(kind, NOT_STAMPED)}: {wording.STAMP_CURE}"
+
+
+def no_token(kind: Kind, source: str | None) -> str:
+    """A publisher of a state without a liveliness token, and what it has to do."""
+    return about(
+        kind,
+        f"{_named(source)} has no liveliness token: nobody can tell when it is gone, and a newer order of another "
+        "publisher replaces its own; publish with das.bus.session.Bus, or with zenoh.ext.declare_advanced_publisher "
+        "and publisher_detection=True",
+    )
 
 
 def second_publisher(source: str) -> str:
     """A measurement from another publisher than the one that counts."""
-    return f"one of a second publisher, {source or 'unnamed'},"
+    return f"one of a second publisher ({source or 'unnamed'})"
 
 
 def two_publishers(source: str | None, rival: str) -> str:
@@ -135,10 +150,14 @@ def two_operators(source: str | None, rival: str) -> str:
     return f"{_named(source)} and {_named(rival)}"
 
 
-def takes_over(kind: Kind, source: str | None, before: str, *, joined: bool) -> str:
-    """A publisher that counts now that the previous one is gone; `joined`: the restrictions of both hold."""
+def takes_over(kind: Kind, source: str | None, before: str, *, joined: bool, overtaken: bool) -> str:
+    """A publisher that counts now that the previous one is gone; `joined`: the restrictions of both hold.
+
+    `overtaken`: nobody knows that it is gone, but it has no liveliness token and this order is newer.
+    """
+    why = "has no liveliness token and its order is older" if overtaken else "is gone"
     also = f"; what both said holds until {_named(source)} tells a list anew" if joined else ""
-    return about(kind, f"{_named(source)} counts from now on, {_named(before)} is gone{also}")
+    return about(kind, f"{_named(source)} counts from now on, {_named(before)} {why}{also}")
 
 
 def not_heeded(kind: Kind, source: str, before: str | None) -> str:

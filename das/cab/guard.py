@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from das.advice import wording
 from das.cab import event_wording
 from das.cab.heard import (
     STATES,
@@ -42,6 +43,8 @@ MOST_TARGETS = 100
 """A message with more targets is rejected as nonsense."""
 AHEAD_S = 60.0
 """A message further ahead of the clock than this waits; taken at once, it would shut out all later ones."""
+TOKEN_AFTER_S = 2.0
+"""A publisher whose liveliness token was not seen for this long after its first message has none."""
 SILENT_S = STALE_AFTER_S
 """A publisher of measurements that has been silent for this long gives way to another one. A position can be used
 for just as long."""
@@ -77,7 +80,8 @@ class Guard:
             self._newest_ns.pop(kind, None)
             self._early.pop(kind, None)
             if is_counted:
-                self._news.append(event_wording.takes_over(kind, operator.source, before, joined=operator.joined))
+                how = {"joined": operator.joined, "overtaken": before in operator.overtaken}
+                self._news.append(event_wording.takes_over(kind, operator.source, before, **how))
         elif not is_counted and not known and operator.is_rival(source):
             self._news.append(event_wording.not_heeded(kind, source, before))
         return is_counted
@@ -118,13 +122,21 @@ class Guard:
         return event_wording.ignored(kind, found) if found else ""
 
     def due(self, now_ns: int) -> list[StateHeard]:
-        """The messages that were ahead of the clock and no longer are; the caller has to judge them again.
+        """The messages that count now that time has passed; the caller has to judge them again.
 
-        A sender does not repeat its message, so the newest of each kind waits here until the clock has reached it.
+        Those are the ones that were ahead of the clock and no longer are: a sender does not repeat its message, so the
+        newest of each kind waits here until the clock has reached it. And newer orders that overtake those of a
+        publisher of which nobody can tell whether it is there.
         """
         due = [one for one in self._early.values() if _ahead_s(one, now_ns) <= AHEAD_S]
         for one in due:
             del self._early[kind_of(one)]
+        for kind, operator in self._operators.items():
+            if operator.turns_out_unannounced(now_ns):
+                self._news.append(event_wording.no_token(kind, operator.source))
+            overtaking = operator.overtaking()
+            if overtaking is not None:
+                due.append(overtaking)
         return due
 
     def rivals(self, now_ns: int) -> str:
@@ -153,10 +165,11 @@ class Guard:
     def _refuse_unstamped(self, kind: Kind) -> None:
         """Refuse a state without its sender's time stamp: two such senders could not be told apart."""
         if kind is Kind.RESTRICTION:
-            self.lose_restrictions(event_wording.NOT_STAMPED)
-            self._news.append(event_wording.restrictions_unheeded(event_wording.NOT_STAMPED))
+            why = f"{event_wording.NOT_STAMPED}: {wording.STAMP_CURE}"
+            self.lose_restrictions(why)
+            self._news.append(event_wording.restrictions_unheeded(why))
         else:
-            self._news.append(event_wording.ignored(kind, event_wording.NOT_STAMPED))
+            self._news.append(event_wording.unstamped(kind))
 
     def _problem_of_restrictions(self, message: Heard) -> str:
         """Like `problem`, for restrictions: there must be no advice until a list is received that can be used."""
@@ -279,11 +292,20 @@ class Operator:
 
     If the first session is gone while two sessions state different restrictions, both lists hold together until the
     other session sends a list that it made after the conflict was reported.
+
+    A publisher without a liveliness token is never reported gone. A newer message of another session overtakes its own:
+    most often it was started anew. Should it speak again, both are there, and none overtakes any more.
     """
 
     def __init__(self) -> None:
         self.source: str | None = None
         """The session that counts."""
+        self._announced: set[str] = set()
+        self._unannounced: tuple[str | None, int] = None, 0
+        self._told: set[str] = set()
+        self.overtaken: set[str] = set()
+        """The session whose message a newer one has overtaken, if it has not spoken again."""
+        self._contested = False
         self._newest: Heard | None = None
         self._rivals: dict[str, Heard] = {}
         self._gone: dict[str, Heard | None] = {}
@@ -317,11 +339,47 @@ class Operator:
         before = self._rivals.get(source) or self._gone.get(source)
         if before is not None and _places(before) != _places(self._newest):
             self._informed.add(source)
+        if source in self.overtaken:
+            self.overtaken.discard(source)
+            self._gone.pop(source, None)
+            self._contested = True
         if source in self._gone:
             self._gone[source] = message
         else:
             self._wait(source, message)
         return False
+
+    def turns_out_unannounced(self, now_ns: int) -> bool:
+        """Whether the session that counts proves to have no liveliness token; True once for each session.
+
+        A token may come a little after the first message.
+        """
+        since = self._unannounced
+        if not self.source or self.source in self._announced or self.source in self._gone:
+            self._unannounced = None, 0
+        elif since[0] != self.source:
+            self._unannounced = self.source, now_ns
+        elif abs(now_ns - since[1]) * NS >= TOKEN_AFTER_S and self.source not in self._told:
+            self._told = {self.source}
+            return True
+        return False
+
+    def overtaking(self) -> StateHeard | None:
+        """The newer message of a session that waits and counts now, because the one that counts has no token.
+
+        Restrictions count only if none is left out that was in force: both sessions may be there.
+        """
+        if self.source not in self._told - self._announced - set(self._gone) or self._contested:
+            return None
+        newest_ns = self._newest.time_ns if isinstance(self._newest, StateHeard) else 0
+        known = set(_places(self._newest) or ())
+        rivals = (one for one in self._rivals.values() if isinstance(one, StateHeard) and one.time_ns > newest_ns)
+        newer = [one for one in rivals if known <= set(_places(one) or ())]
+        if not newer:
+            return None
+        self._gone[self.source] = None
+        self.overtaken = {self.source}
+        return max(newer, key=lambda one: one.time_ns)
 
     def _repeats(self, message: Heard) -> bool:
         """Whether the bus has repeated the message whose restrictions were joined."""
@@ -357,6 +415,7 @@ class Operator:
         """
         source = seen.source
         if seen.there:
+            self._announced.add(source)
             last = self._gone.pop(source, None)
             if last is None or source == self.source:
                 return None
@@ -364,6 +423,7 @@ class Operator:
                 return self._stricter(last)
             self._wait(source, last)
             return None
+        self._announced.discard(source)
         self._gone[source] = self._rivals.pop(source, self._gone.get(source))
         if len(self._gone) > MOST_GONE:
             self._gone.pop(next(one for one in self._gone if one != self.source))

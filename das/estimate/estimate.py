@@ -31,6 +31,8 @@ class ProblemKind(StrEnum):
     """The fix states a negative or absurdly large standard deviation. The value is that deviation (m or m/s)."""
     SPEED_JUMPED = "speed-jumped"
     """The measured speed is too far from the expected one. The value is by how much it is higher (m/s)."""
+    SPEED_UNIT = "speed-unit"
+    """The measured speeds are a multiple of what the positions cover. The value is the factor."""
     JUMPED = "jumped"
     """The measured position is too far ahead of the expected one. The value is by how much (m)."""
     JUMPED_BACK = "jumped-back"

@@ -17,6 +17,7 @@ from das.estimate.estimate import NO_POSITION_YET, Estimate, Problem, ProblemKin
 from das.estimate.fix import PositionFix, deviations
 from das.estimate.plausibility import Doubts, FrozenReceiver, Standstill, impossible, surprise
 from das.estimate.settings import LOCALISATION, ClockSettings, ClockStepSettings, LocalisationSettings, UseSettings
+from das.estimate.speed_scale import SpeedScale
 from das.estimate.track_filter import Track, TrainMotion
 
 
@@ -212,6 +213,7 @@ class Localisation:
         self._motion = TrainMotion(vehicle, settings)
         self._tally = _Tally()
         self._clock = ClockDifference(settings.clock)
+        self._scale = SpeedScale(settings)
         self._forget()
 
     def _forget(self) -> None:
@@ -236,6 +238,7 @@ class Localisation:
         A fix that is not newer than the last accepted one changes nothing, unless the clock of the sensors was set.
         """
         self.received_any = True
+        other_unit = self._scale.judge(fix)
         x, span_s = self._track, (fix.time_ns - self._time_ns) * NS
         if x is not None:
             step_s = self._monitors.steps.take(fix, x, span_s)
@@ -245,6 +248,10 @@ class Localisation:
         self._clock.receive(fix.time_ns, received_ns)
         if span_s > self._settings.restart.silence_s:
             x = None
+        if other_unit:  # The state rests on such speeds as well.
+            self._forget()
+            self._reject(other_unit)
+            return
         problem = impossible(
             fix, self._settings.possible, fastest_mps=self._motion.fastest_mps, has_state=x is not None
         ) or self._monitors.frozen.judge(fix)

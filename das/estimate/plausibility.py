@@ -20,7 +20,7 @@ from das.estimate.settings import (
     PossibleSettings,
     StandstillSettings,
 )
-from das.estimate.track_filter import Track, position_variance
+from das.estimate.track_filter import Track, position_variance, speed_variance
 
 STANDSTILL_MPS: Final = 0.3
 """A train with an estimated or measured speed below this counts as standing when stops and departures are judged."""
@@ -57,8 +57,8 @@ def surprise(
     `expected` is the state expected at the fix and `before` the last one. A fix behind `before` deviates as well,
     because trains do not roll back. A speed or position that was not measured never deviates.
     """
-    off_mps = fix.speed_mps - expected.v
-    if abs(off_mps) > max(gate.sds * math.sqrt(expected.vv + sds.speed_mps**2), gate.least_mps):
+    off_mps = fix.speed_mps - expected.v - expected.c
+    if abs(off_mps) > max(gate.sds * math.sqrt(speed_variance(expected) + sds.speed_mps**2), gate.least_mps):
         return Problem(ProblemKind.SPEED_JUMPED, off_mps)
     off_m, back_m = fix.s_m - expected.s - expected.b, fix.s_m - before.s - before.b
     if off_m > _gate_m(expected, sds, gate):

@@ -31,8 +31,11 @@ class SensorSettings:
     least_speed_sd_mps: float = 0.02
     """A stated standard deviation of the speed below this is raised to it: no odometer is believed to be better."""
     odometer_ratio: float = 0.01
-    """While no position is measured, the way is wrong by this share of it: one standard deviation for worn wheels
-    and slip."""
+    """A speed whose sender states no deviation is wrong by this share of it, as is the way while no position is
+    measured: one standard deviation for worn wheels and slip."""
+    speed_late_s: float = 1.75
+    """A speed whose sender states no deviation is late by this: one standard deviation for receivers that filter their
+    speeds (two recorded trips: 0.75 and 2.5 s)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +167,26 @@ class ClockStepSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpeedScaleSettings:
+    """When the measured speeds are taken to be of another unit than the way between the measured positions."""
+
+    off: float = 1.4
+    """The whole way and the median step must both give the factor within this factor: a jump of the position, or the
+    spinning of a wheel, gives it by chance in one of the two only."""
+    window_s: float = 10.0
+    """The fixes of this last time are compared."""
+    least_fixes: int = 4
+    """At least this many fixes are compared, however rarely they come."""
+    longest_gap_s: float = 6.0
+    """After a longer time without a fix, the comparison begins anew."""
+    sds: float = 4.0
+    """The way by the speeds must be further than the way by the positions by more than this many standard deviations
+    of the difference of two positions."""
+    least_m: float = 10.0
+    """It must be further by at least this, however exact the sensors claim to be."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LocalisationSettings:
     """All the tuning of the localisation."""
 
@@ -177,6 +200,7 @@ class LocalisationSettings:
     use: UseSettings = field(default_factory=UseSettings)
     clock: ClockSettings = field(default_factory=ClockSettings)
     steps: ClockStepSettings = field(default_factory=ClockStepSettings)
+    scale: SpeedScaleSettings = field(default_factory=SpeedScaleSettings)
 
 
 LOCALISATION: Final = LocalisationSettings()

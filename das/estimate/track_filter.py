@@ -1,11 +1,13 @@
-"""A Kalman filter along the track for the position, the speed, the acceleration and the wandering error of a receiver.
+"""A Kalman filter along the track for the position, speed and acceleration, and for the slow errors of the sensors.
 
-State x = (s, v, a, b). Between fixes the acceleration is a random walk driven by white jerk of density q, and the
-receiver's error b wanders (first-order Gauss–Markov with time constant τ and standard deviation σ_b):
+State x = (s, v, a, b, c). Between fixes the acceleration is a random walk driven by white jerk of density q. The errors
+b of the measured position and c of the measured speed wander (first-order Gauss–Markov with time constant τ and
+standard deviations σ_b and σ_c):
 
     s' = v, v' = a, a' = white noise of density q, b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ))
+    c(t + dt) = e^(−dt/τ)·c + noise of variance σ_c²·(1 − e^(−2·dt/τ))
 
-Sensors measure s + b and v, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with
+Sensors measure s + b and v + c, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with
 Applications to Tracking and Navigation, 2001, sections 6.2.3 and 8.3). The matrices are written out in floats, because
 calling a matrix library takes longer than all of the computation.
 """
@@ -20,39 +22,58 @@ from das.estimate.fix import PositionFix, Quality, deviations
 from das.estimate.settings import LocalisationSettings
 
 WANDER_S = 30.0
-"""Time constant (s) with which the error of a receiver's position wanders (assumption)."""
+"""Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 
 
 class Track(NamedTuple):
-    """The mean of the state (s in m, v in m/s, a in m/s², b in m) and the upper half of its covariance."""
+    """The mean of the state (s and b in m, v and c in m/s, a in m/s²) and the upper half of its covariance."""
 
     s: float
     v: float
     a: float
     b: float
+    c: float
     ss: float
     sv: float
     sa: float
     sb: float
+    sc: float
     vv: float
     va: float
     vb: float
+    vc: float
     aa: float
     ab: float
+    ac: float
     bb: float
+    bc: float
+    cc: float
 
 
-def begin(s_m: float, position_sd_m: float, v_mps: float, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
+def begin(
+    s_m: float,
+    position_sd_m: float,
+    v_mps: float,
+    speed_sd_mps: float,
+    acceleration_sd_mps2: float,
+    speed_wander_sd_mps: float = 0.0,
+) -> Track:
     """Return the state after a first fix; all of its position error may be a wandering one."""
-    var = position_sd_m**2
+    var, speed_var = position_sd_m**2, speed_wander_sd_mps**2
     return Track(
-        s_m, v_mps, 0.0, 0.0, var, 0.0, 0.0, -var, speed_sd_mps**2, 0.0, 0.0, acceleration_sd_mps2**2, 0.0, var
-    )
+        s=s_m, v=v_mps, a=0.0, b=0.0, c=0.0,
+        ss=var, sv=0.0, sa=0.0, sb=-var, sc=0.0,
+        vv=speed_sd_mps**2 + speed_var, va=0.0, vb=0.0, vc=-speed_var,
+        aa=acceleration_sd_mps2**2, ab=0.0, ac=0.0,
+        bb=var, bc=0.0,
+        cc=speed_var,
+    )  # fmt: skip
 
 
-def predict(x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float) -> Track:
+def predict(x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float, speed_wander_sd_mps: float) -> Track:
     """Return the state `dt` seconds (>= 0) later, with P ← F·P·Fᵀ + Q; a train stops at v = 0 and never rolls back."""
     h, q, keep = 0.5 * dt * dt, jerk_psd_m2ps5, math.exp(-dt / WANDER_S)
+    fresh = 1.0 - keep * keep
     s, v, a = x.s + x.v * dt + x.a * h, x.v + x.a * dt, x.a
     if v < 0:
         s, v, a = x.s + 0.5 * x.v * x.v / -x.a, 0.0, 0.0
@@ -60,27 +81,33 @@ def predict(x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float) -> T
     sv, sa = x.sv + dt * x.vv + h * x.va, x.sa + dt * x.va + h * x.aa
     va = x.va + dt * x.aa
     return Track(
-        s,
-        v,
-        a,
-        keep * x.b,
-        x.ss + dt * x.sv + h * x.sa + dt * sv + h * sa + q * dt**5 / 20.0,
-        sv + dt * sa + q * dt**4 / 8.0,
-        sa + q * dt**3 / 6.0,
-        keep * (x.sb + dt * x.vb + h * x.ab),
-        x.vv + dt * x.va + dt * va + q * dt**3 / 3.0,
-        va + q * h,
-        keep * (x.vb + dt * x.ab),
-        x.aa + q * dt,
-        keep * x.ab,
-        keep * keep * x.bb + wander_sd_m**2 * (1.0 - keep * keep),
+        s=s,
+        v=v,
+        a=a,
+        b=keep * x.b,
+        c=keep * x.c,
+        ss=x.ss + dt * x.sv + h * x.sa + dt * sv + h * sa + q * dt**5 / 20.0,
+        sv=sv + dt * sa + q * dt**4 / 8.0,
+        sa=sa + q * dt**3 / 6.0,
+        sb=keep * (x.sb + dt * x.vb + h * x.ab),
+        sc=keep * (x.sc + dt * x.vc + h * x.ac),
+        vv=x.vv + dt * x.va + dt * va + q * dt**3 / 3.0,
+        va=va + q * h,
+        vb=keep * (x.vb + dt * x.ab),
+        vc=keep * (x.vc + dt * x.ac),
+        aa=x.aa + q * dt,
+        ab=keep * x.ab,
+        ac=keep * x.ac,
+        bb=keep * keep * x.bb + wander_sd_m**2 * fresh,
+        bc=keep * keep * x.bc,
+        cc=keep * keep * x.cc + speed_wander_sd_mps**2 * fresh,
     )
 
 
 def stand(x: Track, dt: float, wander_sd_m: float) -> Track:
-    """Return the state of a standing train `dt` seconds later: only the receiver's error has wandered."""
-    still = x._replace(v=0.0, a=0.0, sv=0.0, sa=0.0, vv=0.0, va=0.0, vb=0.0, aa=0.0, ab=0.0)
-    return predict(still, dt, 0.0, wander_sd_m)
+    """Return the state of a standing train `dt` seconds later: only the receiver's position error has wandered."""
+    moving = ("v", "a", "c", "sv", "sa", "sc", "vv", "va", "vb", "vc", "aa", "ab", "ac", "bc", "cc")
+    return predict(x._replace(**dict.fromkeys(moving, 0.0)), dt, 0.0, wander_sd_m, 0.0)
 
 
 def set_off(x: Track, speed_sd_mps: float, acceleration_sd_mps2: float) -> Track:
@@ -98,37 +125,49 @@ def position_variance(x: Track) -> float:
     return x.ss + 2.0 * x.sb + x.bb
 
 
+def speed_variance(x: Track) -> float:
+    """Return the variance of v + c (m²/s²), without the fresh noise of a speed."""
+    return x.vv + 2.0 * x.vc + x.cc
+
+
 def with_position(x: Track, s_m: float, variance_m2: float) -> Track:
     """Return the state corrected by a measured position with fresh noise of this variance (> 0)."""
-    column = (x.ss + x.sb, x.sv + x.vb, x.sa + x.ab, x.sb + x.bb)
+    column = (x.ss + x.sb, x.sv + x.vb, x.sa + x.ab, x.sb + x.bb, x.sc + x.bc)
     return _corrected(x, column, s_m - x.s - x.b, position_variance(x) + variance_m2)
 
 
 def with_speed(x: Track, speed_mps: float, variance_m2ps2: float) -> Track:
     """Return the state corrected by a measured speed with fresh noise of this variance (> 0)."""
-    return _corrected(x, (x.sv, x.vv, x.va, x.vb), speed_mps - x.v, x.vv + variance_m2ps2)
+    column = (x.sv + x.sc, x.vv + x.vc, x.va + x.ac, x.vb + x.bc, x.vc + x.cc)
+    return _corrected(x, column, speed_mps - x.v - x.c, speed_variance(x) + variance_m2ps2)
 
 
-def _corrected(x: Track, column: tuple[float, float, float, float], innovation: float, variance: float) -> Track:
-    """Return x ← x + c·y/S and P ← P − c·cᵀ/S, with the column c = P·Hᵀ, the innovation y and its variance S."""
-    s, v, a, b = column
-    gain_s, gain_v, gain_a, gain_b = s / variance, v / variance, a / variance, b / variance
+def _corrected(x: Track, column: tuple[float, float, float, float, float], innovation: float, variance: float) -> Track:
+    """Return x ← x + k·y/S and P ← P − k·kᵀ/S, with the column k = P·Hᵀ, the innovation y and its variance S."""
+    s, v, a, b, c = column
+    gain_s, gain_v, gain_a, gain_b, gain_c = (one / variance for one in column)
     speed = x.v + gain_v * innovation
     return Track(
-        x.s + gain_s * innovation,
-        speed if speed > 0 else 0.0,
-        x.a + gain_a * innovation,
-        x.b + gain_b * innovation,
-        x.ss - gain_s * s,
-        x.sv - gain_s * v,
-        x.sa - gain_s * a,
-        x.sb - gain_s * b,
-        x.vv - gain_v * v,
-        x.va - gain_v * a,
-        x.vb - gain_v * b,
-        x.aa - gain_a * a,
-        x.ab - gain_a * b,
-        x.bb - gain_b * b,
+        s=x.s + gain_s * innovation,
+        v=speed if speed > 0 else 0.0,
+        a=x.a + gain_a * innovation,
+        b=x.b + gain_b * innovation,
+        c=x.c + gain_c * innovation,
+        ss=x.ss - gain_s * s,
+        sv=x.sv - gain_s * v,
+        sa=x.sa - gain_s * a,
+        sb=x.sb - gain_s * b,
+        sc=x.sc - gain_s * c,
+        vv=x.vv - gain_v * v,
+        va=x.va - gain_v * a,
+        vb=x.vb - gain_v * b,
+        vc=x.vc - gain_v * c,
+        aa=x.aa - gain_a * a,
+        ab=x.ab - gain_a * b,
+        ac=x.ac - gain_a * c,
+        bb=x.bb - gain_b * b,
+        bc=x.bc - gain_b * c,
+        cc=x.cc - gain_c * c,
     )
 
 
@@ -153,11 +192,12 @@ class TrainMotion:
         if math.isnan(fix.speed_mps):
             speed_mps, speed_sd_mps = 0.0, 0.5 * self.fastest_mps
         self._wander_sd_m, self._blind_m = position_sd_m, 0.0
-        return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2)
+        speed_wander_sd_mps = self._speed_wander_sd_mps(fix, speed_mps, 0.0)
+        return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2, speed_wander_sd_mps)
 
     def carried_on(self, x: Track, span_s: float) -> Track:
         """Return the state `span_s` (>= 0) after the last fix, without another fix."""
-        return predict(x, span_s, self._jerk_psd, 0.0)
+        return predict(x, span_s, self._jerk_psd, 0.0, 0.0)
 
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected when a fix comes, `span_s` after the last one.
@@ -165,10 +205,11 @@ class TrainMotion:
         The driver is expected to hold the effort; where the measured speed contradicts that, the effort is unknown.
         """
         wander_sd_m, speed_sd_mps = self._wandering_sd_m(fix), deviations(fix, self._sensors).speed_mps
-        y = predict(x, span_s, self._jerk_psd, wander_sd_m)
-        if abs(fix.speed_mps - y.v) > self._manoeuvre_sds * math.sqrt(y.vv + speed_sd_mps**2):
+        speed_wander_sd_mps = self._speed_wander_sd_mps(fix, x.v, x.a)
+        y = predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps)
+        if abs(fix.speed_mps - y.v - y.c) > self._manoeuvre_sds * math.sqrt(speed_variance(y) + speed_sd_mps**2):
             x = unknown_acceleration(x, self._acceleration_sd_mps2)
-            y = predict(x, span_s, self._jerk_psd, wander_sd_m)
+            y = predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps)
         return y
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
@@ -179,7 +220,7 @@ class TrainMotion:
     def set_off(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the state expected at a fix of a train that has set off since the last fix."""
         x = set_off(x, deviations(fix, self._sensors).speed_mps, self._acceleration_sd_mps2)
-        return predict(x, span_s, self._jerk_psd, self._wandering_sd_m(fix))
+        return predict(x, span_s, self._jerk_psd, self._wandering_sd_m(fix), 0.0)  # It stood: c begins at 0.
 
     def corrected(self, y: Track, fix: PositionFix, span_s: float) -> Track:
         """Return the expected state corrected by the measurements of the fix.
@@ -195,6 +236,15 @@ class TrainMotion:
             return with_position(y, fix.s_m, sds.position_m**2)
         before_m, self._blind_m = self._blind_m, self._blind_m + y.v * span_s
         return y._replace(ss=y.ss + self._sensors.odometer_ratio**2 * (self._blind_m**2 - before_m**2))
+
+    def _speed_wander_sd_mps(self, fix: PositionFix, v_mps: float, a_mps2: float) -> float:
+        """Return the standard deviation of the part of a speed's error that wanders; 0 if the sender states its error.
+
+        A worn wheel is wrong by a share of the speed, and a receiver that filters its speeds sends them late.
+        """
+        if fix.speed_uncertainty_mps > 0:
+            return 0.0
+        return math.hypot(self._sensors.odometer_ratio * v_mps, self._sensors.speed_late_s * a_mps2)
 
     def _wandering_sd_m(self, fix: PositionFix) -> float:
         """Return the standard deviation of the part of a position's error that wanders.

@@ -15,7 +15,7 @@ from das.estimate.estimate import Estimate
 from das.estimate.fix import PositionFix, Quality
 from das.estimate.localisation import Localisation
 from das.estimate.settings import LocalisationSettings
-from tests.support.fixes import TRAIN, fixes, ns
+from tests.support.fixes import TRAIN, at, fixes, ns
 
 
 def paths(settings: LocalisationSettings) -> list[str]:
@@ -113,7 +113,8 @@ def eventful() -> tuple[PositionFix, ...]:
                 fix = fault(fix, found[-1] if found else fix)
         if fix is not None:
             found.append(fix)
-    return tuple(found)
+    in_km_h = [at(450.0 + second, found[-1].s_m + 2.0 * second, 7.2) for second in range(30)]
+    return (*found, *in_km_h)
 
 
 def estimates_with(settings: LocalisationSettings) -> list[Estimate]:

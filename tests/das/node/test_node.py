@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -185,6 +188,60 @@ def test_the_example_of_the_documentation_is_advised() -> None:
         child.send_signal(signal.SIGTERM)
         heard = child.communicate(timeout=30)[0]
     assert "IC1: journey A – B" in heard
+
+
+@contextmanager
+def own_publisher(old: str = "", new: str = "") -> Iterator[tuple[Bus, subprocess.Popen[str]]]:
+    """A node, a listener beside it, and the program of docs/how-to/your-own-publisher.md with a part of it replaced."""
+    text = (REPOSITORY / "docs" / "how-to" / "your-own-publisher.md").read_text(encoding="utf-8")
+    example = text.split("```python\n")[1].split("```")[0]
+    assert old in example
+    ours, theirs, mine = (endpoint(port) for port in free_ports(3))
+    example = example.replace("tcp/127.0.0.1:7448", ours).replace("tcp/127.0.0.1:7447", theirs).replace(old, new)
+    with (
+        process("das.node", *FLAT, "--train", "IC1", "--listen", theirs, "--connect", ours) as child,
+        Bus("IC1", listen=mine, connect=[theirs], hear=[ADVICE, EVENT]) as bus,
+    ):
+        user = subprocess.Popen([sys.executable, "-u", "-c", example])
+        try:
+            yield bus, child
+        finally:
+            user.kill()
+            user.communicate()
+
+
+@pytest.mark.processes
+def test_the_publisher_of_the_documentation_is_heeded_and_not_complained_of() -> None:
+    """The page's program uses Zenoh alone; the node has nothing to say about it but its journey and advice."""
+    events: list[str] = []
+    begun: list[int] = []
+
+    def advised_for_some_time(received: Received) -> bool:
+        if received.topic is EVENT:
+            events.append(received.message.message)
+        elif received.message.mode != das_pb2.MODE_NONE:
+            begun.append(received.message.time_ns)
+        return bool(begun) and begun[-1] - begun[0] > 5 * 10**9
+
+    with own_publisher() as (bus, child):
+        until(bus, advised_for_some_time, child)
+    assert any("journey A – B" in text for text in events)
+    wrong = ("liveliness", "sender's time stamp", "ignored", "times what", "not heeded", "refused")
+    assert [text for text in events if any(word in text for word in wrong)] == []
+
+
+@pytest.mark.more
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    ("old", "new", "cure"),
+    [
+        ("publisher_detection=True", "publisher_detection=False", "journey: .* has no liveliness token: .*publisher_d"),
+        ("speed_mps=speed_mps", "speed_mps=3.6 * speed_mps", "are 3.6 times what the positions cover: send m/s, not k"),
+    ],
+)
+def test_a_publisher_that_lacks_something_is_told_the_cure(old: str, new: str, cure: str) -> None:
+    with own_publisher(old, new) as (bus, child):
+        until(bus, lambda r: r.topic is EVENT and re.search(cure, r.message.message) is not None, child)
 
 
 # --- without sockets ---------------------------------------------------------------------------------------------

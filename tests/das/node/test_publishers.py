@@ -37,7 +37,7 @@ def test_two_publishers_of_the_effort_switch_calibration_off() -> None:
             driven.tell(EFFORT, effort(second, 15e3), source="sensor-b")
         assert driven.tick(second).mode != 0  # the advice goes on with the train as planned
     events = driven.sink.events()
-    assert "effort: one of a second publisher, sensor-b, was ignored" in events
+    assert "effort: one of a second publisher (sensor-b) was ignored" in events
     assert "calibration off: two publishers of the efforts" in events
     assert "calibration on again" in events
     doubts = [estimate.doubt for estimate in driven.sink.of(ESTIMATE)]
@@ -212,6 +212,7 @@ def test_restrictions_without_stamps_end_the_advice_until_others_are_heard() -> 
     advice = driven.tick(2)
     assert (advice.mode, advice.cause) == (das_pb2.MODE_NONE, Cause.RESTRICTIONS_UNHEEDED)
     assert "without its sender's time stamp" in advice.reason.text
+    assert advice.reason.text.endswith("set its clock right")  # It was cut at a comma before.
     driven.tell(RESTRICTION, restrictions(3, 15.0))
     advice = driven.tick(4)
     assert advice.mode != das_pb2.MODE_NONE
@@ -232,4 +233,5 @@ def test_a_journey_or_targets_without_stamps_change_nothing(topic: Topic) -> Non
     driven.tell(topic, told, UNSTAMPED)
     assert driven.tick(2) == plain.tick(2)
     assert f"{topic.name}: one without its sender's time stamp" in driven.sink.events()
+    assert "was ignored: switch on timestamping in the sender's Zenoh configuration" in driven.sink.events()
     assert driven.tick(3).mode != das_pb2.MODE_NONE

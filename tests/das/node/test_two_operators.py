@@ -199,6 +199,70 @@ def test_without_word_of_who_is_there_the_first_publisher_counts(cab: Told) -> N
         assert "send different restrictions" in cab.tick(second).reason.text
 
 
+def later(second: float, arrives_s: float) -> Any:
+    stops = journey().stops
+    stops[1].arrival_ns = START_NS + round(arrives_s * S)
+    return journey(time_ns=START_NS + round(second * S), stops=stops)
+
+
+def test_a_restarted_operator_without_a_token_is_heeded_where_its_journey_is_newer() -> None:
+    """The old timetable went on driving the advice before."""
+    node = Told(told=False)
+    node.say("a", JOURNEY, later(0, 300))
+    node.say("a", RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
+    for second in range(1, 5):
+        node.tick(second)
+    assert node.sink.events().count("journey: a has no liveliness token") == 1
+    assert "publisher_detection=True" in node.sink.events()
+    node.say("b", JOURNEY, later(5, 400))
+    for second in (5, 6):
+        advice = node.tick(second)
+    assert "journey: b counts from now on, a has no liveliness token and its order is older" in node.sink.events()
+    assert advice.predicted_arrival_ns > START_NS + 350 * S
+    node.say("b", JOURNEY, later(7, 320))
+    assert node.tick(7).predicted_arrival_ns < START_NS + 350 * S
+
+
+def test_an_older_journey_of_another_operator_is_not_heeded_nor_one_of_two_that_both_speak() -> None:
+    node = Told(told=False)
+    node.say("a", RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
+    node.say("a", JOURNEY, later(4, 300))
+    for second in range(1, 7):
+        node.tick(second)
+    node.say("b", JOURNEY, later(3, 400))
+    assert node.tick(7).predicted_arrival_ns < START_NS + 350 * S
+    node.say("b", JOURNEY, later(8, 400))
+    node.tick(8)
+    assert node.tick(9).predicted_arrival_ns > START_NS + 350 * S
+    node.say("a", JOURNEY, later(10, 300))  # It is there after all.
+    for second in range(10, 15):
+        assert node.tick(second).predicted_arrival_ns > START_NS + 350 * S
+
+
+def test_a_publisher_with_a_token_is_neither_blamed_nor_overtaken() -> None:
+    node = Told(told=False)
+    node.say("a", RESTRICTION, das_pb2.Restrictions(time_ns=START_NS))
+    node.say("a", JOURNEY, later(0, 300))
+    for topic in (JOURNEY, RESTRICTION):
+        node.see("a", there=True, topic=topic)
+    for second in range(1, 6):
+        node.tick(second)
+    node.say("b", JOURNEY, later(6, 400))
+    for second in range(6, 9):
+        assert node.tick(second).predicted_arrival_ns < START_NS + 350 * S
+    assert "liveliness" not in node.sink.events()
+
+
+def test_restrictions_of_a_restarted_operator_without_a_token_count_where_none_is_left_out(cab: Told) -> None:
+    for second in range(12, 16):
+        cab.tick(second)
+    both = [*restrictions(16, 10.0).restrictions, *restrictions(16, 5.0).restrictions]
+    cab.say("b", RESTRICTION, das_pb2.Restrictions(time_ns=START_NS + 16 * S, restrictions=both))
+    assert cab.tick(16).limit_mps == 5.0
+    cab.say(*named_list("a", 17, 10.0))  # It is there after all, and says something else.
+    assert "send different restrictions" in cab.tick(17).reason.text
+
+
 def test_sessions_without_end_are_not_kept_without_end() -> None:
     operator, seen = Operator(), partial(PublisherSeen, kind=Kind.RESTRICTION)
 
