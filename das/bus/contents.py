@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
 
+import numpy as np
 from google.protobuf.message import DecodeError
 from mcap import records
 
@@ -19,6 +21,8 @@ CHANNELS: Final = "channel "
 messages can still be read."""
 NUMBERED: Final = "numbered"
 """The entry of a channel's metadata that marks a file of the recorder, which numbers all messages of the file."""
+DRIVE: Final = "-drive-"
+"""Between the name of a train and the number of its drive, for the second and later drives of one train in a file."""
 RECOVERED: Final = "recovered"
 """The metadata record in which `das-sim recover` states the source of a recording and what was lost."""
 
@@ -42,7 +46,8 @@ class Contents:
 
     path: Path
     messages: list[RecordedMessage] = field(default_factory=list)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    metadata_records: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    """The metadata records, by name; a merged file has several of one name."""
     attachments: list[records.Attachment] = field(default_factory=list)
     foreign: dict[str, int] = field(default_factory=dict)
     library: str = ""
@@ -53,6 +58,23 @@ class Contents:
         """The trains of the file, in the order of their first messages."""
         ordered = sorted(self.messages, key=lambda one: one.log_time_ns)
         return tuple(dict.fromkeys(one.train for one in ordered))
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata that hold for all that is in the file: of several records of one name, what they agree on."""
+        return self.metadata_of(None)
+
+    def metadata_of(self, train: str | None) -> dict[str, dict[str, str]]:
+        """The metadata by their names; of several records of one name, those that name the train, else all of them.
+
+        What such records do not agree on is left out, because nothing says which of them the train's drive is.
+        """
+        found: dict[str, dict[str, str]] = {}
+        for name in dict.fromkeys(name for name, _ in self.metadata_records):
+            several = [entries for one, entries in self.metadata_records if one == name]
+            several = [one for one in several if train is not None and one.get("train") == train] or several
+            found[name] = {key: value for key, value in several[0].items() if all(x.get(key) == value for x in several)}
+        return found
 
 
 @dataclass
@@ -72,6 +94,9 @@ class Raw:
     loose: list[FoundRecord] = field(default_factory=list)
     numbered: bool = False
     """Whether the recorder wrote the file: it gives each message of the file a number of its own."""
+
+    described: dict[int, tuple[records.Channel, records.Schema]] = field(default_factory=dict)
+    """Channels and their schemas by the metadata of the recorder, with the numbers that it gave them."""
 
     def take(self, found: FoundRecord) -> None:
         """Add a record where it belongs."""
@@ -103,12 +128,26 @@ class Raw:
         if right and described and {"topic", "schema"} <= entries.keys():
             self.numbered |= NUMBERED in entries
             channel = records.Channel(int(number), entries["topic"], "protobuf", {}, int(schema))
-            self.channels.setdefault(channel.id, channel)
-            self.schemas.setdefault(
-                channel.schema_id, records.Schema(channel.schema_id, b"", "protobuf", entries["schema"])
-            )
+            named = records.Schema(channel.schema_id, b"", "protobuf", entries["schema"])
+            self.described.setdefault(channel.id, (channel, named))
         else:
             self.metadata.append((records.Metadata(name=record.name, metadata=entries), right))
+
+    def use_descriptions(self) -> None:
+        """Add the channels that only metadata describe, unless the file's channels or schemas have other numbers there.
+
+        A program that rewrites or merges recordings numbers channels anew, and copies the metadata as they are.
+        """
+        topics = {channel.topic for channel in self.channels.values()}
+        for number, (channel, schema) in self.described.items():
+            if number not in self.channels and channel.topic in topics:
+                return
+            known, named = self.channels.get(number, channel), self.schemas.get(schema.id, schema)
+            if (known.topic, named.name) != (channel.topic, schema.name):
+                return
+        for number, (channel, schema) in self.described.items():
+            self.channels.setdefault(number, channel)
+            self.schemas.setdefault(schema.id, schema)
 
 
 def read_raw(path: Path) -> tuple[Raw, Health]:
@@ -132,6 +171,7 @@ def _read(file: IO[bytes]) -> tuple[Raw, Health]:
     for found in scan.walk():
         raw.take(found)
     unchecked, damage = _judge_loose(raw, scan), scan.damage
+    raw.use_descriptions()
     twice = _take_out_repeated(raw)
     if twice:
         damage = [*damage, Damage(start_byte=0, end_byte=0, what=f"{twice} messages that are in the file twice")]
@@ -173,13 +213,14 @@ def _judge_loose(raw: Raw, scan: Scan) -> list[str]:
 
 
 def _take_out_repeated(raw: Raw) -> int:
-    """Take out messages that repeat a running number, and count them; only in files of the recorder."""
+    """Take out messages that repeat another in channel, number, time and content; only in files of the recorder."""
     if not raw.numbered:
         return 0
-    once = {message.sequence: message for message in reversed(raw.messages)}
+    once = {(one.channel_id, one.sequence, one.log_time, one.data): one for one in reversed(raw.messages)}
     repeated = len(raw.messages) - len(once)
     if repeated:
-        raw.messages = [one for one in raw.messages if once[one.sequence] is one]
+        kept = {id(one) for one in once.values()}
+        raw.messages = [one for one in raw.messages if id(one) in kept]
     return repeated
 
 
@@ -201,7 +242,9 @@ def read_contents(path: Path) -> Contents:
     result = Contents(path=path, attachments=raw.attachments, library=raw.library)
     for record, right in raw.metadata:
         if right is not False:
-            result.metadata[record.name if right else f"{UNCHECKED}{record.name}"] = dict(record.metadata)
+            result.metadata_records.append(
+                (record.name if right else f"{UNCHECKED}{record.name}", dict(record.metadata))
+            )
     topics = {number: _our_topic(path, channel, raw) for number, channel in raw.channels.items()}
     lost: list[Damage] = []
     homeless = 0
@@ -218,7 +261,32 @@ def read_contents(path: Path) -> Contents:
         what = f"{homeless} messages of channels that are not described"
         lost.append(Damage(start_byte=0, end_byte=health.size_bytes, what=what))
     result.health = replace(health, damage=(*health.damage, *lost))
+    if raw.numbered:
+        _tell_drives_apart(result)
     return result
+
+
+def _tell_drives_apart(found: Contents) -> None:
+    """Name the second drive of a train in a merged file "<train>-drive-2", and so on; the first keeps the train's name.
+
+    A recorder uses each running number once, so a number that a train has twice shows two drives. Raises DasError for
+    drives that run through each other in the file: their messages cannot be told apart.
+    """
+    for train in found.trains:
+        of_train = [i for i, one in enumerate(found.messages) if one.train == train]
+        numbers = [found.messages[i].sequence for i in of_train]
+        count = max(Counter(numbers).values())
+        if count == 1 or not any(numbers):  # 0: by another program, which does not number its messages
+            continue
+        drive = np.cumsum(np.diff(numbers, prepend=numbers[0] - 1) <= 0)
+        if drive[-1] + 1 != count:
+            raise DasError(
+                f"{found.path}: holds {count} drives of the train {train!r} at the same time, expected drives one "
+                "after the other: read the files from which it was merged"
+            )
+        for i, number in zip(of_train, drive.tolist(), strict=True):
+            if number:
+                found.messages[i] = found.messages[i]._replace(train=f"{train}{DRIVE}{number + 1}")
 
 
 def _decode(result: Contents, message: records.Message, key: str, topic: Topic, lost: list[Damage]) -> None:

@@ -192,7 +192,7 @@ def recording_of(found: Contents, train: str | None = None) -> Recording:
         train=chosen,
         trains=trains,
         messages={name: tuple(entries) for name, entries in messages.items()},
-        metadata=found.metadata,
+        metadata=found.metadata_of(chosen),
         attachments=tuple(one.name for one in found.attachments),
         complete=found.health.complete,
         health=found.health,
@@ -221,5 +221,5 @@ def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
     if train is not None and train not in trains:
         raise DasError(f"{path}: holds no train {train!r}, expected one of {', '.join(trains)}")
     if train is None and len(trains) > 1:
-        raise DasError(f"{path}: holds several trains, {', '.join(trains)}: say which one (--of-train)")
+        raise DasError(f"{path}: holds several trains or drives, {', '.join(trains)}: say which one (--of-train)")
     return train or trains[0]

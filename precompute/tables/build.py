@@ -17,6 +17,7 @@ from typing import Any
 from das.domain.errors import DasError
 from das.domain.files.writing import UNFINISHED, folder_held, write_whole
 from das.table.format import MANIFEST, TableError
+from das.table.hashes import section_hashes
 from das.table.reading import Table
 from precompute.pool import JobLostError, Made
 from precompute.tables.plan import BuildPlan
@@ -74,16 +75,36 @@ def finished(folder: Path, job: Job) -> int | None:
 
 
 def remove_superseded(folder: Path, done: Sequence[Job]) -> list[str]:
-    """Remove tables of former inputs if the table of the present inputs is done; returns the removed names."""
+    """Remove tables of former inputs if the table of the present inputs is done; returns the removed names.
+
+    A table that another plan asked for, with other braking, buffers or refinement, stays.
+    """
     wanted = {job.name for job in done}
-    labels = {job.label for job in done}
+    jobs = {job.label: job for job in done}
     removed = []
     for path in table_folders(folder):
         label, _, digits = path.name.rpartition("_")
-        if label in labels and len(digits) == HASH_DIGITS and path.name not in wanted and (path / MANIFEST).is_file():
+        if label not in jobs or len(digits) != HASH_DIGITS or path.name in wanted:
+            continue
+        if _asked_alike(path, jobs[label]):
             shutil.rmtree(path, ignore_errors=True)
             removed.append(path.name)
     return removed
+
+
+def _asked_alike(path: Path, job: Job) -> bool:
+    """Whether a table was made for the braking, buffers and refinement of a job; not if it cannot be opened."""
+    try:
+        manifest = Table.open(path).manifest
+    except TableError:
+        return False
+    settings = job.settings
+    buffers = [*settings.buffers_percent, *([None] if settings.with_max else [])]
+    return bool(
+        manifest["inputs_sha256"].get("braking") == section_hashes(job.route, job.vehicle, job.course)["braking"]
+        and manifest["refine"] == settings.refine
+        and [one["buffer_percent"] for one in manifest["trajectories"]] == buffers
+    )
 
 
 def table_folders(folder: Path) -> list[Path]:

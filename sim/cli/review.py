@@ -137,7 +137,7 @@ def note(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Add a note to a recording, or list its notes; they are kept in FILE.notes.mcap beside it."""
+    """Add a note to a recording, or list its notes; they are kept in FILE.notes beside it."""
     from sim.drive.drive import Drive
     from sim.drive.events.event import Note, add_note, remove_note
 

@@ -123,7 +123,7 @@ class DrivenWay(Summary):
     def late_s(self) -> float:
         """How late the train arrived at the last stop (s; early < 0); NaN if not known or without a timetable."""
         own = self.source is not None and own_timetable(self.source)
-        return math.nan if own else self.calls[-1].late_s
+        return math.nan if own or not self.calls else self.calls[-1].late_s
 
     @cached_property
     def _inputs(self) -> DriveInputs | DasError:

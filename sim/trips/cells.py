@@ -6,10 +6,12 @@ Times are whole ns since 1970, without the rounding of a double.
 from __future__ import annotations
 
 import csv
+import math
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,11 @@ from das.domain.units import MS, NS
 
 ROUNDING = 1e-6
 """A negative speed that is this near to 0 (in its file's unit) comes from rounding."""
+NO_SPEED = -1.0
+"""What iOS writes as the speed if it knows none."""
+NO_VALUE = frozenset(("", "-", "n/a", "na", "nan", "none", "null"))
+"""Texts of a cell, in small letters, that stand for a value that is not known."""
+Read = TypeVar("Read")
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NS_PER_MICROSECOND = 1000
 LATEST_NS = round(9e9 / NS)
@@ -106,8 +113,45 @@ def is_number(cell: str) -> bool:
     return True
 
 
+def usable(cells: Sequence[str], read: Callable[[int, str], Read], *, needed: bool = False) -> list[Read | None]:
+    """The values of a column's cells; None for a cell without a value, or with one that `read` refuses.
+
+    `read` is given the index and the text of a cell. Raises the first InputError if at least half of the stated cells
+    are refused: then the column holds something else. Where a value is `needed`, an empty cell is refused as well.
+    """
+    found: list[Read | None] = []
+    refused, stated = [], 0
+    for i, cell in enumerate(cells):
+        value = None
+        if needed or cell.casefold() not in NO_VALUE:
+            stated += 1
+            try:
+                value = read(i, cell)
+            except InputError as error:
+                refused.append(error)
+        found.append(value)
+    if refused and 2 * len(refused) >= stated:
+        raise refused[0]
+    return found
+
+
+def known(values: Sequence[float | None]) -> Floats:
+    """Values as an array; NaN for None."""
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def degrees(path: Path, line: int, name: str, cell: str, largest: float) -> float:
+    """Read a cell as a latitude or longitude; raises InputError for anything else."""
+    value = number(path, line, name, cell)
+    if abs(value) > largest:
+        raise InputError(path, f"line {line} {name}", value, f"-{largest:g} to {largest:g} deg")
+    return value
+
+
 def not_negative(path: Path, line: int, speed: float) -> float:
-    """The speed, or 0 if rounding alone made it negative. Raises InputError for any other negative speed."""
+    """The speed, 0 if rounding alone made it negative, NaN for −1. Raises InputError for any other negative speed."""
+    if speed == NO_SPEED:
+        return math.nan
     if speed < -ROUNDING:
         raise InputError(path, f"line {line} speed", speed, "a speed >= 0")
     return max(speed, 0.0)

@@ -39,6 +39,7 @@ class FindingKind(StrEnum):
         kind._value_, kind.words, kind.done, kind.refused = name, words, done, refused
         return kind
 
+    NO_TIME = "no_time", "no time", "dropped", True
     NEWEST_FIRST = "newest_first", "newest point first", "turned round", True
     OTHER_WAY = "other_way", "trip runs the other way", "driven the other way", True
     DUPLICATE_TIME = "duplicate_time", "time given twice", "dropped", True
@@ -152,6 +153,8 @@ def in_order(record: Record, log: FindingLog) -> Record:
 
     A file that mostly runs backwards is turned round first. Raises DasError if the times are in disorder, or all equal.
     """
+    log.add(FindingKind.NO_TIME, record, record.untimed, "none that can be read; shown is the one beside it")
+    record = record.take(~record.untimed)
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):
         log.add(FindingKind.NEWEST_FIRST, record, [0], f"{np.count_nonzero(steps < 0)} of {len(steps)} steps go back")

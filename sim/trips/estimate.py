@@ -138,10 +138,15 @@ def _beyond(t: Floats, force_n: Floats, largest_n: Floats) -> NDArray[np.bool_]:
     return found
 
 
-def strongest_held_n(driven: DrivenEstimate) -> tuple[float, float]:
-    """The strongest traction and braking (N, >= 0) that were held for 8 s, or for the whole of a shorter run."""
+def strongest_held_n(driven: DrivenEstimate, inferred: NDArray[np.bool_]) -> tuple[float, float]:
+    """The strongest traction and braking (N, >= 0) that were held for 8 s, or for the whole of a shorter run.
+
+    `inferred` marks the points of the run that lie in gaps: the forces there are not counted.
+    """
     t, force = driven.trajectory.t_s, driven.trajectory.force_el_n + driven.trajectory.force_friction_n
     seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
+    unseen = inferred[driven.index]
+    force = np.where(unseen[:-1] | unseen[1:], 0.0, force)  # 0: a force that spans a gap is not held
     here = force[np.searchsorted(t, seconds) - 1]
     held = np.lib.stride_tricks.sliding_window_view(here, min(ESTIMATE.held_s, len(here)))
     return max(float(held.min(axis=1).max()), 0.0), max(-float(held.max(axis=1).min()), 0.0)

@@ -183,7 +183,7 @@ def _why_not(trip: Trip, found: FoundTrain, beyond: int) -> str:
 
 def held_speed_mps(trip: Trip) -> float:
     """The highest speed (m/s) that the trip held for the time over which the record is smoothed."""
-    speed = trip.run.speed_mps
+    speed = np.where(trip.run.inferred, 0.0, trip.run.speed_mps)  # a speed in a gap was not seen
     held = np.lib.stride_tricks.sliding_window_view(speed, min(ESTIMATE.held_s, len(speed)))
     return float(held.min(axis=1).max())
 

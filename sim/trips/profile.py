@@ -22,7 +22,8 @@ class DrivenRun:
     """A run on an even grid from departure to arrival, arrays of shape (steps + 1,).
 
     s is the trapezoidal integral of the speed, and the acceleration is the slope of the speed. `dropout` marks times
-    whose reported speed dropped out. `position_rms_m` is the RMS distance of s from the matched positions,
+    whose reported speed dropped out, `inferred` those in a gap,
+    where inertia alone leads on. `position_rms_m` is the RMS distance of s from the matched positions,
     `speed_lag_s` how late the reported speed was.
     """
 
@@ -32,8 +33,14 @@ class DrivenRun:
     acceleration_mps2: Floats
     start_time_ns: int
     dropout: Bools
+    inferred: Bools
     speed_lag_s: float
     position_rms_m: float
+
+    @property
+    def top_mps(self) -> float:
+        """The highest speed (m/s) outside of gaps."""
+        return float(self.speed_mps[~self.inferred].max())
 
 
 def to_profile(
@@ -70,6 +77,7 @@ def to_profile(
     for k, point, standing in ends:
         if standing:
             position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, SMOOTHING.exact**2
+    inferred = np.isinf(variance[0]) & np.isinf(variance[1])
     smooth = _smoothed(step_s, position, speed, variance, jerk_psd_m2ps5)
     s, v = _integrated(matched, position, np.maximum(smooth, 0.0), step_s)
     return DrivenRun(
@@ -79,6 +87,7 @@ def to_profile(
         acceleration_mps2=np.gradient(v, step_s),
         start_time_ns=int(matched.time_ns[0]) + round(begin / NS),
         dropout=np.interp(begin + grid, time_s - lag, dropout.astype(float)) > 0,
+        inferred=inferred,
         speed_lag_s=lag,
         position_rms_m=float(np.sqrt(np.mean((s - position)[~nowhere] ** 2))),
     )

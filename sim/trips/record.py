@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from das.bus.recording import Recording
 from das.bus.scanning import MAGIC
 from das.bus.topics import DELAY, JOURNEY, LOCATION, POSITION
-from das.domain.errors import MISSING, DasError, InputError
+from das.domain.errors import DasError, InputError
 from das.domain.files.foreign import GPX, refuse_foreign
 from das.domain.route import Floats
 from das.domain.units import KM, KMH, NS
@@ -24,11 +24,13 @@ from sim.trips.cells import (
     LONGITUDE_NAMES,
     CellTable,
     check_column,
-    check_location,
+    degrees,
+    known,
     not_negative,
     number,
     time_from_iso,
     time_from_number,
+    usable,
 )
 
 Bools = NDArray[np.bool_]
@@ -49,6 +51,7 @@ COLUMNS = {
 """Quantities, the names that their columns may have, and factors to SI (times are read digit by digit instead)."""
 ISO_TIMES = ("time", "timestamp")
 """Columns of times in ISO 8601; the others are numbers."""
+LARGEST_DEG = {"latitude": 90.0, "longitude": 180.0}
 _SHOWN_NAMES = 6
 
 
@@ -59,7 +62,8 @@ class Record:
     `number` is the number of a point's `place` (line, position) in its file. Positions are either on the map or on the
     route; on the route, `position_m` counts as in the route's file, or in the direction driven if `as_driven`. In a
     recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing was measured).
-    `unread` are the names of columns that were not used.
+    `untimed` points have no usable
+    time; `time_ns` then is that of a neighbour. `unread` are the names of columns that were not used.
     """
 
     source: str
@@ -74,6 +78,7 @@ class Record:
     degraded: Bools
     invalid: Bools
     as_driven: bool = False
+    untimed: Bools
     unread: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -86,7 +91,7 @@ class Record:
         count = len(time_ns)
         for name in ("latitude_deg", "longitude_deg", "position_m", "speed_mps", "uncertainty_m"):
             known.setdefault(name, np.full(count, np.nan))
-        for name in ("degraded", "invalid"):
+        for name in ("degraded", "invalid", "untimed"):
             known.setdefault(name, np.zeros(count, dtype=bool))
         return cls(source=source, number=number, time_ns=time_ns, **known)
 
@@ -171,9 +176,11 @@ def reading_of(recording: Recording) -> Reading:
     if len(time_ns) < 2:
         raise DasError(f"{path}: the recording has {len(time_ns)} positions, expected at least 2")
     invalid = data["quality"] == Quality.INVALID
-    for name in ("s_m", "speed_mps"):
-        _refuse(path, name, data[name], ~np.isfinite(data[name]) & ~invalid, "a finite number")
-    _refuse(path, "speed_mps", data["speed_mps"], (data["speed_mps"] < -BACKWARD_NOISE_MPS) & ~invalid, "a speed >= 0")
+    wrong = ~np.isfinite(data["s_m"]) & ~invalid
+    _refuse(path, "s_m", data["s_m"], wrong, "a finite number")
+    backward = (data["speed_mps"] < -BACKWARD_NOISE_MPS) & ~invalid
+    _refuse(path, "speed_mps", data["speed_mps"], backward, "a speed >= 0")
+    unmeasured = invalid | backward | ~np.isfinite(data["speed_mps"])
     latitude, longitude = _locations(recording, time_ns)
     delays = recording.columns(DELAY, "time_ns", "delay_s")
     journeys = recording.of(JOURNEY)
@@ -185,8 +192,8 @@ def reading_of(recording: Recording) -> Reading:
             place="position",
             latitude_deg=latitude,
             longitude_deg=longitude,
-            position_m=np.where(invalid, np.nan, data["s_m"]),
-            speed_mps=np.maximum(np.where(invalid, np.nan, data["speed_mps"]), 0.0),
+            position_m=np.where(invalid | wrong, np.nan, data["s_m"]),
+            speed_mps=np.maximum(np.where(unmeasured, np.nan, data["speed_mps"]), 0.0),
             uncertainty_m=data["uncertainty_m"],
             degraded=data["quality"] == Quality.DEGRADED,
             invalid=invalid,
@@ -200,7 +207,8 @@ def reading_of(recording: Recording) -> Reading:
 
 
 def _refuse(path: Path, name: str, values: Floats, bad: Any, expected: str) -> None:
-    if bad.any():
+    """Raise InputError for the first bad value if at least half of them are bad."""
+    if bad.any() and 2 * np.count_nonzero(bad) >= len(bad):
         i = int(bad.argmax())
         raise InputError(path, f"position[{i}].{name}", float(values[i]), expected)
 
@@ -236,13 +244,14 @@ def read_csv(path: Path) -> Record:
     latitude, longitude, position, speed, derived = (
         _values(path, quantity, columns.get(quantity), body, first) for quantity in COLUMNS if quantity != "time"
     )
-    check_location(path, latitude, longitude, first)
     check_column(path, "speed_from_positions", derived, ~np.isin(derived, (0, 1)) & ~np.isnan(derived), "0 or 1", first)
+    time_ns, untimed = _times(path, columns["time"], body, first)
     used = {column.index for column in columns.values()}
     return Record.of(
         str(path),
         np.arange(len(body)) + first,
-        _times(path, columns["time"], body, first),
+        time_ns,
+        untimed=untimed,
         latitude_deg=latitude,
         longitude_deg=longitude,
         position_m=position,
@@ -278,25 +287,36 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, _Column]:
 
 
 def _values(path: Path, quantity: str, column: _Column | None, rows: list[list[str]], first: int) -> Floats:
-    """The values of a column in SI; NaN where its cell is empty, or everywhere if there is no such column."""
-    values = np.full(len(rows), np.nan)
+    """The values of a column in SI; NaN where its cell has none, or everywhere if there is no such column."""
     if column is None:
-        return values
-    for i, row in enumerate(rows):
-        if not row[column.index]:
-            continue
-        value = number(path, i + first, quantity, row[column.index])
-        if quantity == "speed":
-            value = not_negative(path, i + first, value)
-        values[i] = value * column.factor
-    return values
+        return np.full(len(rows), np.nan)
+    cells = [row[column.index] for row in rows]
+    return known(usable(cells, lambda i, cell: _value(path, i + first, quantity, cell))) * column.factor
 
 
-def _times(path: Path, column: _Column, rows: list[list[str]], first: int) -> Ints:
-    cells = [(f"line {i} time", row[column.index]) for i, row in enumerate(rows, first)]
-    if column.name in ISO_TIMES:
-        return np.array([time_from_iso(path, key, cell) for key, cell in cells], dtype=np.int64)
-    return np.array([time_from_number(path, key, cell, column.name) for key, cell in cells], dtype=np.int64)
+def _value(path: Path, line: int, quantity: str, cell: str) -> float:
+    """A value in the unit of its column; raises InputError for a text or a number that it cannot be."""
+    if quantity in LARGEST_DEG:
+        return degrees(path, line, quantity, cell, LARGEST_DEG[quantity])
+    value = number(path, line, quantity, cell)
+    return not_negative(path, line, value) if quantity == "speed" else value
+
+
+def _times(path: Path, column: _Column, rows: list[list[str]], first: int) -> tuple[Ints, Bools]:
+    def read(i: int, cell: str) -> int:
+        key = f"line {i + first} time"
+        if column.name in ISO_TIMES:
+            return time_from_iso(path, key, cell)
+        return time_from_number(path, key, cell, column.name)
+
+    return _with_neighbours(usable([row[column.index] for row in rows], read, needed=True))
+
+
+def _with_neighbours(time_ns: list[int | None]) -> tuple[Ints, Bools]:
+    """Times, each unknown one that of the point before (or of the first with a time), and which are unknown."""
+    last = next(one for one in time_ns if one is not None)
+    filled = [last := one if one is not None else last for one in time_ns]
+    return np.array(filled, dtype=np.int64), np.array([one is None for one in time_ns])
 
 
 def read_gpx(path: Path) -> Record:
@@ -316,23 +336,33 @@ def read_gpx(path: Path) -> Record:
         raise DasError(f"{path}: not usable XML ({error})") from error
     if len(points.found) < 2:
         raise DasError(f"{path}: GPX with {len(points.found)} track points, expected at least 2")
-    line, time_ns, latitude, longitude, speed = zip(*points.found, strict=True)
+    lines = [line for line, _ in points.found]
+
+    def column(quantity: str) -> Floats:
+        cells = [texts.get(quantity, "") for _, texts in points.found]
+        needed = quantity in LARGEST_DEG
+        return known(usable(cells, lambda i, cell: _value(path, lines[i], quantity, cell), needed=needed))
+
+    times = [texts.get("time", "") for _, texts in points.found]
+    read = usable(times, lambda i, cell: time_from_iso(path, f"line {lines[i]} time", cell), needed=True)
+    time_ns, untimed = _with_neighbours(read)
     return Record.of(
         str(path),
-        np.array(line),
-        np.array(time_ns, dtype=np.int64),
-        latitude_deg=np.array(latitude),
-        longitude_deg=np.array(longitude),
-        speed_mps=np.array(speed),
+        np.array(lines),
+        time_ns,
+        untimed=untimed,
+        latitude_deg=column("latitude"),
+        longitude_deg=column("longitude"),
+        speed_mps=column("speed"),
     )
 
 
 @dataclass
 class _TrackPoints:
-    """Collects track points from the events of the XML parser: (line, time_ns, latitude, longitude, speed)."""
+    """Collects track points from the events of the XML parser: the line of each, and its texts by quantity."""
 
     path: Path
-    found: list[tuple[int, int, float, float, float]] = field(default_factory=list)
+    found: list[tuple[int, dict[str, str]]] = field(default_factory=list)
     _line: int = 0
     _attributes: dict[str, str] | None = None
     """XML attributes of the track point that is being read."""
@@ -368,23 +398,8 @@ class _TrackPoints:
 
     def _take(self, attributes: dict[str, str]) -> None:
         texts = {name: text.strip() for name, text in self._texts.items()}
-        if not texts.get("time"):
-            raise InputError(self.path, f"line {self._line} time", MISSING, "a time for every track point")
-        time_ns = time_from_iso(self.path, f"line {self._line} time", texts["time"])
-        speed = np.nan
-        if texts.get("speed"):
-            speed = not_negative(self.path, self._line, number(self.path, self._line, "speed", texts["speed"]))
-        latitude = self._number("latitude", attributes.get("lat"), 90.0)
-        longitude = self._number("longitude", attributes.get("lon"), 180.0)
-        self.found.append((self._line, time_ns, latitude, longitude, speed))
-
-    def _number(self, name: str, text: str | None, largest: float) -> float:
-        if text is None:
-            raise InputError(self.path, f"line {self._line} {name}", MISSING, "a number")
-        value = number(self.path, self._line, name, text)
-        if abs(value) > largest:
-            raise InputError(self.path, f"line {self._line} {name}", value, f"-{largest:g} to {largest:g} deg")
-        return value
+        places = {"latitude": attributes.get("lat", ""), "longitude": attributes.get("lon", "")}
+        self.found.append((self._line, {**texts, **places}))
 
     def _refuse_entity(self, name: str, *_: object) -> None:
         line = self.parser.CurrentLineNumber

@@ -12,6 +12,7 @@ from rich.table import Table
 from das.command_line.files import offscreen_pyplot, save_figure
 from das.command_line.printing import print_table, tell
 from das.domain.files.writing import write_whole
+from das.domain.route import Floats
 from das.domain.trajectory import PART_WORDS
 from das.domain.units import KM, KMH, KN, MS, NS, kwh
 from das.drawing.colors import INK, LIMIT
@@ -26,6 +27,7 @@ from sim.trips.estimate import (
     estimate_run,
     strongest_held_n,
 )
+from sim.trips.record import Bools
 from sim.trips.settings import ESTIMATE, SMOOTHING
 from sim.trips.trip import Trip
 
@@ -64,7 +66,7 @@ def describe(
         "departure": _iso(run.start_time_ns),
         "trip_time_s": float(run.time_s[-1]),
         "distance_m": float(run.s_m[-1] - run.s_m[0]),
-        "max_speed_kmh": float(run.speed_mps.max() / KMH),
+        "max_speed_kmh": run.top_mps / KMH,
         "cleaning": report.cleaning.as_object(),
         "cleaning_summary": report.cleaning.summary,
         "matching": {
@@ -110,7 +112,7 @@ def _energy(trip: Trip, section: Section, parts: SmoothedParts) -> dict[str, Any
     run = trip.run
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
     spread = energy_range(section, parts)
-    traction_n, braking_n = strongest_held_n(driven)
+    traction_n, braking_n = strongest_held_n(driven, run.inferred)
     terms = [estimate_run(section, *part).balance.as_kwh() for part in parts(SMOOTHING.jerk_psd_m2ps5)]
     return {
         "vehicle": section.vehicle.name,
@@ -142,8 +144,13 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
     if unseen_s > 0:
         share = unseen_s / max(float(trip.run.time_s[-1]), 1e-9)
         notes.append(
-            f"what happened in gaps of {unseen_s:.0f} s in all ({100 * share:.0f} % of the run): inertia leads through"
+            f"what happened in gaps of {unseen_s:.0f} s in all ({100 * share:.0f} % of the run): "
+            "inertia leads through, and no highest value is taken from there"
         )
+    steps_s = _steps_s(trip)
+    for step_s, what in ((steps_s[0], "departed"), (steps_s[-1], "arrived")):
+        if step_s > SMOOTHING.max_position_gap_s:
+            notes.append(f"when the train {what}: there is a gap beside that end of the run")
     if not trip.whole:
         better = f" (try {trip.better_stops})" if trip.better_stops else ""
         notes.append(f"how the rest of the section was driven: the trip does not stand at both its stops{better}")
@@ -188,11 +195,16 @@ def line_not_used(trip: Trip) -> str | None:
     return f"--line {trip.line_not_used} is not used: {trip.path} has positions on the route"
 
 
-def _unseen_s(trip: Trip) -> float:
-    """Time between points of the run that are far apart."""
+def _steps_s(trip: Trip) -> Floats:
+    """Times (s) between the points of the run."""
     matched = trip.matched
     moving = slice(matched.ends.departure, matched.ends.arrival + 1)
-    steps = np.diff(matched.elapsed_s()[moving][~matched.invalid[moving]])
+    return np.diff(matched.elapsed_s()[moving][~matched.invalid[moving]])
+
+
+def _unseen_s(trip: Trip) -> float:
+    """Time between points of the run that are far apart."""
+    steps = _steps_s(trip)
     return float(steps[steps > SMOOTHING.max_position_gap_s].sum())
 
 
@@ -311,7 +323,7 @@ def draw_trip(path: Path, trip: Trip, driven: DrivenEstimate | None, section: Se
     _speeds(axes[0], trip, section)
     _distances(axes[1], trip)
     if driven is not None:
-        draw_forces(axes[2], driven)
+        draw_forces(axes[2], driven, trip.run.inferred)
     axes[-1].set_xlabel("position, km")
     save_figure(path, figure)
     pyplot.close(figure)
@@ -323,7 +335,10 @@ def _speeds(axis: Any, trip: Trip, section: Section | None) -> None:
     if section is not None:
         name, fastest_mps = f"fastest run of {section.vehicle.id}", section.fastest_run.speed_mps
         axis.plot(section.node_m / KM, fastest_mps / KMH, **BEST, label=name)
-    axis.plot(run.s_m / KM, run.speed_mps / KMH, color=LIGHT.of[Meaning.DRIVEN], label="smooth run")
+    seen, unseen = (np.where(which, run.speed_mps, np.nan) / KMH for which in (~run.inferred, run.inferred))
+    axis.plot(run.s_m / KM, seen, color=LIGHT.of[Meaning.DRIVEN], label="smooth run")
+    if run.inferred.any():
+        axis.plot(run.s_m / KM, unseen, ":", color=LIGHT.of[Meaning.DRIVEN], label="inferred in a gap")
     for which, colour, label in (
         (~matched.dropout, INK, "measured"),
         (matched.dropout, LIGHT.of[Meaning.ERROR], "from positions"),
@@ -348,10 +363,10 @@ def _distances(axis: Any, trip: Trip) -> None:
     axis.set_ylabel("record − run, m")
 
 
-def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
+def draw_forces(axis: Any, driven: DrivenEstimate, inferred: Bools) -> None:
     """Draw the wheel forces of motors and friction brake, the largest ones of the vehicle, and where more was needed.
 
-    Peaks that are not held are cut, and the title names them.
+    Peaks that are not held are cut, and the title names them. `inferred` marks the points of the run in gaps.
     """
     at_km = driven.trajectory.s_m / KM
     together_n = driven.trajectory.force_el_n + driven.trajectory.force_friction_n
@@ -374,7 +389,7 @@ def draw_forces(axis: Any, driven: DrivenEstimate) -> None:
     axis.axhline(0, color="0.3", linewidth=0.5)
     axis.set_ylabel("wheel force, kN")
     force_kn = together_n / KN
-    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(driven)) / KN
+    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(driven, inferred)) / KN
     cut = [f"{peak:.0f} kN" for peak in (force_kn.min(), force_kn.max()) if abs(peak) > shown_kn > 0]
     axis.set_ylim(*(shown_kn * np.array([-1.0, 1.0]) if shown_kn > 0 else (None, None)))
     if cut:

@@ -161,12 +161,16 @@ def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog)
 
 
 def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
-    """Raise DasError for a trip with named stops that runs the other way: the stops say which way it should run."""
-    if said.from_stop is None and said.to_stop is None:
-        return
+    """Raise DasError for a trip that runs the other way than a given direction or named stops say."""
     right = "leave out --reverse" if said.reverse else "give --reverse"
-    named = " and ".join(f"--{name}" for name, stop in (("from", said.from_stop), ("to", said.to_stop)) if stop)
     along = f" along {line.source}" if line is not None else ""
+    if said.from_stop is None and said.to_stop is None:
+        if said.reverse is None:
+            return
+        order = "--reverse" if said.reverse else "--no-reverse"
+        posts = f", or turn the list {line.source} round" if line is not None and not line.on_route else ""
+        raise DasError(f"{record.source}: {order}: the trip runs the other way{along}: {right}{posts}")
+    named = " and ".join(f"--{name}" for name, stop in (("from", said.from_stop), ("to", said.to_stop)) if stop)
     raise DasError(f"{record.source}: the trip runs the other way{along}: {right}, and change {named}")
 
 

@@ -209,7 +209,10 @@ def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
     return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
 
 
-SUFFIX: Final = ".notes.mcap"
+SUFFIX: Final = ".notes"
+"""The end of the name of a file of notes. It is an MCAP file, but must not be taken for a drive, as by `run*.mcap`."""
+FORMER_SUFFIX: Final = ".notes.mcap"
+"""The end of the name until version 0.2. Such notes are read, and moved when they change."""
 TOPIC: Final = "notes"
 LONGEST_NOTE: Final = 2000
 """The greatest number of characters in a note."""
@@ -231,9 +234,17 @@ def notes_path(recording: Path) -> Path:
     return recording.with_name(f"{recording.stem}{SUFFIX}")
 
 
+def _write_notes(recording: Path, notes: list[Note]) -> Path:
+    path = notes_path(recording)
+    write_whole(path, _as_mcap(recording, notes))
+    recording.with_name(f"{recording.stem}{FORMER_SUFFIX}").unlink(missing_ok=True)
+    return path
+
+
 def read_notes(recording: Path) -> tuple[Note, ...]:
     """The notes of a recording in order of time; empty if there are none. DasError for a file that is damaged."""
-    path = notes_path(recording)
+    path, former = notes_path(recording), recording.with_name(f"{recording.stem}{FORMER_SUFFIX}")
+    path = path if path.exists() else former
     if not path.exists():
         return ()
     try:
@@ -257,9 +268,7 @@ def add_note(recording: Path, note: Note) -> Path:
     for tag in note.tags:
         if not tag.strip() or "," in tag:
             raise DasError(f"--tag {tag!r}: expected a word without commas")
-    path = notes_path(recording)
-    write_whole(path, _as_mcap(recording, [*read_notes(recording), note]))
-    return path
+    return _write_notes(recording, [*read_notes(recording), note])
 
 
 def remove_note(recording: Path, number: int) -> Note:
@@ -268,7 +277,7 @@ def remove_note(recording: Path, number: int) -> Note:
     if not 1 <= number <= len(kept):
         raise DasError(f"--remove {number}: {recording} has {len(kept)} notes")
     removed = kept.pop(number - 1)
-    write_whole(notes_path(recording), _as_mcap(recording, kept))
+    _write_notes(recording, kept)
     return removed
 
 

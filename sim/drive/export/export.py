@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +18,7 @@ from das.bus.recording import Recording
 from das.domain.errors import DasError
 from das.domain.files.writing import write_folder_whole
 from das.domain.units import NS
+from sim.drive.export.anonymous import anonymous
 from sim.drive.export.tables import (
     ON_THE_CLOCK,
     SINCE_START,
@@ -158,13 +159,6 @@ STANDING_MPS: Final = 0.1
 """A train slower than this stands."""
 LAST_NS: Final = 2**62
 
-DROPPED_TABLES: Final = ("location",)
-"""Tables that an anonymous export leaves out: they say where the train was on the map."""
-POSITIONS: Final = ("s_m", "start_m", "end_m", "signal_m", "reason_at_m", "coach_reason_at_m")
-"""Columns that are positions on the route; in an anonymous export they count from the first stop."""
-TIMES_END: Final = "_ns"
-"""Columns with this ending are moments; in an anonymous export they count from the departure, which hides the date."""
-
 
 class FileFormat(StrEnum):
     """The file formats of the tables."""
@@ -209,7 +203,7 @@ def export(path: Path, folder: Path, settings: ExportSettings, train: str | None
     if not any(len(one) for one in tables):
         raise DasError(f"{path}: there is nothing between --from and --to")
     if settings.anonymous:
-        tables = [kept for one in tables if (kept := _anonymous(one, zero_ns, zero_m)) is not None]
+        tables = [kept for one in tables if (kept := anonymous(one, zero_ns, zero_m)) is not None]
     named = {one.name: one for one in tables}
     joined = [one(named, 0 if settings.anonymous else zero_ns) for one in (by_time, by_position)]
     tables += [one for one in joined if one is not None]
@@ -301,31 +295,3 @@ def _files(tables: Sequence[DataTable], about: dict[str, Any], kind: FileFormat)
         if kind is not FileFormat.CSV:
             files[f"{one.name}.parquet"] = as_parquet(one, texts)
     return files
-
-
-def _anonymous(table: DataTable, zero_ns: int, zero_m: float) -> DataTable | None:
-    """The table without what identifies the train or the line; None for a table that is left out.
-
-    Texts are left out, since reasons and remarks may name stops. Values of enumerations stay. `zero_ns` (ns since 1970)
-    and `zero_m` become 0.
-    """
-    if table.name in DROPPED_TABLES:
-        return None
-    kept = [_shifted(one, zero_ns, zero_m) for one in table.columns if one.kind != "text"]
-    return replace(table, columns=kept)
-
-
-def _shifted(column: Column, zero_ns: int, zero_m: float) -> Column:
-    bare = column.name
-    if bare.endswith(TIMES_END):
-        values: list[Any] = [None if not value else value - zero_ns for value in column.values]
-        return replace(column, values=values, meaning=f"{column.meaning or 'a moment'}; counted from the departure")
-    if bare in POSITIONS:
-        return replace(column, values=[_minus(value, zero_m) for value in column.values])
-    return column
-
-
-def _minus(value: Any, zero_m: float) -> Any:
-    if isinstance(value, list):
-        return [one - zero_m for one in value]
-    return None if value is None else value - zero_m

@@ -64,7 +64,7 @@ def node_given(contents: Contents, train: str, folder: Path, said: str | None) -
     neither is known, the command line is guessed from the journey and the topics, and a note says so. Raises DasError
     for an unusable command line, and for a file that a recording names but that is neither attached to it nor bundled.
     """
-    given = _words(contents, train, contents.metadata.get("run", {}), said)
+    given = _words(contents, train, contents.metadata_of(train).get("run", {}), said)
     given.typed = list(given.words)
     if said is None:
         given.words = _with_files(contents, given, folder)

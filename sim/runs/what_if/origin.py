@@ -49,7 +49,7 @@ class Origin:
     @property
     def run(self) -> Mapping[str, str]:
         """The recording's metadata about how it was made."""
-        return self.contents.metadata.get("run", {})
+        return self.recording.metadata.get("run", {})
 
     @property
     def messages(self) -> list[RecordedMessage]:

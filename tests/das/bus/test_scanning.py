@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 import zstandard
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from das.bus import chunks, das_pb2, topics
-from das.bus.contents import read_contents
+from das.bus.contents import read_contents, read_raw
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.bus.scanning import MAGIC, UNCHECKED, begun, sealed
@@ -241,3 +242,78 @@ def test_a_recording_is_never_empty(tmp_path: Path) -> None:
         read_recording(path)
     file.close()
     assert [one.name for one in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def rewritten(out: Path, *sources: Path, without: str = "", by_time: bool = False) -> Path:
+    """Recordings copied into one file by the standard writer, which numbers the channels anew; without one topic."""
+    found = []
+    with out.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for source in sources:
+            raw, _ = read_raw(source)
+            schemas = {key: writer.register_schema(x.name, x.encoding, x.data) for key, x in raw.schemas.items()}
+            kept = [x for x in raw.channels.values() if x.topic != without]
+            channels = {x.id: writer.register_channel(x.topic, "protobuf", schemas[x.schema_id]) for x in kept}
+            found += [(channels[x.channel_id], x) for x in raw.messages if x.channel_id in channels]
+            with source.open("rb") as one:
+                for metadata in make_reader(one).iter_metadata():
+                    writer.add_metadata(metadata.name, metadata.metadata)
+        for channel, x in sorted(found, key=lambda each: each[1].log_time) if by_time else found:
+            writer.add_message(channel, x.log_time, x.data, x.publish_time, x.sequence)
+        writer.finish()
+    return out
+
+
+def drive(path: Path, train: str, first_s: int, driver: str) -> Path:
+    """A recording of ten seconds, as the recorder writes it."""
+    file = RecordingFile(path)
+    file.add_metadata("run", {"train": train, "driver": driver, "kind": "run"})
+    for t in range(first_s, first_s + 10):
+        now_ns = START_NS + t * 1_000_000_000
+        file.add(topics.DELAY, topics.DELAY.key(train), das_pb2.Delay(time_ns=now_ns, delay_s=t), now_ns)
+        position = das_pb2.Position(time_ns=now_ns, s_m=20.0 * t, speed_mps=20.0)
+        file.add(topics.POSITION, topics.POSITION.key(train), position, now_ns)
+    file.close()
+    return path
+
+
+@pytest.mark.parametrize("gone", ["das/t1/position", "das/t1/advice"])
+def test_a_file_rewritten_without_a_topic_is_read(whole: Path, tmp_path: Path, gone: str) -> None:
+    """Its metadata still describe channels by their former numbers, which now belong to other topics."""
+    found = read_recording(rewritten(tmp_path / "less.mcap", whole, without=gone), skip_damage=True)
+    sound = read_recording(whole)
+    (kept,) = set(sound.topics) - {gone.rpartition("/")[2]}
+    assert found.topics == (kept,)
+    assert found.of(kept) == sound.of(kept)
+    assert found.health.damage == ()
+
+
+def test_two_trains_of_merged_recordings_are_read_by_their_names(tmp_path: Path) -> None:
+    one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t2", 5, "ben")
+    merged = rewritten(tmp_path / "merged.mcap", one, other)
+    with pytest.raises(DasError, match="several trains or drives, t1, t2: say which one"):
+        read_recording(merged)
+    for train, source in (("t1", one), ("t2", other)):
+        found, alone = read_recording(merged, train=train), read_recording(source)
+        assert found.messages == alone.messages
+        assert found.metadata["run"] == alone.metadata["run"]
+        assert found.health.damage == ()
+
+
+def test_two_drives_of_one_train_in_a_merged_file_are_read_by_their_names(tmp_path: Path) -> None:
+    one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t1", 100, "ben")
+    merged = rewritten(tmp_path / "merged.mcap", one, other)
+    with pytest.raises(DasError, match="several trains or drives, t1, t1-drive-2: say which one"):
+        read_recording(merged)
+    for train, source in (("t1", one), ("t1-drive-2", other)):
+        found = read_recording(merged, train=train)
+        assert found.messages == read_recording(source).messages
+        assert found.metadata["run"] == {"train": "t1", "kind": "run"}
+
+
+def test_two_drives_of_one_train_that_run_through_each_other_are_refused(tmp_path: Path) -> None:
+    one, other = drive(tmp_path / "1.mcap", "t1", 0, "anna"), drive(tmp_path / "2.mcap", "t1", 5, "ben")
+    merged = rewritten(tmp_path / "merged.mcap", one, other, by_time=True)
+    with pytest.raises(DasError, match="2 drives of the train 't1' at the same time"):
+        read_contents(merged)

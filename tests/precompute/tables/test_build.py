@@ -27,10 +27,10 @@ from das.domain.levels import Level
 from das.table.hashes import Course
 from das.table.reading import Table
 from precompute import pool, workers
-from precompute.tables.build import BuildStatus, build, solve_jobs, table_folders
-from precompute.tables.plan import read_plan
+from precompute.tables.build import BuildStatus, build, remove_superseded, solve_jobs, table_folders
+from precompute.tables.plan import USUAL, read_plan
 from precompute.tables.synthetic import synthetic_routes
-from precompute.tables.writing import Job, TableSettings
+from precompute.tables.writing import Job, TableSettings, write_table
 from precompute.workers import Workers, differences, environment
 from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
@@ -238,6 +238,21 @@ def test_a_second_build_in_one_folder_is_refused(tmp_path: Path) -> None:
     with folder_held(folder, "busy"), refused:
         build(plan, folder, Workers(count=1), print)
     assert not table_folders(folder)
+
+
+def test_tables_for_other_braking_or_buffers_stay_beside_those_of_a_new_plan(tmp_path: Path) -> None:
+    """Both plans may be in use. A table whose line has changed is of no use to either."""
+    first = job(1)
+    braking = USUAL.of(first.vehicle)
+    assert braking is not None
+    gentle = Job.of(first.label, first.route, first.vehicle, replace(first.course, braking=braking), SMALL)
+    slower = Job.of(first.label, flat(1050.0, 20.0), first.vehicle, first.course, SMALL)
+    wider = Job.of(first.label, slower.route, first.vehicle, first.course, replace(SMALL, buffers_percent=(0.0, 30.0)))
+    write_table(tmp_path / first.name, first.solve())
+    for other in (gentle, wider):
+        assert remove_superseded(tmp_path, [other]) == []
+    assert remove_superseded(tmp_path, [slower]) == [first.name]
+    assert not table_folders(tmp_path)
 
 
 @pytest.mark.processes

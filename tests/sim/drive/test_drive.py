@@ -113,3 +113,12 @@ def test_events_and_notes_do_without_the_solver() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_without_a_journey_nobody_knows_how_late_the_train_is() -> None:
+    _, drive = driven()
+    recording = drive.recording
+    messages = {name: entries for name, entries in recording.messages.items() if name != "journey"}
+    bare = Drive(source=replace(recording, messages=messages), given=drive.given)
+    assert bare.calls == ()
+    assert np.isnan(bare.late_s)

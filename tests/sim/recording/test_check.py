@@ -159,6 +159,6 @@ def test_the_exit_code_says_whether_something_is_wrong(tmp_path: Path, capsys: p
 
 def test_several_trains_are_checked_one_by_one(tmp_path: Path) -> None:
     path = small(tmp_path / "two.mcap", "b", "a")
-    with pytest.raises(DasError, match="holds several trains, b, a: say which one"):
+    with pytest.raises(DasError, match="holds several trains or drives, b, a: say which one"):
         check_file(path)
     assert check_file(path, "a").notes[0] == "also recorded, not checked: b (--of-train)"

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from das.bus import das_pb2, topics
-from das.bus.contents import read_contents
+from das.bus.contents import read_contents, read_raw
 from das.bus.recorder import RecordingFile
 from das.bus.recording import Recording, read_recording
 from das.domain.errors import DasError
@@ -164,3 +164,32 @@ def test_a_device_is_written_to_and_not_replaced(whole: Path, tmp_path: Path) ->
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     (tmp_path / "read.mcap").write_bytes(read[0])
     assert said(read_recording(tmp_path / "read.mcap")) == said(read_recording(whole))
+
+
+def test_two_merged_recordings_are_saved_whole(whole: Path, tmp_path: Path) -> None:
+    """Another drive has the same running numbers and perhaps the same channels; each of its messages is its own."""
+    merged = tmp_path / "merged.mcap"
+    raw, _ = read_raw(whole)
+    with merged.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        numbers = {
+            key: writer.register_channel(
+                x.topic, "protobuf", writer.register_schema(named.name, "protobuf", named.data)
+            )
+            for key, x in raw.channels.items()
+            for named in (raw.schemas[x.schema_id],)
+        }
+        for later_ns in (0, 1000 * S):
+            for x in raw.messages:
+                at_ns = x.log_time + later_ns
+                writer.add_message(numbers[x.channel_id], at_ns, x.data, at_ns, x.sequence)
+        with whole.open("rb") as one:
+            for metadata in make_reader(one).iter_metadata():
+                writer.add_metadata(metadata.name, metadata.metadata)
+        writer.finish()
+    found = recover(merged, tmp_path / "new.mcap")
+    assert (found.messages, found.losses()) == (240, [])
+    both = [read_recording(tmp_path / "new.mcap", train=name) for name in ("t1", "t1-drive-2")]
+    assert [len(said(one)) for one in both] == [120, 120]
+    assert check_file(merged, "t1").notes == ("also recorded, not checked: t1-drive-2 (--of-train)",)

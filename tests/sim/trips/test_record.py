@@ -11,6 +11,7 @@ from das.bus import das_pb2
 from das.bus.recorder import RecordingFile
 from das.bus.topics import POSITION
 from das.domain.errors import DasError
+from sim.trips.cleaning import FindingKind, FindingLog, in_order
 from sim.trips.record import Record, read_trip
 
 START_NS = 1_469_780_350_227_000_000
@@ -144,6 +145,14 @@ LAUGHS = '<?xml version="1.0"?>\n<!DOCTYPE gpx [<!ENTITY a "ha"><!ENTITY b "&a;&
 OUTSIDE = '<?xml version="1.0"?>\n<!DOCTYPE gpx [\n<!ENTITY a SYSTEM "file:///etc/hostname">]>\n'
 TWO = track_point(0) + track_point(1)
 HEAD = "lat,lon,speed_kmh,time_ms\n"
+
+
+def every(column: int, cell: str) -> str:
+    """The lines of PLAIN with one text in all cells of a column."""
+    rows = [line.split(",") for line in PLAIN.splitlines()]
+    return "\n".join(",".join(cell if i == column else x for i, x in enumerate(row)) for row in rows) + "\n"
+
+
 BAD_FILES = {
     "empty": ("", "empty trip, expected a header, or lines of latitude_deg, longitude_deg, speed_kmh, time_ms"),
     "one point": (PLAIN.splitlines()[0], "trip of 1 line, expected at least 2 lines of points"),
@@ -152,15 +161,15 @@ BAD_FILES = {
     "blank line": (PLAIN + "\n" + PLAIN, "line 4 = '': expected 4 columns"),
     "quoted line break": (PLAIN + '59,16,"1\n",5\n', "a quoted cell goes over several lines"),
     "open quote": (PLAIN + '59,16,"1,5', "not a usable CSV file (unexpected end of data)"),
-    "text after a header": (HEAD + PLAIN.replace("16.2001", "east"), "line 3 longitude = 'east': expected a number"),
-    "nan": (PLAIN.replace(",10,", ",nan,"), "line 2 speed = 'nan': expected a finite number"),
-    "latitude": (PLAIN.replace("59.5001", "95"), "line 2 latitude = 95.0: expected -90 to 90 deg"),
-    "longitude": (HEAD + PLAIN.replace("16.2002", "-181"), "line 4 longitude = -181.0: expected -180 to 180 deg"),
-    "negative speed": (PLAIN.replace(",20.5,", ",-1,"), "line 3 speed = -1.0: expected a speed >= 0"),
-    "negative time": (PLAIN.replace("1469780350227", "-5"), "line 1 time = '-5': expected an epoch time in ms"),
-    "huge time": (PLAIN.replace("1469780352227", "1e19"), "line 3 time = '1e19': expected an epoch time in ms"),
-    "endless time": (PLAIN.replace("1469780352227", "1e999999999"), "line 3 time = '1e999999999': expected an epoch"),
-    "no time": (PLAIN.replace("1469780352227", ""), "line 3 time = '': expected a number"),
+    "text after a header": (HEAD + every(1, "east"), "line 2 longitude = 'east': expected a number"),
+    "nan": (every(2, "inf"), "line 1 speed = 'inf': expected a finite number"),
+    "latitude": (every(0, "95"), "line 1 latitude = 95.0: expected -90 to 90 deg"),
+    "longitude": (HEAD + every(1, "-181"), "line 2 longitude = -181.0: expected -180 to 180 deg"),
+    "negative speed": (every(2, "-2"), "line 1 speed = -2.0: expected a speed >= 0"),
+    "negative time": (every(3, "-5"), "line 1 time = '-5': expected an epoch time in ms"),
+    "huge time": (every(3, "1e19"), "line 1 time = '1e19': expected an epoch time in ms"),
+    "endless time": (every(3, "1e999999999"), "line 1 time = '1e999999999': expected an epoch"),
+    "no time": (every(3, ""), "line 1 time = '': expected a number"),
     "time of day": ("time,lat,lon\n08:04,59,16\n08:05,59,16\n", "line 2 time = '08:04': expected an ISO 8601 time"),
     "timestamp that is a number": (
         "timestamp,lat,lon\n1469780350227,59,16\n1469780351227,59,16\n",
@@ -191,15 +200,48 @@ BAD_FILES = {
     "not GPX": ("<html/>", "XML of 'html', expected GPX"),
     "broken GPX": (gpx(TWO)[:-9], "not usable XML (unclosed token: line 5"),
     "GPX of one point": (gpx(track_point(0)), "GPX with 1 track points, expected at least 2"),
-    "GPX without times": (gpx(TWO + '<trkpt lat="1" lon="2"/>'), "line 5 time is missing: expected a time for every"),
+    "GPX without times": (gpx(2 * '<trkpt lat="1" lon="2"/>\n'), "line 3 time = '': expected an ISO 8601 time"),
     "GPX time": (gpx(TWO.replace("08:19:11.227Z", "soon")), "line 4 time = '2016-07-29Tsoon': expected an ISO 8601"),
-    "GPX without lon": (gpx(TWO.replace("lon", "x", 1)), "line 3 longitude is missing: expected a number"),
+    "GPX without lon": (gpx(TWO.replace("lon", "x", 1)), "line 3 longitude = '': expected a number"),
     "GPX latitude": (gpx(TWO.replace("59.5001", "-91")), "line 4 latitude = -91.0: expected -90 to 90 deg"),
     "GPX speed": (gpx(TWO + track_point(2, "<speed>-2</speed>")), "line 5 speed = -2.0: expected a speed >= 0"),
     "GPX of entities": (gpx(TWO, LAUGHS), "line 2 declares the entity 'a', expected a GPX file without entities"),
     "GPX encoding": (gpx(TWO, '<?xml version="1.0" encoding="foo-1"?>'), "not usable XML (unknown encoding"),
     "GPX of a file": (gpx(TWO, OUTSIDE), "line 3 declares the entity 'a', expected a GPX file without entities"),
 }
+
+
+@pytest.mark.parametrize("cell", ["", "null", "NaN", "inf", "east", "1e999"])
+@pytest.mark.parametrize("column", [0, 1, 2, 3])
+def test_one_bad_cell_costs_its_own_value_alone(tmp_path: Path, column: int, cell: str) -> None:
+    """A position or speed becomes unknown; a point without a time is marked. The other points stay as they are."""
+    rows = [line.split(",") for line in PLAIN.splitlines()]
+    rows[1][column] = cell
+    record = read_trip(written(tmp_path, "trip", HEAD + "\n".join(map(",".join, rows)))).record
+    sound = read_trip(written(tmp_path, "sound", PLAIN)).record
+    for i, name in enumerate(("latitude_deg", "longitude_deg", "speed_mps")):
+        expected = np.where((np.arange(3) == 1) & (i == column), np.nan, getattr(sound, name))
+        np.testing.assert_array_equal(getattr(record, name), expected)
+    assert record.untimed.tolist() == [False, column == 3, False]
+
+
+@pytest.mark.parametrize("speed", ["-1", "-1.0"])
+def test_the_speed_of_a_phone_that_knows_none_is_not_known(tmp_path: Path, speed: str) -> None:
+    """iOS writes −1, in a whole trip if need be."""
+    points = "".join(track_point(i, f"<speed>{speed}</speed>") for i in range(3))
+    assert np.isnan(read_trip(written(tmp_path, "phone", gpx(points))).record.speed_mps).all()
+    assert np.isnan(read_trip(written(tmp_path, "trip", every(2, speed))).record.speed_mps).all()
+
+
+def test_points_without_a_time_are_dropped_and_counted(tmp_path: Path) -> None:
+    bare = '<trkpt lat="59.5" lon="16.2"/>\n'
+    record = read_trip(written(tmp_path, "trip", gpx(bare + TWO + bare + track_point(2) + track_point(3)))).record
+    log = FindingLog(read=len(record))
+    kept = in_order(record, log)
+    assert len(kept) == 4
+    assert [(one.kind, one.count, one.first) for one in log.found] == [(FindingKind.NO_TIME, 2, "line 3")]
+    with pytest.raises(DasError, match=r"line 3: no time, .*2 in all; --strict"):
+        in_order(record, FindingLog(strict=True, read=len(record)))
 
 
 @pytest.mark.parametrize(("text", "expected"), BAD_FILES.values(), ids=BAD_FILES)

@@ -183,6 +183,10 @@ def test_the_command_refuses_before_it_writes(tmp_path: Path, changed: dict[str,
     assert not (tmp_path / "out.csv").exists()
 
 
+SEEN = np.zeros(10_000, dtype=bool)
+"""No point lies in a gap."""
+
+
 def braked_hard_at_last() -> tuple[Floats, Floats, Floats]:
     """t, s, v at 10 Hz: from rest 60 s at 0.5 m/s², 60 s of cruising, 57 s at −0.5 m/s², at last 1 s at −1.5 m/s²."""
     t = np.arange(0.0, 178.01, 0.1)
@@ -195,11 +199,14 @@ def test_the_strongest_force_is_one_that_is_held(driven: tuple[Trip, Section, En
     _, section, _ = driven
     found = estimate_run(section, *braked_hard_at_last())
     mass_kg = section.vehicle.inertial_mass_kg
-    traction_n, braking_n = strongest_held_n(found)
+    traction_n, braking_n = strongest_held_n(found, SEEN)
     force_n = found.trajectory.force_el_n + found.trajectory.force_friction_n
     assert -force_n.min() == pytest.approx(1.5 * mass_kg - C0_N, rel=0.02)  # of the last second alone
     assert traction_n == pytest.approx(0.5 * mass_kg + C0_N + C2 * 26.0**2, rel=0.01)
     assert braking_n == pytest.approx(0.5 * mass_kg - C0_N - C2 * 5.0**2, rel=0.01)
+    in_gap = SEEN.copy()
+    in_gap[1170:] = True  # all of the braking, at 10 Hz
+    assert strongest_held_n(found, in_gap) == (traction_n, 0.0)
 
 
 @pytest.mark.parametrize(("seconds", "beyond_s"), [(2, 0), (12, 12)])
@@ -215,7 +222,7 @@ def test_more_force_than_the_vehicle_has_counts_if_it_is_held_and_is_marked(
     assert found.beyond_ratio * 120 == pytest.approx(beyond_s, abs=4)
     assert not found.beyond[:25].any()
     axis = Figure().subplots()
-    draw_forces(axis, found)
+    draw_forces(axis, found, SEEN)
     marked = [str(text.get_text()) for text in axis.get_legend().get_texts()]
     assert ("more than it has, for 8 s" in marked) == (beyond_s > 0)
 
@@ -225,8 +232,8 @@ def test_the_picture_is_scaled_to_forces_that_are_held(driven: tuple[Trip, Secti
 
     axis = Figure().subplots()
     found = estimate_run(driven[1], *braked_hard_at_last())
-    draw_forces(axis, found)
-    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(found)) / 1e3
+    draw_forces(axis, found, SEEN)
+    shown_kn = FORCES_SHOWN_RATIO * max(strongest_held_n(found, SEEN)) / 1e3
     assert axis.get_ylim() == pytest.approx((-shown_kn, shown_kn))
     assert axis.get_title() == "cut, as shorter than 8 s: -148 kN"
 

@@ -16,7 +16,7 @@ from sim.options import TripOptions
 from sim.trips.cleaning import FindingKind
 from sim.trips.points import slowed_to
 from sim.trips.record import read_trip
-from sim.trips.report import write_cleaned
+from sim.trips.report import describe, write_cleaned
 from sim.trips.trip import Trip, load_trip
 from tests.support import dirt
 from tests.support.dirt import LENGTH_M, STOOD_S, Point, Points, changed, check_truth, clean, counts, load, on_route
@@ -159,12 +159,39 @@ def test_a_trip_against_a_one_way_line_is_refused_with_the_reason(tmp_path: Path
         load_trip(back, read_trip(back), line, TripOptions())
 
 
-def test_reverse_where_the_trip_is_not_is_left_out(tmp_path: Path) -> None:
-    trip = on_route(tmp_path, clean(), reverse=True)
-    assert not trip.reversed
-    (finding,) = trip.matched.report.cleaning.findings
-    assert finding.detail == "A to B: leave out --reverse"
-    check_truth(trip, clean())
+@pytest.mark.parametrize(("reverse", "expected"), [(True, "leave out --reverse"), (False, "give --reverse")])
+def test_a_stated_direction_is_never_overruled(tmp_path: Path, *, reverse: bool, expected: str) -> None:
+    back = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()]
+    points = clean() if reverse else back
+    order = "--reverse" if reverse else "--no-reverse"
+    with pytest.raises(DasError, match=f"{order}: the trip runs the other way along .*: {expected}$"):
+        on_route(tmp_path, points, reverse=reverse)
+    with pytest.raises(DasError, match=r"or turn the list .*posts.* round"):
+        load(tmp_path, back, reverse=reverse)
+
+
+def test_no_highest_speed_and_no_force_is_taken_from_a_gap(tmp_path: Path) -> None:
+    """It speeds up before a gap of 40 s and slows down after it: inertia leads to more than was ever recorded."""
+    points = [p for p in clean() if not 50 <= p.t < 90]
+    points = [replace(p, s_m=p.s_m + (250.0 if p.t >= 90 else 0.0)) for p in points]
+    trip = on_route(tmp_path, points)
+    recorded_mps = max(p.v for p in points if p.v is not None)
+    assert trip.run.speed_mps.max() > recorded_mps + 2.0
+    assert trip.run.top_mps <= recorded_mps + 1.2  # smoothing leads up to the gap
+    since = trip.run.time_s + trip.run.start_time_ns * 1e-9 - dirt.EPOCH_S
+    assert since[trip.run.inferred].min() == pytest.approx(50.0, abs=5.0)
+    assert since[trip.run.inferred].max() == pytest.approx(89.0, abs=5.0)
+    found = describe(trip, None, None)
+    assert found["max_speed_kmh"] == pytest.approx(trip.run.top_mps * 3.6)
+
+
+@pytest.mark.parametrize(
+    ("gap", "what"), [(range(5, 40), "departed"), (range(300, 340), "arrived"), (range(80, 120), "")]
+)
+def test_a_departure_within_a_gap_is_not_known(tmp_path: Path, gap: range, what: str) -> None:
+    trip = on_route(tmp_path, [p for i, p in enumerate(clean()) if i not in gap])
+    notes = [note for note in describe(trip, None, None)["not_known"] if "beside that end" in note]
+    assert notes == ([f"when the train {what}: there is a gap beside that end of the run"] if what else [])
 
 
 @pytest.mark.parametrize("every", [1, 2, 3])
@@ -216,7 +243,6 @@ def test_only_who_slows_down_is_led_to_a_stand() -> None:
         ({"from_stop": "A", "to_stop": "B"}, False, True),
         ({"from_stop": "A"}, False, False),
         ({}, True, False),  # against the posts: the list, or the direction
-        ({"reverse": True}, True, False),
     ],
 )
 def test_posts_do_not_tell_the_direction(tmp_path: Path, said: dict[str, Any], back: bool, known: bool) -> None:
@@ -379,9 +405,11 @@ def located() -> Route:
 
 @pytest.mark.parametrize("back", [False, True])
 def test_coordinates_of_the_stops_tell_the_direction(tmp_path: Path, back: bool) -> None:
-    """Along the posts or against them, whatever is said: it runs to the stop where it ends, and posts need no turn."""
+    """Along the posts or against them: it runs to the stop where it ends, and posts need no turn."""
     points = [replace(p, s_m=LENGTH_M - p.s_m) for p in clean()] if back else clean()
-    for said in ({}, {"reverse": False}, {"reverse": True}):
+    with pytest.raises(DasError, match="reverse: the trip runs the other way"):
+        load(tmp_path, points, located(), reverse=not back)
+    for said in ({}, {"reverse": back}):
         trip = load(tmp_path, points, located(), **said)
         assert trip.direction_known
         assert trip.reversed == back

@@ -21,10 +21,20 @@ def test_notes_are_read_as_they_were_written_in_order_of_time(tmp_path: Path) ->
     path = tmp_path / "drive.mcap"
     later, sooner = a_note(60.0, "braked late", ("braking", "limit")), a_note(5.0, "left late")
     add_note(path, later)
-    assert add_note(path, sooner) == tmp_path / "drive.notes.mcap"
+    assert add_note(path, sooner) == tmp_path / "drive.notes"
+    assert list(tmp_path.glob("*.mcap")) == []
     assert read_notes(path) == (sooner, later)
     assert remove_note(path, 1) == sooner
     assert read_notes(path) == (later,)
+
+
+def test_notes_under_the_former_name_are_read_and_moved(tmp_path: Path) -> None:
+    path, former = tmp_path / "drive.mcap", tmp_path / "drive.notes.mcap"
+    add_note(path, a_note(5.0)).rename(former)
+    assert read_notes(path) == (a_note(5.0),)
+    add_note(path, a_note(60.0))
+    assert read_notes(path) == (a_note(5.0), a_note(60.0))
+    assert not former.exists()
 
 
 def test_other_programs_find_foxglove_events(tmp_path: Path) -> None:

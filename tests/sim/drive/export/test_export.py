@@ -12,14 +12,15 @@ import pandas as pd
 import pytest
 from pyarrow import parquet
 
-from das.bus import das_pb2, topics
+from das.bus import topics
 from das.bus.recording import Stamped, read_recording
 from das.domain.errors import DasError
 from das.domain.units import NS
 from sim.cli.trips import bundled_recording
 from sim.drive.export import tables as writing
-from sim.drive.export.export import POSITIONS, STEP_M, ExportSettings, FileFormat, export
-from sim.drive.export.tables import UNITS, tables_of
+from sim.drive.export.anonymous import KEPT, anonymous
+from sim.drive.export.export import STEP_M, ExportSettings, FileFormat, export
+from sim.drive.export.tables import UNITS, Column, DataTable, tables_of
 from tests.support.recordings import SECONDS, START_NS, at_ns, position_m, speed_mps, write_recording
 from tests.support.reference_recordings import FOLDER
 
@@ -149,13 +150,47 @@ def test_an_anonymous_export_says_neither_who_nor_where(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth["speed_mps"], pd.read_csv(tmp_path / "open" / "position.csv")["speed_mps"])
 
 
-def test_the_places_in_reasons_count_from_the_first_stop_as_well() -> None:
-    reason = das_pb2.Reason(code=das_pb2.REASON_LIMIT, at_m=20_100.0)
-    advice = das_pb2.Advice(reason=reason, coach=das_pb2.Coaching(reason=reason))
-    (table, *_) = tables_of("advice", [Stamped(0, advice)], 0)
-    places = {one.name for one in table.columns if one.name.endswith("at_m")}
-    assert places == {"reason_at_m", "coach_reason_at_m"}
-    assert places <= set(POSITIONS)
+def moved(message: Any, by_m: float) -> Any:
+    """A message with a number in every field, and its positions on the route further on."""
+    for one in message.DESCRIPTOR.fields:
+        if one.message_type is not None and one.message_type.full_name.startswith("das."):
+            moved(getattr(message, one.name).add() if one.is_repeated else getattr(message, one.name), by_m)
+        elif one.name in {"s_m", "start_m", "end_m", "signal_m", "stop_m", "at_m"}:
+            value = 20_000.0 + by_m
+            getattr(message, one.name).append(value) if one.is_repeated else setattr(message, one.name, value)
+        elif one.cpp_type == one.CPPTYPE_DOUBLE and not one.is_repeated:
+            setattr(message, one.name, 3.0)
+    return message
+
+
+@pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda one: one.name)
+def test_an_anonymous_export_hides_where_the_route_begins(topic: topics.Topic) -> None:
+    """The same drive on a line that begins 57 km earlier gives the same tables."""
+
+    def hidden(by_m: float) -> list[tuple[str, list[Any]]]:
+        tables = tables_of(topic.name, [Stamped(5, moved(topic.message(), by_m))], 0)
+        kept = [found for one in tables if (found := anonymous(one, 0, by_m)) is not None]
+        return [(f"{table.name}.{one.name}", one.values) for table in kept for one in table.columns]
+
+    assert hidden(57_000.0) == hidden(0.0)
+    assert (hidden(0.0) == []) is (topic.name == "location")
+
+
+def test_a_field_or_table_that_nobody_decided_on_is_left_out() -> None:
+    known = Column(name="speed_mps", kind="float", values=[1.0])
+    new = Column(name="platform_m", kind="float", values=[57_000.0])
+    kept = anonymous(DataTable(name="cab", columns=[known, new]), 0, 0.0)
+    assert kept is not None
+    assert [one.name for one in kept.columns] == ["speed_mps"]
+    assert anonymous(DataTable(name="new_topic", columns=[known]), 0, 0.0) is None
+
+
+def test_an_anonymous_export_keeps_the_numbers_of_the_topics() -> None:
+    """Each column in the list is a column of its table, so that a renamed field does not vanish unseen."""
+    for topic in topics.TOPICS:
+        for table in tables_of(topic.name, [Stamped(5, moved(topic.message(), 0.0))], 0):
+            names = {one.name for one in table.columns}
+            assert set(KEPT.get(table.name, "").split()) <= names
 
 
 def test_places_on_the_map_are_left_out(recorded: Path, tmp_path: Path) -> None:
